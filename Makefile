@@ -1,0 +1,66 @@
+# Everything from a fresh machine: needs Python >= 3.11 with venv and pip, and make.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install -q -c constraints.txt
+
+# One thread per process: the tests run in two processes and the engines start their own threads.
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint verify bench clean
+
+help: ## show this list
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST)
+
+demo: $(VENV)/.runtime ## calibrate the sample injector and write a report to demo/
+	$(BIN)/python -m commonrail.cli.demo --out demo
+
+test: lint ## lint, check types and imports, run the tests
+	$(BIN)/python -m pytest -q -n 2 tests
+
+lint: $(VENV)/.dev ## format, lint, types, direction of imports
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
+
+verify: $(VENV)/.dev ## check the claims: the verification study and the slow tests
+	$(BIN)/commonrail verify
+	$(BIN)/python -m pytest -q tests -m slow
+
+bench: $(VENV)/.bench ## time and quality against peers
+	$(BIN)/python -m benchmarks.run
+
+clean: ## remove the environment, caches and build products
+	rm -rf $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis \
+	    .import_linter_cache
+	find src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+
+# A stamp is older than what it was made from: the installation is repeated.
+$(VENV)/.runtime: $(VENV)/.made pyproject.toml constraints.txt
+	$(INSTALL) -e .
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.made pyproject.toml constraints.txt
+	$(INSTALL) -e '.[dev]'
+	@touch $@ $(VENV)/.runtime
+
+$(VENV)/.bench: $(VENV)/.made pyproject.toml constraints.txt
+	$(INSTALL) -e '.[bench]'
+	@touch $@ $(VENV)/.runtime
+
+$(VENV)/.made:
+	@command -v $(PYTHON) >/dev/null || { \
+	    echo "make: $(PYTHON) was not found; install Python 3.11 or newer, or name one:" \
+	        "make PYTHON=/path/to/python3 ..." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	    echo "make: Python 3.11 or newer is needed and $(PYTHON) is" \
+	        "$$($(PYTHON) -V 2>&1); name a newer one: make PYTHON=python3.12 ..." >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	    echo "make: $(PYTHON) lacks its venv module; install it" \
+	        "(on Debian and Ubuntu: apt install python3-venv)" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	@touch $@

@@ -1,0 +1,32 @@
+"""Optimisers that propose trials and are told their costs; none of them simulates."""
+
+from __future__ import annotations
+
+from commonrail.calibration.optimisers.base import Best, Counts, Optimiser, Trials
+from commonrail.calibration.optimisers.differential_evolution import DifferentialEvolution
+from commonrail.calibration.optimisers.evolution_settings import (
+    EvolutionSettings,
+    InitialSampling,
+)
+from commonrail.calibration.optimisers.least_squares import (
+    LeastSquares,
+    LeastSquaresSettings,
+    Polished,
+    diverse_members,
+)
+from commonrail.calibration.optimisers.treatments import Treatment
+
+__all__ = [
+    "Best",
+    "Counts",
+    "DifferentialEvolution",
+    "EvolutionSettings",
+    "InitialSampling",
+    "LeastSquares",
+    "LeastSquaresSettings",
+    "Optimiser",
+    "Polished",
+    "Treatment",
+    "Trials",
+    "diverse_members",
+]

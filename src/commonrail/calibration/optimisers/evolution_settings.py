@@ -1,0 +1,82 @@
+"""Settings of differential evolution; the defaults are the paper's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from commonrail.calibration.optimisers.treatments import Treatment
+from commonrail.errors import ConfigurationError
+
+__all__ = ["EvolutionSettings", "InitialSampling"]
+
+FEWEST_MEMBERS = 4
+
+
+class InitialSampling(StrEnum):
+    """How the initial population is drawn."""
+
+    FEASIBLE = "feasible"
+    """Uniformly where bounds and constraints hold, by `sample_feasible`."""
+
+    UNIFORM = "uniform"
+    """Uniformly in the bounds, Eq. (17), then treated as trials are."""
+
+
+@dataclass(frozen=True)
+class EvolutionSettings:
+    """Settings of `DifferentialEvolution`; the defaults are the paper's (70, 50).
+
+    Parameters
+    ----------
+    members : int
+        Population size N_pop, at least 4.
+    generations : int
+        Generations G_max after the initial population: (1 + G_max) N_pop slots in all.
+    crossover : float
+        CR of Eq. (19), from 0 to 1.
+    factor : tuple of float
+        Range that F of Eq. (18) is drawn from, anew for each member and parameter.
+    treatment : Treatment
+        What becomes of trials that break bounds or constraints.
+    initial : InitialSampling
+        How the initial population is drawn.
+    redraws : int
+        Mutations drawn again for an infeasible trial at most, if `treatment` resamples.
+
+    Raises
+    ------
+    ConfigurationError
+        If a number lies outside its range.
+    """
+
+    members: int = 50
+    generations: int = 70
+    crossover: float = 0.8
+    factor: tuple[float, float] = (0.4, 1.0)
+    treatment: Treatment = Treatment.REPAIR
+    initial: InitialSampling = InitialSampling.FEASIBLE
+    redraws: int = 10
+
+    def __post_init__(self) -> None:
+        if self.members < FEWEST_MEMBERS:
+            raise ConfigurationError(
+                f"members = {self.members} must be at least {FEWEST_MEMBERS}: a mutation combines "
+                "three members other than the parent"
+            )
+        if self.generations < 0:
+            raise ConfigurationError(f"generations = {self.generations} must be 0 or more")
+        if not 0.0 <= self.crossover <= 1.0:
+            raise ConfigurationError(f"crossover = {self.crossover:g} must lie between 0 and 1")
+        if not 0.0 < self.factor[0] <= self.factor[1] <= 2.0:
+            raise ConfigurationError(
+                f"factor = {self.factor[0]:g} to {self.factor[1]:g} must be an ascending range "
+                "above 0 and not above 2"
+            )
+        if self.redraws < 1:
+            raise ConfigurationError(f"redraws = {self.redraws} must be 1 or more")
+
+    @property
+    def slots(self) -> int:
+        """Trials offered in all, (1 + G_max) N_pop."""
+        return (1 + self.generations) * self.members

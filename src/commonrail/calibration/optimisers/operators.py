@@ -1,0 +1,69 @@
+"""The operators of DE/rand/1/bin, Eq. (18) and (19): draws first, then pure functions of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Draws", "crossover", "draw", "mutate"]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+
+class Draws(NamedTuple):
+    """The random numbers behind k trials of d parameters.
+
+    `others` (3, k) are the members r1, r2, r3; `factor` (k, d) is F; `chance` (k, d) is the
+    rnd of Eq. (19); `forced` (k,) is j_rand.
+    """
+
+    others: IntArray
+    factor: FloatArray
+    chance: FloatArray
+    forced: IntArray
+
+
+def draw(
+    rng: np.random.Generator,
+    members: IntArray,
+    population: tuple[int, ...],
+    factor: tuple[float, float],
+) -> Draws:
+    """Draw everything that one mutation and crossover of `members` (k,) needs.
+
+    `population` is the shape (n, d) of the population, n >= 4, and `factor` the range of F.
+
+    r1, r2, r3 are drawn from as many numbers as there are members left to choose from, and then
+    shifted past those already taken, in ascending order: uniform over all ordered triples of
+    other members, without a loop or a repeat.
+    """
+    size, dimension = population
+    taken = members[None, :]
+    for _ in range(3):
+        other = rng.integers(0, size - len(taken), len(members))
+        for earlier in np.sort(taken, axis=0):
+            other = other + (other >= earlier)
+        taken = np.vstack([taken, other])
+    low, high = factor
+    return Draws(
+        others=taken[1:],
+        factor=low + (high - low) * rng.random((len(members), dimension)),
+        chance=rng.random((len(members), dimension)),
+        forced=rng.integers(0, dimension, len(members)),
+    )
+
+
+def mutate(population: FloatArray, draws: Draws) -> FloatArray:
+    """Mutants (k, d) of a population (n, d): v = x_r1 + F (x_r2 - x_r3), Eq. (18)."""
+    first, second, third = population[draws.others]
+    return np.asarray(first + draws.factor * (second - third))
+
+
+def crossover(parents: FloatArray, mutants: FloatArray, draws: Draws, rate: float) -> FloatArray:
+    """Trials (k, d): the mutant's value where rnd <= CR or j = j_rand, else the parent's (19)."""
+    taken = draws.chance <= rate
+    taken[np.arange(len(taken)), draws.forced] = True
+    return np.where(taken, mutants, parents)

@@ -1,0 +1,156 @@
+"""What becomes of trials that break bounds or constraints.
+
+The paper does not say what it did. Of the draws in its box 0.3 % keep the ordering, so the choice
+decides how many of the slots are simulated at all. Each treatment here has a name, to be recorded
+with the result, and one signature: `Treated` from the space, the parents and the raw trials.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.space import Space
+
+__all__ = ["Redraw", "Treated", "Treatment", "reflect", "treat", "wins"]
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.intp]
+
+Redraw = Callable[[IntArray], FloatArray]
+"""Further raw trials (k, times, d) for the members (k,), in unit coordinates."""
+
+
+class Treatment(StrEnum):
+    """Named treatments of trials that break bounds or constraints."""
+
+    REJECT = "reject"
+    """A trial outside bounds or constraints is not simulated and its parent stays."""
+
+    REPAIR = "repair"
+    """Bounds: reflection. Orderings: values sorted along the chain. Whatever is then still broken:
+    moved towards the parent, as far as the last feasible point between them."""
+
+    FEASIBILITY_RULES = "feasibility_rules"
+    """Bounds: reflection. Constraints: feasible beats infeasible, less violation beats more (Deb
+    2000, Lampinen 2002); an infeasible trial is not simulated but may replace an infeasible
+    parent. In a population that is feasible from the start no infeasible trial ever wins."""
+
+    RESAMPLE = "resample"
+    """The mutation is drawn again up to a number of times; if none is feasible, repair."""
+
+
+class Treated(NamedTuple):
+    """Trials (n, d) in unit coordinates, and their violation (n,).
+
+    Violation 0: feasible, to be simulated. Finite: compared with the parent's. +inf: rejected.
+    """
+
+    unit: FloatArray
+    violation: FloatArray
+
+    @property
+    def simulate(self) -> BoolArray:
+        """Which trials (n,) are to be simulated."""
+        return np.asarray(self.violation == 0.0)
+
+
+def treat(
+    treatment: Treatment, space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw
+) -> Treated:
+    """Apply a treatment to raw trials.
+
+    Parameters
+    ----------
+    treatment : Treatment
+        Which one.
+    space : Space
+        Bounds and constraints.
+    parents : (n, d) array
+        The members that the trials would replace, unit coordinates. Repair and resampling need
+        them feasible, and keep them so.
+    trials : (n, d) array
+        Trials after mutation and crossover, unit coordinates.
+    redraw : callable
+        More raw trials for some of the members; used by resampling only.
+
+    Returns
+    -------
+    Treated
+    """
+    return _TREATMENTS[treatment](space, parents, trials, redraw)
+
+
+def reflect(unit: FloatArray) -> FloatArray:
+    """Reflect unit coordinates once at the bound they cross: enough for F <= 1; clip the rest."""
+    return np.asarray(np.clip(1.0 - np.abs(1.0 - np.abs(unit)), 0.0, 1.0))
+
+
+def wins(trial: tuple[FloatArray, FloatArray], parent: tuple[FloatArray, FloatArray]) -> BoolArray:
+    """Which trials (n,) replace their parents: Eq. (20), extended by the rules of feasibility.
+
+    Both arguments are costs (n,) and violations (n,). A feasible trial wins with a finite cost
+    not above the parent's, or over any infeasible parent; an infeasible one only over a parent
+    that violates as much or more. Without violations this is f(u) <= f(x), and +inf never wins.
+    """
+    (cost, violation), (parent_cost, parent_violation) = trial, parent
+    cheaper = np.isfinite(cost) & ((parent_violation > 0.0) | (cost <= parent_cost))
+    closer = np.isfinite(violation) & (violation <= parent_violation)
+    return np.asarray(np.where(violation == 0.0, cheaper, closer))
+
+
+def _reject(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
+    return Treated(trials, np.where(_feasible(space, trials), 0.0, np.inf))
+
+
+def _rules(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
+    unit = reflect(trials)
+    return Treated(unit, space.violation(space.from_unit(unit)))
+
+
+def _repair(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
+    unit = reflect(trials)
+    x = space.from_unit(unit)
+    broken = ~space.satisfies(x)
+    if broken.any():
+        unit[broken] = _mended(space, parents[broken], x[broken])
+    return Treated(unit, np.zeros(len(unit)))
+
+
+def _resample(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
+    unit = trials.copy()
+    broken = np.flatnonzero(~_feasible(space, unit))
+    if len(broken):
+        further = redraw(broken)
+        feasible = _feasible(space, further)
+        found = feasible.any(axis=1)
+        first = feasible.argmax(axis=1)
+        unit[broken[found]] = further[found, first[found]]
+    return _repair(space, parents, unit, redraw)
+
+
+def _mended(space: Space, parents: FloatArray, x: FloatArray) -> FloatArray:
+    """Unit coordinates (k, d) of infeasible points (k, d) sorted, then pulled to the parents."""
+    for chain in space.rows.chains:
+        x[:, chain] = np.sort(x[:, chain], axis=1)
+    x = np.clip(x, space.lower, space.upper)
+    unit = np.clip(space.to_unit(space.pull_back(space.from_unit(parents), x)), 0.0, 1.0)
+    # The way to unit coordinates and back rounds: the parent stands in where that tips a row.
+    return np.where(_feasible(space, unit)[:, None], unit, parents)
+
+
+def _feasible(space: Space, unit: FloatArray) -> BoolArray:
+    return space.satisfies(space.from_unit(unit))
+
+
+_TREATMENTS: dict[Treatment, Callable[[Space, FloatArray, FloatArray, Redraw], Treated]] = {
+    Treatment.REJECT: _reject,
+    Treatment.REPAIR: _repair,
+    Treatment.FEASIBILITY_RULES: _rules,
+    Treatment.RESAMPLE: _resample,
+}

@@ -1,0 +1,245 @@
+"""The parameters to be calibrated: names, bounds, scales and the constraints between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from commonrail.calibration.constraint_text import parse_constraints
+from commonrail.calibration.constraints import (
+    ROUNDING,
+    LinearConstraints,
+    Polytope,
+    conflicting_rows,
+    deepest_point,
+)
+from commonrail.calibration.parameter import Parameter, percent_bounds
+from commonrail.errors import ConfigurationError
+
+__all__ = ["Parameter", "Space", "percent_bounds"]
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# A point pulled back to a boundary stops this fraction short of it, clear of rounding.
+_SHORT_OF_BOUNDARY = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """The box of the parameters' bounds, cut by linear constraints.
+
+    Points are arrays (..., d) in SI, columns in the order of `parameters`. Unit coordinates map
+    each parameter's bounds to 0 and 1, linearly or logarithmically by its scale.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+        At least one, each name once.
+    constraints : LinearConstraints or sequence of str, optional
+        Rows, or texts for `parse_constraints`.
+
+    Raises
+    ------
+    ConfigurationError
+        If names repeat, columns and parameters disagree, or constraints and bounds leave no room;
+        the message names a smallest set of constraints that conflict.
+    """
+
+    parameters: Sequence[Parameter]
+    constraints: LinearConstraints | Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", tuple(self.parameters))
+        self._check_names()
+        if self.rows.dimension != self.dimension:
+            raise ConfigurationError(
+                f"constraints: {self.rows.dimension} columns were given for {self.dimension} "
+                "free parameters, expected one column for each"
+            )
+        conflict = conflicting_rows(self.rows, self.lower, self.upper) if len(self.rows) else ()
+        if conflict:
+            raise ConfigurationError(self._conflict(conflict))
+
+    def _check_names(self) -> None:
+        if not self.parameters:
+            raise ConfigurationError("parameters: name at least one parameter to calibrate")
+        repeated = sorted({name for name in self.names if self.names.count(name) > 1})
+        if repeated:
+            raise ConfigurationError(
+                f"parameters: {', '.join(repeated)} given more than once, keep one of each"
+            )
+
+    def _conflict(self, conflict: tuple[int, ...]) -> str:
+        """One sentence that names constraints in conflict and the bounds they meet."""
+        texts = dict.fromkeys(f'"{self.rows.labels[row]}"' for row in conflict)
+        used = np.flatnonzero(self.rows.matrix[list(conflict)].any(axis=0))
+        bounds = (self.parameters[column] for column in used.tolist())
+        limits = ", ".join(f"{p.name} {p.lower:g} to {p.upper:g} {p.unit}".rstrip() for p in bounds)
+        return (
+            f"constraints: {' and '.join(texts)} cannot hold within the bounds ({limits}); "
+            "widen a bound, or correct or remove a constraint"
+        )
+
+    @cached_property
+    def rows(self) -> LinearConstraints:
+        """The constraints as rows."""
+        if isinstance(self.constraints, LinearConstraints):
+            return self.constraints
+        return parse_constraints(tuple(self.constraints), self.names)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names, in the order of the columns."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def dimension(self) -> int:
+        """Number of free parameters d."""
+        return len(self.parameters)
+
+    @cached_property
+    def lower(self) -> FloatArray:
+        """Lower bounds (d,), SI."""
+        return _frozen([parameter.lower for parameter in self.parameters])
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """Upper bounds (d,), SI."""
+        return _frozen([parameter.upper for parameter in self.parameters])
+
+    @cached_property
+    def reference(self) -> FloatArray:
+        """Reference values (d,), SI."""
+        return _frozen([parameter.reference for parameter in self.parameters])
+
+    @cached_property
+    def logarithmic(self) -> BoolArray:
+        """Which parameters (d,) have a logarithmic scale."""
+        return np.array([parameter.scale == "log" for parameter in self.parameters])
+
+    @cached_property
+    def polytope(self) -> Polytope:
+        """Bounds and constraints scaled to the bounds."""
+        return Polytope.of(self.rows, self.lower, self.upper)
+
+    @cached_property
+    def centre(self) -> FloatArray:
+        """The feasible point (d,) farthest from bounds and constraints, SI."""
+        depth, _ = deepest_point(self.polytope)
+        return _frozen(self.lower + depth * (self.upper - self.lower))
+
+    def to_unit(self, x: ArrayLike) -> FloatArray:
+        """Unit coordinates (..., d) of points (..., d); 0 and 1 exactly at the bounds."""
+        points = np.asarray(x, dtype=float)
+        unit = (points - self.lower) / (self.upper - self.lower)
+        if self.logarithmic.any():
+            ratio = np.maximum(points, np.finfo(float).tiny) / np.where(
+                self.logarithmic, self.lower, 1.0
+            )
+            unit = np.where(self.logarithmic, np.log(ratio) / self._log_span, unit)
+            inside = (points >= self.lower) & (points <= self.upper)
+            unit = np.where(inside, np.clip(unit, 0.0, 1.0), unit)
+        return np.asarray(unit)
+
+    def from_unit(self, unit: ArrayLike) -> FloatArray:
+        """Points (..., d) of unit coordinates (..., d); within the bounds where the unit is."""
+        z = np.asarray(unit, dtype=float)
+        x = self.lower + z * (self.upper - self.lower)
+        if self.logarithmic.any():
+            # The scale of linear columns is 0 here: their exponential is 1 and is not used.
+            x = np.where(self.logarithmic, self.lower * np.exp(z * self._log_scale), x)
+        # Rounding must neither carry a point over its bound nor stop it short of it.
+        x = np.where((z > 0.0) & (z < 1.0), np.clip(x, self.lower, self.upper), x)
+        return np.asarray(np.where(z == 1.0, self.upper, x))
+
+    @cached_property
+    def _log_scale(self) -> FloatArray:
+        """ln(upper/lower) of logarithmic parameters, 0 of linear ones."""
+        low = np.where(self.logarithmic, self.lower, 1.0)
+        return np.log(np.where(self.logarithmic, self.upper, 1.0) / low)
+
+    @cached_property
+    def _log_span(self) -> FloatArray:
+        """As `_log_scale`, but 1 for linear parameters: safe to divide by."""
+        return np.where(self.logarithmic, self._log_scale, 1.0)
+
+    @cached_property
+    def _span(self) -> FloatArray:
+        """What each constraint (m,) can vary by within the bounds."""
+        return np.asarray(np.abs(self.rows.matrix) @ (self.upper - self.lower))
+
+    @cached_property
+    def _half_spaces(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Rows, floors and tolerances of the constraints and then of the bounds, in SI."""
+        box, none = np.eye(self.dimension), np.zeros(2 * self.dimension)
+        floor = self.rows.floor(self.lower, self.upper)
+        tolerance = ROUNDING * self.rows.magnitude(self.lower, self.upper)
+        return (
+            np.vstack([self.rows.matrix, box, -box]),
+            np.concatenate([floor, self.lower, -self.upper]),
+            np.concatenate([tolerance, none]),
+        )
+
+    def _distances(self, x: FloatArray) -> FloatArray:
+        """How far (..., m + 2 d) points are inside each constraint and bound, SI."""
+        matrix, floor, _ = self._half_spaces
+        return np.asarray(x @ matrix.T - floor)
+
+    def slack(self, x: ArrayLike) -> FloatArray:
+        """How far (..., m) each constraint is from its limit at points (..., d); SI, < 0: broken.
+
+        Strict rows count from a limit that includes their margin (`STRICT_MARGIN`).
+        """
+        return self._distances(np.asarray(x, dtype=float))[..., : len(self.rows)]
+
+    def shortfall(self, x: ArrayLike) -> FloatArray:
+        """What each constraint lacks (..., m) at points (..., d), by its span in the bounds."""
+        return np.maximum(0.0, -self.slack(x)) / self._span
+
+    def satisfies(self, x: ArrayLike) -> BoolArray:
+        """Whether points (..., d) keep to bounds (exactly) and constraints (within rounding)."""
+        # A distance to a bound is exact: its row has a single coefficient, 1 or -1.
+        distances = self._distances(np.asarray(x, dtype=float))
+        return np.asarray((distances >= -self._half_spaces[2]).all(axis=-1))
+
+    def violation(self, x: ArrayLike) -> FloatArray:
+        """Sum (...) of what points (..., d) lack of bounds and constraints; 0 where they satisfy.
+
+        Each part is divided by the range of the parameter, or by what the row can vary by within
+        the bounds, so that all parts are comparable (Lampinen 2002; Deb 2000). NaN counts +inf.
+        """
+        points = np.asarray(x, dtype=float)
+        outside = np.maximum(0.0, self.lower - points) + np.maximum(0.0, points - self.upper)
+        outside = outside / (self.upper - self.lower)
+        total = outside.sum(axis=-1) + self.shortfall(points).sum(axis=-1)
+        total = np.where(np.isnan(total), np.inf, np.maximum(total, np.finfo(float).tiny))
+        return np.asarray(np.where(self.satisfies(points), 0.0, total))
+
+    def pull_back(self, anchor: ArrayLike, x: ArrayLike) -> FloatArray:
+        """The last feasible points (n, d) on the segments from `anchor` (n, d) to `x` (n, d).
+
+        `anchor` must satisfy the space: the segment then starts inside a convex set and leaves
+        it once. Points that satisfy the space already come back unchanged.
+        """
+        start, goal = np.asarray(anchor, dtype=float), np.asarray(x, dtype=float)
+        here, there = self._distances(start), self._distances(goal)
+        crossed = there < 0.0
+        drop = np.where(crossed, np.maximum(here, 0.0) - there, 1.0)
+        fraction = np.where(crossed, np.maximum(here, 0.0) / drop, 1.0).min(axis=-1)
+        share = (fraction * (1.0 - _SHORT_OF_BOUNDARY))[..., None]
+        pulled = np.clip(start + share * (goal - start), self.lower, self.upper)
+        pulled = np.where(self.satisfies(pulled)[..., None], pulled, start)
+        feasible = (there >= -self._half_spaces[2]).all(axis=-1, keepdims=True)
+        return np.asarray(np.where(feasible, goal, pulled))
+
+
+def _frozen(values: ArrayLike) -> FloatArray:
+    """A read-only array: spaces are shared."""
+    array = np.array(values, dtype=float)
+    array.flags.writeable = False
+    return array

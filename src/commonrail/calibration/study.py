@@ -1,0 +1,145 @@
+"""What a study is: an injector, measured data, free parameters, constraints, an objective and an optimiser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
+from commonrail.calibration.space import Space
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.injector.definition import Injector
+
+Floats = NDArray[np.float64]
+
+
+class Role(Enum):
+    """What a data set is used for."""
+
+    FIT = "fit"
+    VALIDATION = "validation"
+
+
+@dataclass(frozen=True)
+class RateData:
+    """A measured injection curve (EVI) at one operating point.
+
+    Attributes
+    ----------
+    name : str
+    role : Role
+    point : OperatingPoint
+        Its horizon ends at or after the last bound.
+    bounds : (samples + 1,)
+        Bounds of the samples that count [s]; a sample is the mean flow between two bounds.
+    rate : (samples,)
+        Measured rate of injection by volume [m³/s].
+    weight : float
+        Factor of its J in the objective.
+    source, synthetic : str
+        Where the data come from; what about them is synthetic, empty if measured.
+    """
+
+    name: str
+    role: Role
+    point: OperatingPoint
+    bounds: Floats
+    rate: Floats
+    weight: float
+    source: str
+    synthetic: str
+
+
+@dataclass(frozen=True)
+class QuantityData:
+    """Measured quantities per stroke at several operating points (a map).
+
+    Attributes
+    ----------
+    name : str
+    role : Role
+    points : tuple of OperatingPoint, length n
+    quantity : (n,)
+        Injected quantity per stroke by volume [m³].
+    absolute, relative : float
+        Tolerances: an error is judged against absolute [m³] + relative × quantity.
+    dead_time : (n,) bool
+        Rows that state the energising time at which the given small quantity is reached.
+    weight : float
+    source, synthetic : str
+    """
+
+    name: str
+    role: Role
+    points: tuple[OperatingPoint, ...]
+    quantity: Floats
+    absolute: float
+    relative: float
+    dead_time: NDArray[np.bool_]
+    weight: float
+    source: str
+    synthetic: str
+
+
+@dataclass(frozen=True)
+class Method:
+    """Settings of the optimiser.
+
+    Attributes
+    ----------
+    evolution : EvolutionSettings
+        The paper's differential evolution, (17)–(20).
+    polish : int
+        Diverse members of the last population that least squares then refines; 0 for none.
+    polish_iterations : int
+        Largest number of Jacobians of each refinement.
+    """
+
+    evolution: EvolutionSettings = EvolutionSettings()
+    polish: int = 0
+    polish_iterations: int = 30
+
+
+@dataclass(frozen=True)
+class Study:
+    """A calibration, ready to run.
+
+    Attributes
+    ----------
+    title : str
+    injector : Injector
+        Start values: those of the injector's file ("theoretical" in the paper's study).
+    data : tuple of RateData or QuantityData
+        At least one with role fit.
+    space : Space
+        Free parameters with bounds and constraints; names are dotted names of injector parameters.
+    method : Method
+    seed : int
+    time_step : float
+        [s].
+    text : str
+        The study file as given, to be kept with the result.
+    note : str
+        Free text for the report.
+    """
+
+    title: str
+    injector: Injector
+    data: tuple[RateData | QuantityData, ...]
+    space: Space
+    method: Method
+    seed: int
+    time_step: float
+    text: str = ""
+    note: str = ""
+
+    @property
+    def synthetic(self) -> str:
+        """What in the study is synthetic, empty if nothing is."""
+        parts = [d.synthetic for d in self.data if d.synthetic]
+        if self.injector.synthetic:
+            parts.insert(0, self.injector.synthetic)
+        return " ".join(dict.fromkeys(parts))

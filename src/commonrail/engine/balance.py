@@ -1,0 +1,52 @@
+"""Mass balance of a whole simulation, from the traced state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.fuel.coefficients import fuel_coefficients
+from commonrail.injector import setup
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.injector.model import Setting
+
+Floats = NDArray[np.float64]
+
+_VOLUMES = ("control_chamber.fuel.mass", "accumulation.fuel.mass", "sac.mass")
+
+
+def relative_balance(injector: Injector, point: OperatingPoint, names: Sequence[str], rows: Floats, dt: float) -> float:
+    """(in − out − stored)/injected from the state after every step, (steps + 1, rows).
+
+    In: drawn from the rail. Out: injected, returned. Stored: the three volumes and the feed pipe.
+    """
+    at = Setting(*(point.at_start(c) for c in (point.rail_pressure, point.cylinder_pressure, point.return_pressure)), dt)
+    fuel = fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE])
+    c = setup.coefficients(injector.parameters, fuel, at)
+
+    def column(name: str) -> Floats:
+        return np.asarray(rows[:, names.index(name)])
+
+    stored = sum(float(column(name)[-1] - column(name)[0]) for name in _VOLUMES)
+    stored += _pipe(column("waves.down"), c.delays.feed, dt * c.feed_pipe.admittance / 2)
+    stored += _pipe(column("waves.up"), c.delays.feed, dt * c.feed_pipe.admittance / 2)
+    inlet, end = column("feed_pipe.inlet_flow")[-1], column("feed_pipe.end_flow")[-1]
+    # the friction of the last step, split between leaving and arriving, is still on its way
+    late = inlet * abs(inlet) - end * abs(end)
+    stored += dt * c.feed_pipe.admittance / 2 * c.feed_pipe.half_resistance * late
+    injected = float(column("nozzle.injected")[-1])
+    put_in = float(column("books.supplied")[-1])
+    taken_out = injected + float(column("books.returned")[-1])
+    return (put_in - taken_out - stored) / injected if injected else put_in - taken_out - stored
+
+
+def _pipe(wave: Floats, delay: float, share: float) -> float:
+    """Gain in fuel under way [kg]: the waves that have left but not arrived, less those at the start."""
+    whole = int(max(delay, 1.0))
+    part = max(delay, 1.0) - whole
+    weights = np.concatenate((np.ones(whole), [part]))
+    recent = wave[::-1][: whole + 1]
+    return float(share * np.sum(weights[: len(recent)] * (recent - wave[0])))

@@ -1,0 +1,149 @@
+"""From injectors and operating points to the arrays that the lanes run on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.engine.lanes import FUEL, Job
+from commonrail.engine.operating_point import Course, OperatingPoint, Trace
+from commonrail.errors import ConfigurationError
+from commonrail.fuel.coefficients import fuel_coefficients
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
+from commonrail.injector.layout import LANES
+from commonrail.injector.variants import Drive
+
+Floats = NDArray[np.float64]
+
+LOOK_AFTER = 200e-6  # an injection is not looked for its end earlier than this after energising [s]
+SLOWEST_WAVE = 600.0  # below any sound speed of a fuel [m/s]: sizes the buffers of the travelling waves
+MAXIMUM_STEPS = 2_000_000
+
+
+def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats) -> Floats:
+    """Full parameter vectors of candidates: (candidates, parameters + fuel coefficients).
+
+    Parameters
+    ----------
+    injector : Injector
+        Gives the values that do not vary.
+    names : sequence of str
+        Dotted names of the values that vary; "fuel.temperature" may be among them.
+    values : (candidates, names)
+        SI values.
+    """
+    paths = parameter_paths()
+    theta = np.empty((len(values), len(paths) + len(FUEL.paths)))
+    theta[:, : len(paths)] = [injector.values[path] for path in paths]
+    temperature = np.full(len(values), injector.values[FUEL_TEMPERATURE])
+    for column, name in enumerate(names):
+        if name == FUEL_TEMPERATURE:
+            temperature = values[:, column]
+        else:
+            theta[:, paths.index(name)] = values[:, column]
+    distinct, which = np.unique(temperature, return_inverse=True)
+    fuels = np.array([fuel_coefficients(injector.fuel, float(t)) for t in distinct])
+    theta[:, len(paths) :] = fuels[which]
+    return theta
+
+
+def admissible(names: Sequence[str], values: Floats) -> NDArray[np.bool_]:
+    """Which candidates lie in the domain of their parameters: (candidates,)."""
+    known = parameter_quantities()
+    columns = [[known[name].domain.admits(float(v)) for v in values[:, i]] for i, name in enumerate(names)]
+    inside = np.all(np.isfinite(values), axis=1)
+    return inside if not columns else inside & np.all(np.array(columns).T.reshape(len(values), -1), axis=1)
+
+
+def make_job(
+    injector: Injector, theta: Floats, points: Sequence[OperatingPoint], dt: float, stop_when_closed: bool
+) -> Job:
+    """Every candidate at every point, candidates of a point side by side.
+
+    Block b of point i holds candidates 8 b … 8 b + 7; a last block that is not full repeats its last candidate.
+    """
+    steps = np.array([_steps(point, dt) for point in points])
+    inputs = np.zeros((len(points), int(steps.max()), 6))
+    for i, point in enumerate(points):
+        inputs[i, : steps[i]] = _inputs(injector, point, dt, int(steps[i]))
+    settings = [[p.at_start(c) for c in (p.rail_pressure, p.cylinder_pressure, p.return_pressure)] for p in points]
+    return Job(
+        np.ascontiguousarray(theta),
+        np.array(settings),
+        inputs,
+        steps,
+        np.array([_quiet(point, dt) for point in points]),
+        blocks(len(theta), len(points)),
+        dt,
+        _ring(theta, dt, int(steps.max())),
+        stop_when_closed,
+    )
+
+
+def blocks(candidates: int, points: int) -> NDArray[np.int64]:
+    """Blocks of a full product of points and candidates: (blocks, 1 + LANES)."""
+    per_point = -(-candidates // LANES)
+    lanes = np.minimum(np.arange(per_point * LANES), candidates - 1).reshape(per_point, LANES)
+    column = np.repeat(np.arange(points), per_point)[:, None]
+    return np.hstack([column, np.tile(lanes, (points, 1))])
+
+
+def by_candidate(figures: Floats, candidates: int, points: int) -> Floats:
+    """Lane figures (blocks, LANES) of a full product as (candidates, points)."""
+    return np.asarray(figures.reshape(points, -1)[:, :candidates].T)
+
+
+def _steps(point: OperatingPoint, dt: float) -> int:
+    steps = max(round(point.duration / dt), 1)
+    if steps > MAXIMUM_STEPS:
+        raise ConfigurationError(
+            f"{point.duration:g} s in steps of {dt:g} s are {steps} steps; at most {MAXIMUM_STEPS} are allowed."
+        )
+    return steps
+
+
+def _inputs(injector: Injector, point: OperatingPoint, dt: float, steps: int) -> Floats:
+    begin = point.start + dt * np.arange(steps)
+    columns = np.empty((steps, 6))
+    for i, course in enumerate((point.rail_pressure, point.cylinder_pressure, point.return_pressure, _drive(injector, point))):
+        columns[:, i] = _mean(course, begin, dt)
+    starts = np.array([p.start for p in point.pulses])
+    ends = np.array([p.start + p.duration for p in point.pulses])
+    if not len(starts):
+        columns[:, 4:] = -1.0
+        return columns
+    current = np.maximum(np.searchsorted(starts, begin + dt * (1.0 - 1e-9), side="left") - 1, 0)
+    columns[:, 4] = begin - starts[current]
+    columns[:, 5] = begin - ends[current]
+    return columns
+
+
+def _drive(injector: Injector, point: OperatingPoint) -> Course:
+    traced = injector.variant.drive in (Drive.VOLTAGE, Drive.CURRENT)
+    if traced and point.drive is None:
+        raise ConfigurationError(
+            f"{injector.name} is driven by a {injector.variant.drive.value}, but the operating point gives none; "
+            "add its file, or set the injector's drive to regulated or pwm."
+        )
+    return point.drive if traced and point.drive is not None else 0.0
+
+
+def _mean(course: Course, begin: Floats, dt: float) -> Floats:
+    return course.mean(begin, begin + dt) if isinstance(course, Trace) else np.full(len(begin), course)
+
+
+def _quiet(point: OperatingPoint, dt: float) -> int:
+    last = max((p.start + p.duration for p in point.pulses), default=point.start)
+    if point.drive is not None:
+        last = max(last, point.drive.time[-1])
+    return round((last - point.start + LOOK_AFTER) / dt)
+
+
+def _ring(theta: Floats, dt: float, steps: int) -> int:
+    paths = parameter_paths()
+    feed = theta[:, paths.index("feed_pipe.length")].max()
+    back = 2.0 * theta[:, paths.index("return_line.length")].max()
+    longest = min(max(feed, back) / SLOWEST_WAVE / dt, float(steps)) + 4.0
+    return 1 << int(np.ceil(np.log2(longest)))

@@ -1,0 +1,329 @@
+"""The reference engine: the same equations by SciPy's LSODA, error-controlled, restarted at every switching.
+
+Slow and obvious; the lanes are judged by it. Pipes are resolved by `cells` finite volumes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from commonrail.engine.lanes import FUEL
+from commonrail.engine.operating_point import Course, OperatingPoint, Trace
+from commonrail.engine.rates import CORE, compiled_rates, start_vector
+from commonrail.engine.simulate import reference_density
+from commonrail.engine.solution import Solution
+from commonrail.engine.status import Status
+from commonrail.fuel import kernel as fuel_kernel
+from commonrail.fuel.coefficients import fuel_coefficients
+from commonrail.injector import setup
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.injector.layout import LANES
+from commonrail.injector.model import Coefficients, Setting
+from commonrail.injector.variants import Body, Drive, Variant, wiring
+from commonrail.parts import drive, nozzle, solenoid
+from commonrail.parts.contents import contents
+from commonrail.parts.plunger_needle import Motion
+
+Floats = NDArray[np.float64]
+
+
+class Resolution(NamedTuple):
+    """How finely the reference resolves.
+
+    `cells` of the feed pipe and of the return line; `relative` tolerance of LSODA, its absolute tolerances are
+    `relative` times a typical value of each state; `longest_step` [s].
+    """
+
+    cells: tuple[int, int] = (240, 120)
+    relative: float = 1e-8
+    longest_step: float = 2e-6
+
+
+MOST_EVALUATIONS = 60_000  # of the right-hand side in one segment by LSODA; it takes 5,000 to 35,000
+
+
+class _Crawling(Exception):
+    """LSODA has shrunk its step to nothing, as it sometimes does behind a kink."""
+
+
+class _Segment(NamedTuple):
+    """A stretch of time in which the drive's schedule does not change."""
+
+    start: float
+    stop: float
+    on: float
+    peak: float
+
+
+def simulate_reference(
+    injector: Injector,
+    point: OperatingPoint,
+    sample_interval: float = 3e-6,
+    resolution: Resolution = Resolution(),
+    friction: Floats | None = None,
+) -> Solution:
+    """Simulate one injection with the reference engine.
+
+    Parameters
+    ----------
+    injector : Injector
+    point : OperatingPoint
+    sample_interval : float
+        Spacing of the samples [s].
+    resolution : Resolution
+    friction : (9, 2), optional
+        Coulomb force [N] and viscous coefficient [N s/m] of the guides on each mass (flexible body only); not part
+        of the paper's model, used by the virtual test bench.
+    """
+    model = _Model(injector, point, resolution, friction)
+    samples = max(round(point.duration / sample_interval), 1)
+    time = point.start + sample_interval * np.arange(samples + 1)
+    states, opening, closing, finished = model.run(time)
+    return model.solution(time, states, opening, closing, finished)
+
+
+class _Model:
+    """One injector at one point, as functions of time and state."""
+
+    def __init__(
+        self, injector: Injector, point: OperatingPoint, resolution: Resolution, friction: Floats | None
+    ) -> None:
+        self.injector, self.point, self.resolution = injector, point, resolution
+        variant = injector.variant
+        at = Setting(
+            *(point.at_start(c) for c in (point.rail_pressure, point.cylinder_pressure, point.return_pressure)), 1e-6
+        )
+        self.c = setup.coefficients(
+            injector.parameters, fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE]), at
+        )
+        wired = wiring(variant)
+        body = wired.body.at_rest(self.c.plunger_needle, setup.seat_contact(self.c), setup.static_loads(self.c, at))
+        lifts: Motion = wired.body.motion(body)
+        state = setup.state_at_rest(self.c, at, body, lifts)
+        self.closed_at_start = lifts.tip < 0.0
+        line = resolution.cells[1] if self.c.return_line.impedance > 0.0 else 0
+        self.cells = np.array((resolution.cells[0], line))
+        self.start = start_vector(variant, self.c, state, (resolution.cells[0], line), at)
+        self.core = 2 * resolution.cells[0] + 1
+        self.constants = np.zeros(len(wired.coefficients.paths) * LANES)
+        wired.coefficients.store(self.constants, 0, 0, self.c)
+        self.friction = np.zeros((9, 2)) if friction is None else np.ascontiguousarray(friction, float)
+        self.rates = compiled_rates(variant)
+        self.outside = np.zeros(7)
+        self.variant = variant
+        self._evaluations = 0
+        self._last = self.start
+
+    # --- time -------------------------------------------------------------------------------------
+
+    def run(self, time: Floats) -> tuple[Floats, float, float, bool]:
+        """States at `time`, instants of opening and last closing, and whether the end was reached."""
+        states = np.full((len(time), len(self.start)), np.nan)
+        states[0] = y = self.start
+        opening = closing = np.nan
+        self.outside[5] = 2.0
+        now = time[0]
+        for segment in self._segments(time[0], time[-1]):
+            self.outside[3:5] = segment.on, segment.peak
+            if not segment.on:
+                self.outside[5] = 2.0
+            while now < segment.stop - 1e-15:
+                self._flip_if_past_limit(now, y)
+                inside = time[(time > now) & (time <= segment.stop)]
+                result = self._solve(now, segment.stop, y, inside)
+                if not result.success:
+                    return states, opening, closing, False
+                for crossing in result.t_events[0]:
+                    opening = crossing if np.isnan(opening) else opening
+                closing = result.t_events[1][-1] if len(result.t_events[1]) else closing
+                got = min(len(result.t), len(inside))
+                k = int(np.searchsorted(time, now, side="right"))
+                if got:
+                    states[k : k + got] = result.y.T[: len(inside)]
+                switched = result.status == 1
+                now, y = (result.t_events[2][-1], result.y_events[2][-1]) if switched else (segment.stop, self._last)
+                if switched:
+                    self.outside[5] = drive.turned(self.outside[5])
+        return states, opening, closing, True
+
+    def _solve(self, start: float, stop: float, y: Floats, inside: Floats) -> Any:
+        tip = self._tip_index()
+
+        def opens(t: float, y: Floats) -> float:
+            return float(y[tip])
+
+        def closes(t: float, y: Floats) -> float:
+            return float(y[tip])
+
+        def switches(t: float, y: Floats) -> float:
+            return self._past_limit(t, y)
+
+        opens.direction, closes.direction = 1.0, -1.0  # type: ignore[attr-defined]
+        switches.terminal, switches.direction = True, 1.0  # type: ignore[attr-defined]
+        at = np.append(inside, stop) if not len(inside) or inside[-1] < stop else inside
+        common = {
+            "t_eval": at,
+            "events": [opens, closes, switches],
+            "rtol": self.resolution.relative,
+            "atol": self._scales() * self.resolution.relative,
+            "max_step": self.resolution.longest_step,
+            "first_step": min(1e-10, stop - start),
+        }
+        self._evaluations = 0
+        try:
+            result = solve_ivp(
+                self._rhs, (start, stop), y, "LSODA", lband=self._band, uband=self._band, **common
+            )
+        except _Crawling:
+            self._evaluations = -(10**9)  # DOP853 is explicit: many evaluations, but it never sticks
+            result = solve_ivp(self._rhs, (start, stop), y, "DOP853", **common)
+        if result.success and result.status == 0:
+            self._last = result.y[:, -1].copy()
+        return result
+
+    @property
+    def _band(self) -> int:
+        """Half-width of the Jacobian: the injector's block couples among itself and to the pipes' ends.
+
+        The pipe's inlet needs the rail's mass only where the rail has a volume; that far corner is left to the
+        iteration, which converges without it.
+        """
+        return len(CORE) + (18 if self.variant.body is Body.FLEXIBLE else 2) + 2
+
+    def _segments(self, start: float, stop: float) -> Sequence[_Segment]:
+        peak = self.c.drive.peak_duration
+        edges = {start, stop}
+        for pulse in self.point.pulses:
+            edges |= {pulse.start, pulse.start + pulse.duration, pulse.start + min(peak, pulse.duration)}
+        inside = sorted(e for e in edges if start <= e <= stop)
+        return [_Segment(a, b, *self._schedule(0.5 * (a + b))) for a, b in zip(inside[:-1], inside[1:], strict=True)]
+
+    def _schedule(self, t: float) -> tuple[float, float]:
+        for pulse in self.point.pulses:
+            if pulse.start <= t < pulse.start + pulse.duration:
+                return 1.0, float(t < pulse.start + self.c.drive.peak_duration)
+        return 0.0, 0.0
+
+    # --- right-hand side --------------------------------------------------------------------------
+
+    def _rhs(self, t: float, y: Floats) -> Floats:
+        self._evaluations += 1
+        if self._evaluations > MOST_EVALUATIONS:
+            raise _Crawling
+        dy = np.empty_like(y)
+        self._set_outside(t)
+        self.rates(y, self.outside, self.constants, self.cells, self.friction, dy)
+        return dy
+
+    def _set_outside(self, t: float) -> None:
+        point = self.point
+        for i, course in enumerate((point.rail_pressure, point.cylinder_pressure, point.return_pressure)):
+            self.outside[i] = _value(course, t)
+        self.outside[6] = _value(point.drive, t) if point.drive is not None else 0.0
+
+    def _past_limit(self, t: float, y: Floats) -> float:
+        """Positive once the PWM's current has passed the limit at which it switches; relative to the band."""
+        if self.variant.drive is not Drive.PWM or not self.outside[3]:
+            return -1.0
+        p, in_peak = self.c.drive, self.outside[4] > 0.5
+        mean, band = (p.peak_current, p.peak_band) if in_peak else (p.hold_current, p.hold_band)
+        gap = self.c.valve.lift - y[self.core + 2]
+        current = solenoid.circuit(self.c.solenoid, float(y[self.core]), float(gap)).current
+        return (current - mean) / band - 0.5 if self.outside[5] > 0.5 else (mean - current) / band - 0.5
+
+    def _flip_if_past_limit(self, t: float, y: Floats) -> None:
+        if self._past_limit(t, y) > 1e-9:
+            self.outside[5] = drive.turned(self.outside[5])
+
+    def _tip_index(self) -> int:
+        return self.core + len(CORE) + (16 if self.variant.body is Body.FLEXIBLE else 0)
+
+    def _scales(self) -> Floats:
+        """Typical size of each state, for absolute tolerances."""
+        rail = self.outside[0] or self.point.at_start(self.point.rail_pressure)
+        pipe = np.empty(2 * self.cells[0] + 1)
+        pipe[0::2], pipe[1::2] = 1e-1, rail
+        core = np.abs(self.start[self.core : self.core + len(CORE)])
+        core[:4] = 1e-4, 1e-4, 1e-5, 1e-1
+        core[7] = 1e-4
+        core[8:11] = 1e-5
+        body = np.tile((1e-4, 1.0), 9 if self.variant.body is Body.FLEXIBLE else 1)
+        line = np.tile((1e6, 1e-1), int(self.cells[1]))
+        return np.concatenate((pipe, core, body, line))
+
+    # --- result -----------------------------------------------------------------------------------
+
+    def solution(self, time: Floats, states: Floats, opening: float, closing: float, finished: bool) -> Solution:
+        """States as a `Solution`."""
+        core = states[:, self.core : self.core + len(CORE)]
+        injected = core[:, CORE.index("injected")]
+        channels = self._channels(time, states)
+        still = channels["needle_lift"][-1] > 0.0
+        status = Status.STILL_INJECTING if still else Status.OK
+        if not finished:
+            status = Status.NOT_FINITE
+        if not self.closed_at_start:
+            status = Status.NOT_CLOSED_AT_START
+        return Solution(
+            time,
+            np.diff(injected) / np.diff(time),
+            injected,
+            channels,
+            float(injected[-1]),
+            float(core[-1, CORE.index("returned")]),
+            float(opening),
+            float(closing),
+            reference_density(self.injector, self.point),
+            status,
+            "reference",
+            self._balance(states),
+        )
+
+    def _channels(self, time: Floats, states: Floats) -> dict[str, Floats]:
+        core = states[:, self.core : self.core + len(CORE)]
+        body = self.core + len(CORE)
+        flexible = self.variant.body is Body.FLEXIBLE
+        top, shoulder, tip = (states[:, body + i] for i in ((0, 14, 16) if flexible else (0, 0, 0)))
+
+        def pressure(name: str, volume: Callable[[Motion], float]) -> Floats:
+            rooms = [volume(Motion(*row)) for row in zip(top, shoulder, tip, strict=True)]
+            masses = core[:, CORE.index(name)]
+            return np.array([contents(self.c.fuel, m, 1.0 / v).pressure for m, v in zip(masses, rooms, strict=True)])
+
+        from commonrail.injector.step import make_room
+
+        gap = self.c.valve.lift - core[:, 2]
+        return {
+            "needle_lift": tip,
+            "plunger_lift": top,
+            "valve_lift": core[:, 2],
+            "control_pressure": pressure("control_mass", lambda m: make_room(self.c, m).control),
+            "accumulation_pressure": pressure("store_mass", lambda m: make_room(self.c, m).store),
+            "sac_pressure": pressure("sac_mass", lambda m: make_room(self.c, m).sac),
+            "coil_current": np.array(
+                [solenoid.circuit(self.c.solenoid, f, g).current for f, g in zip(core[:, 0], gap, strict=True)]
+            ),
+            "magnetic_force": np.array([solenoid.pull(self.c.solenoid, f) for f in core[:, 1]]),
+            "discharge_coefficient": np.array([nozzle.discharge(self.c.nozzle, z) for z in core[:, 7]]),
+        }
+
+    def _balance(self, states: Floats) -> float:
+        """(in − out − stored)/injected."""
+        gain = states[-1] - states[0]
+        core = dict(zip(CORE, gain[self.core : self.core + len(CORE)], strict=True))
+        per_cell = self.c.feed_pipe.travel_time / self.cells[0] / self.c.feed_pipe.impedance
+        stored = core["control_mass"] + core["store_mass"] + core["sac_mass"]
+        stored += per_cell * float(np.sum(gain[1 : 2 * self.cells[0] : 2]))
+        return float((core["supplied"] - core["injected"] - core["returned"] - stored) / core["injected"])
+
+
+def _value(course: Course, t: float) -> float:
+    return float(np.interp(t, course.time, course.value)) if isinstance(course, Trace) else course
+
+
+__all__ = ["FUEL", "Coefficients", "Resolution", "Variant", "fuel_kernel", "simulate_reference"]

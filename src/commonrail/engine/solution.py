@@ -1,0 +1,129 @@
+"""What a simulation gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.engine.status import Status
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Course of one injection; SI units unless the name says otherwise.
+
+    Attributes
+    ----------
+    time : (samples + 1,)
+        Bounds of the samples [s].
+    mass_rate : (samples,)
+        Mean mass flow through the nozzle between two bounds [kg/s].
+    injected : (samples + 1,)
+        Mass injected up to a bound [kg].
+    channels : dict of str to (samples + 1,)
+        Instantaneous values at the bounds: needle_lift, plunger_lift, valve_lift [m], control_pressure,
+        accumulation_pressure, sac_pressure, rail_pressure, return_pressure [Pa], coil_current [A],
+        magnetic_force [N], discharge_coefficient [1].
+    injected_mass, returned_mass : float
+        Per stroke [kg].
+    opening, closing : float
+        Instants at which the needle leaves and finally meets its seat [s]; NaN where it does not.
+    reference_density : float
+        Fuel at cylinder pressure of time zero and fuel temperature [kg/m³]: turns mass into the volume that a
+        rate meter shows.
+    status : Status
+    engine : str
+        "lanes" or "reference".
+    balance : float
+        In − out − stored, relative to the injected mass.
+    """
+
+    time: Floats
+    mass_rate: Floats
+    injected: Floats
+    channels: dict[str, Floats]
+    injected_mass: float
+    returned_mass: float
+    opening: float
+    closing: float
+    reference_density: float
+    status: Status
+    engine: str
+    balance: float
+
+    @property
+    def sample_time(self) -> Floats:
+        """Middles of the samples [s]."""
+        return np.asarray(0.5 * (self.time[1:] + self.time[:-1]))
+
+    @property
+    def rate(self) -> Floats:
+        """Rate of injection by volume [m³/s] at the reference density."""
+        return np.asarray(self.mass_rate / self.reference_density)
+
+    @property
+    def rate_mg_per_ms(self) -> Floats:
+        """Rate of injection by mass [mg/ms]."""
+        return np.asarray(self.mass_rate * 1e3)
+
+    @property
+    def rate_mm3_per_ms(self) -> Floats:
+        """Rate of injection by volume [mm³/ms]."""
+        return np.asarray(self.rate * 1e6)
+
+    @property
+    def injected_volume(self) -> float:
+        """Per stroke [m³]."""
+        return self.injected_mass / self.reference_density
+
+    @property
+    def returned_volume(self) -> float:
+        """Returned per stroke, leakage included [m³]."""
+        return self.returned_mass / self.reference_density
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Figures of many candidates at many operating points; arrays are (candidates, points).
+
+    Attributes
+    ----------
+    injected_mass, returned_mass : [kg] per stroke, NaN for a failed simulation
+    opening, closing : [s], NaN where there is none
+    greatest_lift : [m]
+    status : int
+        Values of `Status`.
+    reference_density : (points,)
+        [kg/m³], of the injector's own fuel temperature.
+    absolute_error, squared_error : (candidates, points)
+        Weighted sums over the samples of a rate measurement, [kg/s] and [(kg/s)²]; zero without one.
+    """
+
+    injected_mass: Floats
+    returned_mass: Floats
+    opening: Floats
+    closing: Floats
+    greatest_lift: Floats
+    status: NDArray[np.int64]
+    reference_density: Floats
+    absolute_error: Floats
+    squared_error: Floats
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Which simulations failed."""
+        return ~np.isin(self.status, (Status.OK, Status.STILL_INJECTING))
+
+    @property
+    def injected_volume(self) -> Floats:
+        """Per stroke [m³] at the reference density."""
+        return np.asarray(self.injected_mass / self.reference_density)
+
+    @property
+    def returned_volume(self) -> Floats:
+        """Returned per stroke [m³] at the reference density."""
+        return np.asarray(self.returned_mass / self.reference_density)

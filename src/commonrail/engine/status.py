@@ -1,0 +1,42 @@
+"""How a simulation ended: a status whose sentence says what to do."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Status(IntEnum):
+    """Outcome of one simulation. Only `OK` has figures to trust; the others cost +inf in a study."""
+
+    OK = 0
+    NOT_CLOSED_AT_START = 1
+    STEP_UNSTABLE = 2
+    RAN_AWAY = 3
+    NOT_FINITE = 4
+    STILL_INJECTING = 5
+
+    @property
+    def sentence(self) -> str:
+        """What happened and what to change."""
+        return _SENTENCES[self]
+
+    @property
+    def failed(self) -> bool:
+        """Whether the figures must not be used."""
+        return self not in (Status.OK, Status.STILL_INJECTING)
+
+
+_SENTENCES = {
+    Status.OK: "The simulation ended well.",
+    Status.NOT_CLOSED_AT_START: (
+        "The needle does not rest on its seat before energising: the opening forces exceed the closing ones; "
+        "check plunger, guide and seat diameters and the needle spring."
+    ),
+    Status.STEP_UNSTABLE: (
+        "The time step is too long for the stiffest spring of the plunger-needle chain; take a shorter time step "
+        "or bound the stiffness."
+    ),
+    Status.RAN_AWAY: "The plunger-needle passed its seat or stop; check the stop's stiffness and the pressure areas.",
+    Status.NOT_FINITE: "A pressure or mass left the range of the model; take a shorter time step or narrow the bounds.",
+    Status.STILL_INJECTING: "The needle had not closed at the end of the simulated time; take a longer horizon.",
+}

@@ -1,0 +1,25 @@
+"""Leakage through the ring gap of a guide, Eq. (5)."""
+
+from __future__ import annotations
+
+import math
+
+from commonrail.compile import physics
+
+__all__ = ["gap_conductance", "leakage_slope"]
+
+
+@physics
+def gap_conductance(diameter: float, gap: float, length: float) -> float:
+    """π d g³/(12 l), the geometry of Eq. (5) [m³]: concentric gap, laminar, fully developed."""
+    return math.pi * diameter * gap * gap * gap / (12.0 * length)
+
+
+@physics
+def leakage_slope(conductance: float, kinematic_viscosity: float) -> float:
+    """Mass flow per pressure difference [kg/(s Pa)].
+
+    Eq. (5) times the density: ρ π d g³/(12 η l) = conductance/ν, since η = ρ ν. The viscosity is that
+    of the gap's mean pressure.
+    """
+    return conductance / kinematic_viscosity

@@ -1,0 +1,86 @@
+"""Rows of a lane: a nested NamedTuple of floats laid out in one column of a (rows × lanes) array.
+
+An engine keeps everything behind one base pointer, so the compiler can prove that lanes do not overlap.
+Physics never sees a row number: `Layout.load` gives it the NamedTuple back by name. The two functions are
+generated from the NamedTuple itself, as plain straight-line Python.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, get_type_hints
+
+from commonrail.compile import physics
+
+__all__ = ["LANES", "Layout", "field_paths", "layout_of"]
+
+LANES = 8  # candidates side by side: one AVX-512 register of doubles, two of AVX2
+
+
+class Layout(NamedTuple):
+    """Where the fields of a nested NamedTuple stand.
+
+    Attributes
+    ----------
+    paths : tuple of str
+        Dotted field names in row order: ``plunger_needle.k1``.
+    load : function (array, first_row, lane) -> NamedTuple
+        Reads one lane.
+    store : function (array, first_row, lane, value) -> None
+        Writes one lane.
+    """
+
+    paths: tuple[str, ...]
+    load: Callable[..., Any]
+    store: Callable[..., Any]
+
+    def row(self, path: str) -> int:
+        """Row of a dotted field name."""
+        return self.paths.index(path)
+
+
+def field_paths(kind: type, choices: tuple[tuple[str, type], ...] = (), prefix: str = "") -> Iterator[str]:
+    """Dotted names of the float fields of a nested NamedTuple; `choices` gives the type of open fields."""
+    for name, hint in _fields(kind, choices):
+        if hint is float:
+            yield prefix + name
+        else:
+            yield from field_paths(hint, choices, f"{prefix}{name}.")
+
+
+def _fields(kind: type, choices: tuple[tuple[str, type], ...]) -> Iterator[tuple[str, type]]:
+    hints = get_type_hints(kind)
+    for name in kind._fields:  # type: ignore[attr-defined]
+        yield name, dict(choices).get(name, hints[name]) if hints[name] is Any else hints[name]
+
+
+@functools.cache
+def layout_of(kind: type, choices: tuple[tuple[str, type], ...] = ()) -> Layout:
+    """Layout of a nested NamedTuple type.
+
+    Parameters
+    ----------
+    kind : type
+        A NamedTuple whose fields are float or such NamedTuples.
+    choices : tuple of (field name, type)
+        Types of the fields annotated ``Any``, such as ``(("body", rigid_body.State),)``.
+    """
+    names: dict[str, Any] = {"__name__": __name__, "LANES": LANES}
+    rows = iter(range(10_000))
+    made = _constructor(kind, choices, names, rows)
+    paths = tuple(field_paths(kind, choices))
+    stores = [f"    a[(first + {i}) * LANES + lane] = value.{path}" for i, path in enumerate(paths)]
+    source = f"def load(a, first, lane):\n    return {made}\n\ndef store(a, first, lane, value):\n"
+    exec(compile(source + "\n".join(stores) + "\n", f"<layout of {kind.__qualname__}>", "exec"), names)
+    return Layout(paths, physics(names["load"]), physics(names["store"]))
+
+
+def _constructor(kind: type, choices: Any, names: dict[str, Any], rows: Iterator[int]) -> str:
+    alias = f"T{len(names)}"
+    names[alias] = kind
+    parts = [
+        f"a[(first + {next(rows)}) * LANES + lane]" if hint is float else _constructor(hint, choices, names, rows)
+        for _, hint in _fields(kind, choices)
+    ]
+    return f"{alias}({', '.join(parts)})"

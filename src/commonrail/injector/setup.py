@@ -1,0 +1,121 @@
+"""From parameters to coefficients and to the state at rest, for one candidate at one operating point."""
+
+from __future__ import annotations
+
+import math
+
+from commonrail.compile import physics
+from commonrail.fuel import kernel as fuel
+from commonrail.injector.model import Ambient, Books, Coefficients, Delays, Parameters, Setting, State
+from commonrail.parts import (
+    accumulation,
+    control_chamber,
+    drive,
+    feed_pipe,
+    needle_seat,
+    nozzle,
+    plunger_needle,
+    rail,
+    return_line,
+    sac,
+    solenoid,
+    valve,
+)
+from commonrail.parts.contents import filled
+
+
+@physics
+def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coefficients:
+    """Coefficients of every room; wave speeds and laminar offsets at the rail pressure of time zero."""
+    density = fuel.density(f, at.rail)
+    speed = fuel.sound_speed(f, density)
+    viscosity = density * fuel.kinematic_viscosity(f, at.rail)
+    low_density = fuel.density(f, at.low)
+    feed = feed_pipe.coefficients(p.feed_pipe, density, speed)
+    back = return_line.coefficients(p.return_line, fuel.sound_speed(f, low_density))
+    lag = p.solenoid.eddy_lag
+    share = 1.0 - math.exp(-at.dt / lag) if lag > 0.0 else 1.0
+    return Coefficients(
+        f,
+        rail.coefficients(p.rail),
+        feed,
+        control_chamber.coefficients(p.control_chamber, viscosity),
+        valve.coefficients(p.valve),
+        solenoid.coefficients(p.solenoid),
+        p.drive,
+        back,
+        plunger_needle.coefficients(p.plunger_needle),
+        needle_seat.coefficients(p.needle_seat, viscosity),
+        p.accumulation,
+        p.sac,
+        nozzle.coefficients(p.nozzle, at.rail, viscosity),
+        ambient(f, at.rail),
+        ambient(f, at.cylinder),
+        Delays(feed.travel_time / at.dt, back.round_trip / at.dt, share),
+    )
+
+
+@physics
+def ambient(f: fuel.FuelCoefficients, pressure: float) -> Ambient:
+    """Fuel at a boundary pressure [Pa]."""
+    density = fuel.density(f, pressure)
+    return Ambient(pressure, density, 1.0 / fuel.stiffness(f, density))
+
+
+@physics
+def ambient_density(around: Ambient, pressure: float) -> float:
+    """Density [kg/m³] near the boundary pressure of time zero."""
+    return around.density + (pressure - around.pressure) * around.compressibility
+
+
+@physics
+def static_loads(c: Coefficients, at: Setting) -> plunger_needle.Loads:
+    """Pressure forces with the needle closed and all flows at rest."""
+    guides, area = c.plunger_needle.guides, c.needle_seat.area
+    return plunger_needle.loads(guides, area, at.rail, at.rail, at.cylinder, at.low)
+
+
+@physics
+def seat_contact(c: Coefficients) -> plunger_needle.SeatContact:
+    """The needle seat as a contact of the plunger–needle."""
+    return plunger_needle.SeatContact(c.needle_seat.contact_stiffness, c.needle_seat.contact_damping)
+
+
+@physics
+def state_at_rest(c: Coefficients, at: Setting, body: plunger_needle.State, lifts: plunger_needle.Motion) -> State:
+    """State before energising: control chamber and accumulation at rail pressure, SAC at cylinder pressure."""
+    return State(
+        filled(c.fuel, at.rail, c.rail.volume),
+        feed_pipe.State(0.0, 0.0),
+        control_chamber.State(filled(c.fuel, at.rail, control_volume(c, lifts)), 0.0),
+        valve.State(valve_rest(c, at), 0.0),
+        solenoid.State(0.0, 0.0),
+        drive.State(2.0),
+        return_line.State(at.low),
+        accumulation.State(filled(c.fuel, at.rail, accumulation_volume(c, lifts)), at.rail),
+        body,
+        filled(c.fuel, at.cylinder, sac.volume(c.sac, c.needle_seat.area, lifts.tip)),
+        nozzle.State(0.0, 0.0),
+        Books(0.0, 0.0),
+    )
+
+
+@physics
+def valve_rest(c: Coefficients, at: Setting) -> float:
+    """Lift of the closed valve [m], below zero by what spring and pressure press into the seat."""
+    held = c.valve.spring_preload - c.valve.seat_area * (at.rail - at.low)
+    return -held / (c.valve.contact_stiffness + c.valve.spring_stiffness)
+
+
+@physics
+def control_volume(c: Coefficients, lifts: plunger_needle.Motion) -> float:
+    """Control chamber's volume [m³]: the plunger that rises takes it."""
+    return c.control_chamber.volume - c.plunger_needle.guides.plunger_area * lifts.top
+
+
+@physics
+def accumulation_volume(c: Coefficients, lifts: plunger_needle.Motion) -> float:
+    """Accumulation volume [m³]: the needle's shoulder and tip that rise leave it room."""
+    guides = c.plunger_needle.guides
+    shoulder = (guides.guide_area - guides.stem_area) * lifts.shoulder
+    return c.accumulation.volume + shoulder + (guides.stem_area - c.needle_seat.area) * lifts.tip

@@ -1,0 +1,388 @@
+"""One time step of the whole injector: the one place that sees every room, and fixes their order.
+
+Positions, pressures and flux stand at t_n, velocities at t_n − dt/2. First everything that moves is
+carried to t_n + dt under the forces of t_n (leapfrog); then each volume is filled with the geometry of
+mid-step, the SAC first, because it is the stiff one: what flows through the seat is its budget, and
+goes on to the accumulation volume. A flow is computed once and booked on both sides, so mass is
+conserved to rounding. Waves are means over a step. The variants (chain or rigid body, ideal rail or rail
+volume, kind of drive) are handed in as functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from commonrail.compile import physics, reciprocals
+from commonrail.flow.orifice import Flow, choked, jet, orifice, series
+from commonrail.flow.volume import mean_departure, relaxation
+from commonrail.fuel import kernel as fuel
+from commonrail.injector.model import Books, Coefficients, Inputs, State, Waves
+from commonrail.injector.setup import accumulation_volume, ambient_density, control_volume, seat_contact
+from commonrail.parts import accumulation, control_chamber, drive, feed_pipe, needle_seat, nozzle, return_line, sac
+from commonrail.parts import solenoid, valve
+from commonrail.parts.contents import Contents, contents
+from commonrail.parts.plunger_needle import Loads, Motion, loads, next_velocity
+
+Law = Callable[..., Any]
+
+
+class Inlet(NamedTuple):
+    """Mean over the step at the pipe's inlet: pressure [Pa], flow into the pipe [kg/s]."""
+
+    pressure: float
+    flow: float
+
+
+class Room(NamedTuple):
+    """Volumes of control chamber, accumulation and SAC [m³]."""
+
+    control: float
+    store: float
+    sac: float
+
+
+class Way(NamedTuple):
+    """Lifts and volumes at both ends of the step."""
+
+    old: Motion
+    new: Motion
+    before: Room
+    after: Room
+
+
+class Drain(NamedTuple):
+    """Drive of A-hole and valve, and its gains in the pressure before [m⁴] and behind it."""
+
+    drive: float
+    gain: float
+    line_gain: float
+
+
+class SacFlows(NamedTuple):
+    """Mean flows through seat and nozzle [kg/s] and the SAC's mass after the step [kg]."""
+
+    seat: float
+    nozzle: float
+    mass: float
+
+
+class ChamberFlows(NamedTuple):
+    """Mean flows of Z-hole, A-hole and guide [kg/s] and the chamber's mass after the step [kg]."""
+
+    z_hole: float
+    a_hole: float
+    leak: float
+    mass: float
+
+
+class StoreFlows(NamedTuple):
+    """Mean pressure [Pa], mean flows of pipe and guide [kg/s] and the volume's mass after the step [kg]."""
+
+    pressure: float
+    pipe: float
+    leak: float
+    mass: float
+
+
+@physics
+def middle(a: float, b: float) -> float:
+    """Mean of two values."""
+    return 0.5 * (a + b)
+
+
+# A seated needle whose SAC has come this near to cylinder pressure has ended its injection [Pa].
+RELAXED = 1e5
+
+
+@physics
+def body_loads(c: Coefficients, s: State, low: float) -> Loads:
+    """Pressure forces on plunger and needle at t_n."""
+    return loads(
+        c.plunger_needle.guides,
+        c.needle_seat.area,
+        s.control_chamber.fuel.pressure,
+        s.accumulation.fuel.pressure,
+        s.sac.pressure,
+        low,
+    )
+
+
+# --- valve and solenoid ---------------------------------------------------------------------------
+
+
+@physics
+def seat_pressure(c: Coefficients, gap: float, upstream: float, behind: float) -> float:
+    """Pressure [Pa] that opens the valve: what A-hole and seat, in series, leave in front of the seat."""
+    hole = c.control_chamber.a_drive
+    per_series, per_gap = reciprocals(hole + gap, max(gap, 1e-3 * hole))
+    cavitating = c.control_chamber.a_choked * (upstream - c.fuel.vapour_pressure) * per_gap
+    return min((upstream - behind) * hole * per_series, cavitating)
+
+
+@physics
+def move_valve(c: Coefficients, s: State, dt: float) -> valve.State:
+    """Armature and shutter after the step."""
+    gap = valve.gap_drive(c.valve, s.valve.lift)
+    upstream = s.control_chamber.fuel.pressure
+    pressure = seat_pressure(c, gap, upstream, s.return_line.pressure)
+    pull = solenoid.pull(c.solenoid, s.solenoid.pulling_flux)
+    force, damping = valve.forces(c.valve, s.valve.lift, pull, pressure)
+    per_mass = dt * c.valve.per_mass
+    half = 0.5 * per_mass * damping
+    velocity = next_velocity(s.valve.velocity, per_mass * force, half, 1.0 / (1.0 + half))
+    return valve.State(s.valve.lift + dt * velocity, velocity)
+
+
+@physics
+def magnetise(c: Coefficients, s: State, u: Inputs, lift: float, drive_law: Law, dt: float) -> tuple[solenoid.State, float]:
+    """Flux after the step, and the PWM's transistor; `lift` is the armature's at mid-step."""
+    now = solenoid.circuit(c.solenoid, s.solenoid.flux, c.valve.lift - lift)
+    supply = drive.Supply(drive.schedule(c.drive, u.since_start, u.since_end, dt), u.trace)
+    rate = drive_law(c.drive, c.solenoid, s.drive, supply, now, dt)
+    flux = s.solenoid.flux + dt * rate.flux_rate * relaxation(dt * rate.decay)
+    share = c.delays.eddy_share
+    lagged = s.solenoid.pulling_flux + share * (middle(s.solenoid.flux, flux) - s.solenoid.pulling_flux)
+    return solenoid.State(flux, lagged if share < 1.0 else flux), rate.conducting
+
+
+# --- fluid ----------------------------------------------------------------------------------------
+
+
+@physics
+def make_room(c: Coefficients, lifts: Motion) -> Room:
+    """Volumes that the plunger–needle leaves to the fuel."""
+    return Room(
+        control_volume(c, lifts),
+        accumulation_volume(c, lifts),
+        sac.volume(c.sac, c.needle_seat.area, lifts.tip),
+    )
+
+
+@physics
+def nozzle_drive(c: Coefficients, pressure: float, cylinder: float, reached: float) -> tuple[float, float]:
+    """Drive and gain of the nozzle's outflow at a greatest lift `reached`, cavitation included."""
+    discharge = nozzle.discharge(c.nozzle, reached)
+    holes = c.nozzle.area_squared * discharge * discharge
+    vapour = c.nozzle.choked * (pressure - c.fuel.vapour_pressure)
+    return choked(holes * (pressure - cylinder), holes, vapour, c.nozzle.choked)
+
+
+@physics
+def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, way: Way, reached: float, dt: float) -> SacFlows:
+    """Mean flows through seat and nozzle over the step, and the SAC's mass after it."""
+    tip = middle(way.old.tip, way.new.tip)
+    gain = needle_seat.gap_drive(c.needle_seat, tip)
+    before, here = s.accumulation.fuel.density, s.sac
+    seat = jet(gain * (upstream - here.pressure), before, c.needle_seat.offset)
+    out_drive, out_gain = nozzle_drive(c, here.pressure, u.cylinder, max(reached, tip))
+    out = jet(out_drive, here.density, c.nozzle.offset)
+    per_seat, per_out = reciprocals(seat.root, out.root)
+    seat_slope, out_slope = before * gain * per_seat, here.density * out_gain * per_out
+    growth = here.density * (way.after.sac - way.before.sac) / dt
+    net = seat.mass_flow - out.mass_flow
+    volume = middle(way.before.sac, way.after.sac)
+    departure = mean_departure(net, seat_slope + out_slope, here.stiffness, volume, growth, dt)
+    inflow = seat.mass_flow - seat_slope * departure
+    mass = here.mass + dt * (inflow - (out.mass_flow + out_slope * departure))
+    mass = _not_past_cylinder(c, here, u.cylinder, mass, growth, way.after.sac)
+    return SacFlows(inflow, inflow - (mass - here.mass) / dt, mass)
+
+
+@physics
+def _not_past_cylinder(c: Coefficients, here: Contents, cylinder: float, mass: float, growth: float, volume: float) -> float:
+    """A SAC that empties stops at cylinder pressure; the linearised root of Eq. (4) would pass it."""
+    rest = ambient_density(c.cylinder, cylinder) * volume
+    emptying = here.pressure >= cylinder and growth <= 0.0
+    return max(mass, min(rest, here.mass)) if emptying else mass
+
+
+@physics
+def guide_leak(c: Coefficients, conductance: float, pressure: float, low: float) -> Flow:
+    """Leakage through a guide, Eq. (5), at the viscosity of its mean pressure."""
+    slope = conductance * fuel.fluidity(c.fuel, middle(pressure, low))
+    return Flow(slope * (pressure - low), slope)
+
+
+@physics
+def drain_drive(c: Coefficients, pressure: float, behind: float, lift: float) -> Drain:
+    """Drive of the flow through A-hole and valve in series, cavitation in the A-hole included."""
+    hole = c.control_chamber
+    gain = series(hole.a_drive, valve.gap_drive(c.valve, lift))
+    free = gain * (pressure - behind)
+    drive_, gain_ = choked(free, gain, hole.a_choked * (pressure - c.fuel.vapour_pressure), hole.a_choked)
+    return Drain(drive_, gain_, gain if drive_ == free else 0.0)
+
+
+@physics
+def z_hole_drive(c: Coefficients, feed: float, pressure: float) -> tuple[float, float]:
+    """Drive of the flow through the Z-hole and its gain in the chamber's pressure, cavitation included."""
+    hole = c.control_chamber
+    vapour = hole.z_choked * (feed - c.fuel.vapour_pressure)
+    return choked(hole.z_drive * (feed - pressure), hole.z_drive, vapour, 0.0)
+
+
+@physics
+def fill_control_chamber(
+    c: Coefficients, s: State, u: Inputs, feed: float, back: float, lift: float, way: Way, dt: float
+) -> ChamberFlows:
+    """Mean flows of Z-hole, A-hole and guide over the step, and the chamber's mass after it.
+
+    The return line answers the A-hole's flow q with the pressure `back` + Z q; q is taken linear in it.
+    """
+    here, hole = s.control_chamber.fuel, c.control_chamber
+    density = ambient_density(c.source, feed)
+    in_drive, in_gain = z_hole_drive(c, feed, here.pressure)
+    inlet = jet(in_drive, density, hole.z_offset)
+    behind = s.return_line.pressure
+    drain = drain_drive(c, here.pressure, behind, lift)
+    out = jet(drain.drive, here.density, hole.a_offset)
+    line = here.density * drain.line_gain
+    # slopes in, out; the line's answer divides the outflow by 1 + Z ρ gain/root
+    per_in, per_out = reciprocals(inlet.root, out.root + c.return_line.impedance * line)
+    in_slope = density * in_gain * per_in
+    out_slope = here.density * drain.gain * per_out
+    a_flow = (out.mass_flow * out.root + line * (behind - back)) * per_out
+    leak = guide_leak(c, c.plunger_needle.guides.plunger_leak, here.pressure, u.low)
+    departure = mean_departure(
+        inlet.mass_flow - a_flow - leak.mass_flow,
+        in_slope + out_slope + leak.slope,
+        here.stiffness,
+        middle(way.before.control, way.after.control),
+        here.density * (way.after.control - way.before.control) / dt,
+        dt,
+    )
+    z_flow = inlet.mass_flow - in_slope * departure
+    a_flow = a_flow + out_slope * departure
+    l_flow = leak.mass_flow + leak.slope * departure
+    return ChamberFlows(z_flow, a_flow, l_flow, here.mass + dt * (z_flow - a_flow - l_flow))
+
+
+@physics
+def fill_accumulation(c: Coefficients, s: State, u: Inputs, wave: float, outflow: float, way: Way, dt: float) -> StoreFlows:
+    """Mean pressure and mean flows of pipe and guide over the step, and the accumulation volume's mass after it."""
+    here, admittance = s.accumulation.fuel, c.feed_pipe.admittance
+    leak = guide_leak(c, c.plunger_needle.guides.needle_leak, here.pressure, u.low)
+    pipe = (wave - here.pressure) * admittance
+    departure = mean_departure(
+        pipe - outflow - leak.mass_flow,
+        admittance + leak.slope,
+        here.stiffness,
+        middle(way.before.store, way.after.store),
+        here.density * (way.after.store - way.before.store) / dt,
+        dt,
+    )
+    pipe_flow = pipe - admittance * departure
+    l_flow = leak.mass_flow + leak.slope * departure
+    return StoreFlows(
+        here.pressure + departure, pipe_flow, l_flow, here.mass + dt * (pipe_flow - outflow - l_flow)
+    )
+
+
+# --- boundaries at the rail -----------------------------------------------------------------------
+
+
+@physics
+def ideal_rail(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
+    """The inlet holds the measured rail pressure whatever flows."""
+    return Inlet(u.rail, (u.rail - wave) * c.feed_pipe.admittance)
+
+
+@physics
+def rail_volume(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
+    """Rail volume behind a throttle, then the pipe: throttle loss and pipe impedance solved together.
+
+    p_rail − p_inlet = q²/(2 ρ (c_d A)²) with p_inlet = wave + Z (q − q_Z) is a quadratic in q: the law
+    of `orifice` with an offset of ρ (c_d A)² Z.
+    """
+    z = c.feed_pipe.impedance
+    z_flow = c.control_chamber.z_from_inlet * s.control_chamber.z_flow
+    drive_ = c.rail.throttle * (s.rail.pressure - wave + z * z_flow)
+    total = orifice(drive_, c.rail.throttle, s.rail.density, s.rail.density * c.rail.throttle * z)
+    flow = total.mass_flow - z_flow
+    return Inlet(wave + z * flow, flow)
+
+
+@physics
+def draw_nothing(c: Coefficients, s: State, drawn: float) -> Contents:
+    """An ideal rail is inexhaustible."""
+    return s.rail
+
+
+@physics
+def draw_from_rail(c: Coefficients, s: State, drawn: float) -> Contents:
+    """Rail after `drawn` [kg] have left it; the pump delivers nothing during an injection."""
+    return contents(c.fuel, s.rail.mass - drawn, 1.0 / c.rail.volume)
+
+
+# --- the step -------------------------------------------------------------------------------------
+
+
+def make_step(advance: Law, motion: Law, drive_law: Law, inlet_law: Law, draw: Law) -> Law:
+    """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves).
+
+    Parameters
+    ----------
+    advance, motion : law
+        How plunger and needle move, and the lifts that the fluid sees.
+    drive_law : law
+        Flux rate of the solenoid's drive.
+    inlet_law, draw : law
+        Boundary at the rail, and what it takes from the rail.
+    """
+
+    @physics
+    def step(c: Coefficients, s: State, u: Inputs, arriving: Waves, dt: float) -> tuple[State, Waves]:
+        """State at t_n + dt, and the waves that leave."""
+        moved_valve = move_valve(c, s, dt)
+        lift = middle(s.valve.lift, moved_valve.lift)
+        magnet, conducting = magnetise(c, s, u, lift, drive_law, dt)
+
+        body = advance(c.plunger_needle, seat_contact(c), s.body, body_loads(c, s, u.low), dt)
+        old, new = motion(s.body), motion(body)
+
+        store, tap = s.accumulation.fuel, c.control_chamber.z_from_inlet
+        upstream = store.pressure + 0.5 * (store.pressure - s.accumulation.pressure_before)
+        at_rest = old.tip <= 0.0 and s.sac.pressure - u.cylinder < RELAXED
+        reached = 0.0 if at_rest else s.nozzle.lift_reached
+        way = Way(old, new, make_room(c, old), make_room(c, new))
+        out = fill_sac(c, s, u, upstream, way, reached, dt)
+
+        wave = feed_pipe.returning(c.feed_pipe, arriving.up, s.feed_pipe.inlet_flow)
+        inlet = inlet_law(c, s, u, wave)
+        feed = tap * inlet.pressure + (1.0 - tap) * upstream
+        back = 2.0 * u.low - arriving.back
+        chamber = fill_control_chamber(c, s, u, feed, back, lift, way, dt)
+        behind = max(back + c.return_line.impedance * chamber.a_hole, c.fuel.vapour_pressure)
+
+        wave = feed_pipe.arriving(c.feed_pipe, arriving.down, s.feed_pipe.end_flow)
+        filled = fill_accumulation(c, s, u, wave, out.seat + (1.0 - tap) * chamber.z_hole, way, dt)
+
+        drawn = dt * (inlet.flow + tap * chamber.z_hole)
+        z = c.feed_pipe.impedance
+        leaving = Waves(
+            feed_pipe.arriving(c.feed_pipe, inlet.pressure + z * inlet.flow, inlet.flow),
+            feed_pipe.returning(c.feed_pipe, filled.pressure - z * filled.pipe, filled.pipe),
+            behind + c.return_line.impedance * chamber.a_hole,
+        )
+        per_control, per_store = reciprocals(way.after.control, way.after.store)
+        after = State(
+            draw(c, s, drawn),
+            feed_pipe.State(inlet.flow, filled.pipe),
+            control_chamber.State(contents(c.fuel, chamber.mass, per_control), chamber.z_hole),
+            moved_valve,
+            magnet,
+            drive.State(conducting),
+            return_line.State(behind),
+            accumulation.State(contents(c.fuel, filled.mass, per_store), store.pressure),
+            body,
+            contents(c.fuel, out.mass, 1.0 / way.after.sac),
+            nozzle.State(max(reached, new.tip), s.nozzle.injected + dt * out.nozzle),
+            Books(
+                s.books.supplied + drawn,
+                s.books.returned + dt * (chamber.a_hole + chamber.leak + filled.leak),
+            ),
+        )
+        return after, leaving
+
+    return step

@@ -1,0 +1,87 @@
+"""Variants of the injector: the same rooms, wired differently."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from enum import Enum
+from typing import Any, NamedTuple
+
+from commonrail.injector import step
+from commonrail.injector.layout import Layout, layout_of
+from commonrail.injector.model import Coefficients, State
+from commonrail.injector.step import make_step
+from commonrail.parts import drive, plunger_needle, rigid_body
+
+
+class Body(Enum):
+    """How plunger and needle move."""
+
+    FLEXIBLE = "flexible"
+    RIGID = "rigid"
+
+
+class Boundary(Enum):
+    """What feeds the injector."""
+
+    IDEAL = "ideal"
+    VOLUME = "volume"
+
+
+class Drive(Enum):
+    """What applies the voltage."""
+
+    REGULATED = "regulated"
+    PWM = "pwm"
+    VOLTAGE = "voltage trace"
+    CURRENT = "current trace"
+
+
+class Variant(NamedTuple):
+    """One wiring."""
+
+    body: Body = Body.FLEXIBLE
+    boundary: Boundary = Boundary.IDEAL
+    drive: Drive = Drive.REGULATED
+
+    @property
+    def label(self) -> str:
+        """Text that names it."""
+        return f"{self.body.value} body, {self.boundary.value} rail, {self.drive.value} drive"
+
+
+class Wiring(NamedTuple):
+    """The laws of a variant and the layouts of its lane."""
+
+    body: Any
+    step: Callable[..., Any]
+    state: Layout
+    coefficients: Layout
+
+
+_BODIES = {Body.FLEXIBLE: plunger_needle, Body.RIGID: rigid_body}
+_DRIVES = {
+    Drive.REGULATED: drive.regulated,
+    Drive.PWM: drive.pwm,
+    Drive.VOLTAGE: drive.voltage_trace,
+    Drive.CURRENT: drive.current_trace,
+}
+
+
+@functools.cache
+def wiring(variant: Variant) -> Wiring:
+    """Laws and layouts of a variant."""
+    ideal = variant.boundary is Boundary.IDEAL
+    body = _BODIES[variant.body]
+    return Wiring(
+        body,
+        make_step(
+            body.advance,
+            body.motion,
+            _DRIVES[variant.drive],
+            step.ideal_rail if ideal else step.rail_volume,
+            step.draw_nothing if ideal else step.draw_from_rail,
+        ),
+        layout_of(State, (("body", body.State),)),
+        layout_of(Coefficients),
+    )

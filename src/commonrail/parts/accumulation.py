@@ -1,0 +1,21 @@
+"""Accumulation volume around the needle, fed by the pipe, Eq. (3)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from commonrail.parts.contents import Contents
+from commonrail.parts.furniture import Annotated, Q
+
+
+class Parameters(NamedTuple):
+    """Drawing of the accumulation volume."""
+
+    volume: Annotated[float, Q("m3", "accumulation volume, needle unloaded on its seat")]
+
+
+class State(NamedTuple):
+    """Fuel in the volume, and its pressure one step before [Pa]."""
+
+    fuel: Contents
+    pressure_before: float

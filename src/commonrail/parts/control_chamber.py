@@ -1,0 +1,69 @@
+"""Control chamber above the plunger: fed through the Z-hole, drained through the A-hole, Eq. (3), (4)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from commonrail.compile import physics
+from commonrail.flow.orifice import laminar_offset
+from commonrail.flow.wave import pipe_area
+from commonrail.parts.contents import Contents
+from commonrail.parts.furniture import Annotated, Domain, Q
+
+
+class Parameters(NamedTuple):
+    """Drawing of the control chamber and its two holes."""
+
+    volume: Annotated[float, Q("m3", "control chamber volume, plunger unloaded on the closed needle")]
+    z_hole_diameter: Annotated[float, Q("m", "diameter of the Z-hole (inlet throttle)")]
+    z_hole_discharge: Annotated[float, Q("1", "discharge coefficient of the Z-hole", Domain.POSITIVE, 0.78)]
+    z_hole_contraction: Annotated[float, Q("1", "contraction coefficient of the cavitating Z-hole", Domain.POSITIVE, 0.85)]
+    z_hole_from_inlet: Annotated[
+        float,
+        Q("1", "share of the Z-hole's flow taken at the pipe's inlet (1) or from the accumulation volume (0)", Domain.UNIT, 1.0),
+    ]
+    a_hole_diameter: Annotated[float, Q("m", "diameter of the A-hole (outlet throttle)")]
+    a_hole_discharge: Annotated[float, Q("1", "discharge coefficient of the A-hole, not cavitating", Domain.POSITIVE, 0.82)]
+    a_hole_contraction: Annotated[float, Q("1", "contraction coefficient of the cavitating A-hole", Domain.POSITIVE, 0.82)]
+    transition_reynolds: Annotated[
+        float, Q("1", "Reynolds number at which viscous and inertial loss of a hole are equal", Domain.POSITIVE, 10.0)
+    ]
+
+
+class Coefficients(NamedTuple):
+    """(c_d A)² and (C_c A)² of the holes [m⁴], their laminar offsets [kg/s], volume [m³], Z-hole's tap."""
+
+    volume: float
+    z_drive: float
+    z_choked: float
+    z_offset: float
+    z_from_inlet: float
+    a_drive: float
+    a_choked: float
+    a_offset: float
+
+
+class State(NamedTuple):
+    """Fuel in the chamber, and the Z-hole's mean flow over the last step [kg/s]."""
+
+    fuel: Contents
+    z_flow: float
+
+
+@physics
+def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
+    """Coefficients at the dynamic viscosity [Pa s] of the rail pressure at time zero."""
+    z_area = pipe_area(p.z_hole_diameter)
+    a_area = pipe_area(p.a_hole_diameter)
+    reynolds = p.transition_reynolds
+    return Coefficients(
+        p.volume,
+        (p.z_hole_discharge * z_area) ** 2,
+        (p.z_hole_contraction * z_area) ** 2,
+        laminar_offset(dynamic_viscosity, reynolds, 0.25 * math.pi * p.z_hole_diameter),
+        p.z_hole_from_inlet,
+        (p.a_hole_discharge * a_area) ** 2,
+        (p.a_hole_contraction * a_area) ** 2,
+        laminar_offset(dynamic_viscosity, reynolds, 0.25 * math.pi * p.a_hole_diameter),
+    )

@@ -1,0 +1,165 @@
+"""Drive of the solenoid: boost, peak, hold and off, by an ideal regulator or by PWM, or a measured trace.
+
+Each law returns the rate of the coil's flux, N dφ/dt = v − R i (Eq. 11), with its decay −∂(dφ/dt)/∂φ.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from commonrail.compile import physics
+from commonrail.flow.volume import relaxation
+from commonrail.parts import solenoid
+from commonrail.parts.furniture import Annotated, Domain, Q
+
+
+class Parameters(NamedTuple):
+    """Current profile of the output stage."""
+
+    boost_voltage: Annotated[float, Q("V", "boost voltage of the first rise, also applied backwards to switch off")]
+    supply_voltage: Annotated[float, Q("V", "voltage of the PWM after the first rise", Domain.POSITIVE, 14.0)]
+    peak_current: Annotated[float, Q("A", "mean current of the peak phase")]
+    peak_duration: Annotated[float, Q("s", "end of the peak phase after the start of energising")]
+    hold_current: Annotated[float, Q("A", "mean current of the hold phase")]
+    quench_voltage: Annotated[
+        float, Q("V", "voltage applied backwards while the current must fall during energising", Domain.NON_NEGATIVE, 0.0)
+    ]
+    peak_band: Annotated[float, Q("A", "width of the PWM's current band, peak phase", Domain.POSITIVE, 2.0)]
+    hold_band: Annotated[float, Q("A", "width of the PWM's current band, hold phase", Domain.POSITIVE, 2.0)]
+    regulator_gain: Annotated[
+        float, Q("V/A", "gain of the ideal regulator and of a measured current", Domain.POSITIVE, 100.0)
+    ]
+
+
+class State(NamedTuple):
+    """Voltage of the PWM: 2 boost (first rise), 1 supply, 0 off."""
+
+    conducting: float
+
+
+class Schedule(NamedTuple):
+    """Share of the step in which the coil is energised, and in which it is in the peak phase [1]."""
+
+    on: float
+    peak: float
+
+
+class Rate(NamedTuple):
+    """dφ/dt at the start of the step [V], its decay [1/s], and the PWM's transistor after it."""
+
+    flux_rate: float
+    decay: float
+    conducting: float
+
+
+class Supply(NamedTuple):
+    """What the drive sees of its schedule and of a measured trace (mean voltage [V] or current [A])."""
+
+    schedule: Schedule
+    trace: float
+
+
+@physics
+def clamp(x: float, low: float, high: float) -> float:
+    """The value in [low, high] nearest to x."""
+    return min(max(x, low), high)
+
+
+@physics
+def schedule(p: Parameters, since_start: float, since_end: float, dt: float) -> Schedule:
+    """Mean of the schedule over the step that begins `since_start` after start and `since_end` after end of energising."""
+    per_step = 1.0 / dt
+    begun = clamp(since_start * per_step + 1.0, 0.0, 1.0)
+    ended = clamp(since_end * per_step + 1.0, 0.0, 1.0)
+    past_peak = clamp((since_start - p.peak_duration) * per_step + 1.0, 0.0, 1.0)
+    return Schedule(begun - ended, max(begun - max(past_peak, ended), 0.0))
+
+
+@physics
+def applied(c: solenoid.Coefficients, voltage: float, now: solenoid.Circuit) -> Rate:
+    """Flux rate under a given voltage."""
+    rate = (voltage - c.resistance * now.current) * c.per_turn
+    return Rate(rate, c.resistance * now.slope * c.per_turn, 1.0)
+
+
+@physics
+def regulated(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Rate:
+    """Ideal regulator: v = R i* + G (i* − i) between −quench (after the end −boost) and +boost.
+
+    The current i* is a smooth function of the parameters, as a fit needs it.
+    """
+    plan = supply.schedule
+    target = plan.peak * p.peak_current + (plan.on - plan.peak) * p.hold_current
+    low = -p.boost_voltage * (1.0 - plan.on) - p.quench_voltage * plan.on
+    return _towards(c, target, p.regulator_gain, low, p.boost_voltage, now)
+
+
+@physics
+def _towards(c: solenoid.Coefficients, target: float, gain: float, low: float, high: float, now: solenoid.Circuit) -> Rate:
+    stiff = c.resistance + gain
+    free = stiff * (target - now.current) * c.per_turn
+    lowest = (low - c.resistance * now.current) * c.per_turn
+    highest = (high - c.resistance * now.current) * c.per_turn
+    rate = clamp(free, lowest, highest)
+    resistance = stiff if rate == free else c.resistance
+    return Rate(rate, resistance * now.slope * c.per_turn, 1.0)
+
+
+@physics
+def switched_off(p: Parameters, c: solenoid.Coefficients, now: solenoid.Circuit) -> Rate:
+    """After the end of energising: −boost until the current is gone."""
+    return _towards(c, 0.0, p.regulator_gain, -p.boost_voltage, 0.0, now)
+
+
+@physics
+def pwm_voltage(p: Parameters, conducting: float) -> float:
+    """Voltage that a state of the PWM applies [V]."""
+    return p.boost_voltage if conducting > 1.5 else (p.supply_voltage if conducting > 0.5 else -p.quench_voltage)
+
+
+@physics
+def turned(conducting: float) -> float:
+    """State of the PWM after its current has met a limit."""
+    return 0.0 if conducting > 0.5 else 1.0
+
+
+@physics
+def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Rate:
+    """Two-point current control: first rise by +boost, then +supply and −quench in turn, switching inside the step.
+
+    The instant at which the current meets its limit is interpolated and the voltage averaged over the step.
+    """
+    plan = supply.schedule
+    in_peak = plan.peak >= 0.5 * plan.on
+    mean = p.peak_current if in_peak else p.hold_current
+    half_band = 0.5 * (p.peak_band if in_peak else p.hold_band)
+    conducting = s.conducting > 0.5
+    voltage = pwm_voltage(p, s.conducting)
+    limit = mean + half_band if conducting else mean - half_band
+    trial = applied(c, voltage, now)
+    change = dt * trial.flux_rate * relaxation(dt * trial.decay) * now.slope
+    after = now.current + change
+    crossed = after > limit if conducting else after < limit
+    before = clamp((limit - now.current) / change, 0.0, 1.0) if crossed else 1.0
+    other = pwm_voltage(p, 0.0 if conducting else 1.0)
+    live = applied(c, before * voltage + (1.0 - before) * other, now)
+    off = switched_off(p, c, now)
+    energised = plan.on > 0.0
+    flag = (turned(s.conducting) if crossed else s.conducting) if energised else 2.0
+    return Rate(
+        plan.on * live.flux_rate + (1.0 - plan.on) * off.flux_rate,
+        live.decay if energised else off.decay,
+        flag,
+    )
+
+
+@physics
+def voltage_trace(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Rate:
+    """Measured coil voltage v(t)."""
+    return applied(c, supply.trace, now)
+
+
+@physics
+def current_trace(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Rate:
+    """Measured coil current i(t), followed by the regulator without limits of voltage."""
+    return _towards(c, supply.trace, p.regulator_gain, -1e9, 1e9, now)

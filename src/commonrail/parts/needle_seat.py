@@ -1,0 +1,57 @@
+"""Needle seat: flow section between needle cone and body, and their contact."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from commonrail.compile import physics
+from commonrail.flow.orifice import laminar_offset
+from commonrail.flow.wave import pipe_area
+from commonrail.parts.furniture import Annotated, Domain, Q
+
+
+class Parameters(NamedTuple):
+    """Drawing of the seat."""
+
+    diameter: Annotated[float, Q("m", "seat diameter")]
+    cone_angle: Annotated[float, Q("rad", "full angle of the seat cone")]
+    discharge: Annotated[float, Q("1", "discharge coefficient of the seat gap", Domain.POSITIVE, 0.8)]
+    contact_stiffness: Annotated[float, Q("N/m", "stiffness of needle on seat", Domain.POSITIVE, 2e8)]
+    contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of the seat", Domain.NON_NEGATIVE, 0.2)]
+    transition_reynolds: Annotated[
+        float, Q("1", "Reynolds number at which viscous and inertial loss are equal", Domain.POSITIVE, 10.0)
+    ]
+
+
+class Coefficients(NamedTuple):
+    """Area inside the seat line [m²], gap geometry, laminar offset [kg/s], contact."""
+
+    area: float
+    gap_slope: float
+    gap_curvature: float
+    offset: float
+    contact_stiffness: float
+    contact_damping: float
+
+
+@physics
+def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
+    """Coefficients at the dynamic viscosity [Pa s] of the rail pressure at time zero."""
+    sine, cosine = math.sin(0.5 * p.cone_angle), math.cos(0.5 * p.cone_angle)
+    return Coefficients(
+        pipe_area(p.diameter),
+        p.discharge * math.pi * sine * p.diameter,
+        p.discharge * math.pi * sine * sine * cosine,
+        laminar_offset(dynamic_viscosity, p.transition_reynolds, 0.5 * math.pi * p.diameter),
+        p.contact_stiffness,
+        p.contact_damping,
+    )
+
+
+@physics
+def gap_drive(c: Coefficients, lift: float) -> float:
+    """(c_d A)² of the seat gap [m⁴]: frustum A = π z sin(α/2) (d − z sin(α/2) cos(α/2)), shut below zero."""
+    z = max(lift, 0.0)
+    effective = z * (c.gap_slope - c.gap_curvature * z)
+    return effective * effective

@@ -1,0 +1,58 @@
+"""Plunger and needle as one rigid mass: the variant that the paper compares with (its Ref. [8]).
+
+Same drawing, same guides, spring, seat and stop as the chain of nine masses; no deformation.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from commonrail.compile import physics
+from commonrail.flow.contact import contact
+from commonrail.parts.plunger_needle import Coefficients, Loads, Motion, SeatContact, next_velocity
+
+
+class State(NamedTuple):
+    """Position at t_n [m] and velocity at t_n − dt/2 [m/s]."""
+
+    z: float
+    v: float
+
+
+@physics
+def force(c: Coefficients, z: float, load: Loads) -> float:
+    """Sum of pressure and spring forces [N], without seat and stop."""
+    return load.top + load.foot + load.head + load.shoulder + load.tip - c.guides.spring_stiffness * z
+
+
+@physics
+def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
+    """One leapfrog step."""
+    stop = contact(s.z - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
+    rest = contact(-s.z, seat.stiffness, seat.damping)
+    per_mass = dt / c.total_mass
+    impulse = per_mass * (force(c, s.z, load) + rest.force - stop.force)
+    half = 0.5 * per_mass * (rest.damping + stop.damping)
+    v = next_velocity(s.v, impulse, half, 1.0 / (1.0 + half))
+    return State(s.z + dt * v, v)
+
+
+@physics
+def acceleration(c: Coefficients, seat: SeatContact, z: float, v: float, load: Loads) -> float:
+    """Right-hand side of Newton's law [m/s²] with seat and stop, for a solver that knows z and v at one time."""
+    stop = contact(z - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
+    rest = contact(-z, seat.stiffness, seat.damping)
+    resting = rest.force - stop.force - (rest.damping + stop.damping) * v
+    return (force(c, z, load) + resting) / c.total_mass
+
+
+@physics
+def motion(s: State) -> Motion:
+    """Lifts that the fluid sees: all the same."""
+    return Motion(s.z, s.z, s.z)
+
+
+@physics
+def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
+    """Body at rest on its seat under static loads, in closed form."""
+    return State(force(c, 0.0, load) / (seat.stiffness + c.guides.spring_stiffness), 0.0)

@@ -1,0 +1,20 @@
+"""SAC: the small volume between needle seat and nozzle holes, Eq. (3)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from commonrail.compile import physics
+from commonrail.parts.furniture import Annotated, Q
+
+
+class Parameters(NamedTuple):
+    """Drawing of the SAC."""
+
+    volume: Annotated[float, Q("m3", "SAC volume, needle on its seat")]
+
+
+@physics
+def volume(p: Parameters, seat_area: float, tip_lift: float) -> float:
+    """SAC volume [m³]. Lift below zero is elastic flattening of the seat and makes no room in the SAC."""
+    return p.volume + seat_area * max(tip_lift, 0.0)

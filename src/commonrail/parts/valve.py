@@ -1,0 +1,83 @@
+"""Electro-hydraulic valve: armature and shutter as one mass between seat and stop, and its flow section."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from commonrail.compile import physics
+from commonrail.flow.contact import contact
+from commonrail.flow.wave import pipe_area
+from commonrail.parts.furniture import Annotated, Domain, Q
+
+
+class Parameters(NamedTuple):
+    """Moving mass, springs and seat of the valve."""
+
+    mass: Annotated[float, Q("kg", "mass of armature and shutter")]
+    lift: Annotated[float, Q("m", "lift from seat to stop")]
+    spring_preload: Annotated[float, Q("N", "force of the valve spring, valve closed")]
+    spring_stiffness: Annotated[float, Q("N/m", "stiffness of the valve spring", Domain.NON_NEGATIVE)]
+    damping: Annotated[float, Q("N s/m", "viscous damping of the armature", Domain.NON_NEGATIVE, 0.0)]
+    seat_diameter: Annotated[float, Q("m", "diameter of the valve seat")]
+    seat_angle: Annotated[float, Q("rad", "angle between seat wall and axis", Domain.POSITIVE, math.pi / 4)]
+    seat_discharge: Annotated[float, Q("1", "discharge coefficient of the valve seat", Domain.POSITIVE, 0.8)]
+    contact_stiffness: Annotated[float, Q("N/m", "stiffness of seat and stop", Domain.POSITIVE, 1e8)]
+    contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of seat and stop", Domain.NON_NEGATIVE, 1.0)]
+
+
+class Coefficients(NamedTuple):
+    """What the step needs of the valve."""
+
+    per_mass: float
+    lift: float
+    spring_preload: float
+    spring_stiffness: float
+    damping: float
+    seat_area: float
+    gap_slope: float
+    contact_stiffness: float
+    contact_damping: float
+
+
+class State(NamedTuple):
+    """Lift [m] and velocity half a step before [m/s], both positive when opening."""
+
+    lift: float
+    velocity: float
+
+
+@physics
+def coefficients(p: Parameters) -> Coefficients:
+    """Coefficients of the valve."""
+    return Coefficients(
+        1.0 / p.mass,
+        p.lift,
+        p.spring_preload,
+        p.spring_stiffness,
+        p.damping,
+        pipe_area(p.seat_diameter),
+        p.seat_discharge * math.pi * p.seat_diameter * math.sin(p.seat_angle),
+        p.contact_stiffness,
+        p.contact_damping,
+    )
+
+
+@physics
+def forces(c: Coefficients, lift: float, pull: float, seat_pressure: float) -> tuple[float, float]:
+    """Force [N] without the damping, and damping coefficient [N s/m].
+
+    `seat_pressure` [Pa] acts on the seat area against the return pressure.
+    """
+    seat = contact(-lift, c.contact_stiffness, c.contact_damping)
+    stop = contact(lift - c.lift, c.contact_stiffness, c.contact_damping)
+    spring = c.spring_preload + c.spring_stiffness * lift
+    force = pull - spring + c.seat_area * seat_pressure + seat.force - stop.force
+    return force, c.damping + seat.damping + stop.damping
+
+
+@physics
+def gap_drive(c: Coefficients, lift: float) -> float:
+    """(c_d A)² of the seat gap [m⁴], thin against its diameter; shut below zero."""
+    effective = c.gap_slope * max(lift, 0.0)
+    return effective * effective

@@ -1,0 +1,61 @@
+"""The error classes keep what the command line and library users rely on."""
+
+import doctest
+import pickle
+
+import pytest
+
+from commonrail import errors
+from commonrail.errors import CommonrailError, nearest
+
+EXIT_CODES = {
+    "InputError": 2,
+    "ConfigurationError": 2,
+    "StudyError": 2,
+    "OutputError": 3,
+    "SimulationError": 4,
+}
+
+
+def test_every_error_is_listed_with_its_exit_code() -> None:
+    found = {leaf.__name__: leaf.exit_code for leaf in CommonrailError.__subclasses__()}
+    assert found == EXIT_CODES
+
+
+@pytest.mark.parametrize("name", EXIT_CODES)
+def test_an_error_crosses_a_process_boundary(name: str) -> None:
+    error = getattr(errors, name)("rail.pressure: a pressure is expected.")
+    copy = pickle.loads(pickle.dumps(error))
+    assert type(copy) is type(error)
+    assert str(copy) == "rail.pressure: a pressure is expected."
+
+
+def test_one_handler_catches_every_leaf_and_no_programming_error() -> None:
+    assert all(issubclass(getattr(errors, name), CommonrailError) for name in EXIT_CODES)
+    assert not issubclass(CommonrailError, ValueError | TypeError | OSError)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "meant"),
+    [
+        ("presure", ["voltage", "pressure"], "pressure"),
+        ("PRESSURE", ["voltage", "pressure"], "pressure"),  # only the case differs
+        ("rail_presure", ["rail_pressure", "rail_volume"], "rail_pressure"),
+        ("mpa", ["MPa", "mPa"], "MPa"),  # the first listed wins
+    ],
+)
+def test_nearest_suggests_what_was_meant(name: str, options: list[str], meant: str) -> None:
+    assert nearest(name, options) == f' (did you mean "{meant}"?)'
+
+
+@pytest.mark.parametrize("options", [[], ["needle", "plunger"]])
+def test_nearest_says_nothing_when_nothing_is_close(options: list[str]) -> None:
+    assert nearest("voltage", options) == ""
+
+
+def test_nearest_takes_any_iterable_once() -> None:
+    assert nearest("presure", (name for name in ("pressure", "voltage"))).endswith('"pressure"?)')
+
+
+def test_examples_in_docstrings() -> None:
+    assert doctest.testmod(errors).failed == 0
