@@ -1,0 +1,1 @@
+"""What a calibrated model is worth, and what it is good for."""

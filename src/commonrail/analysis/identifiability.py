@@ -1,0 +1,73 @@
+"""Which free parameters the data pin down, near the best values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.objective import Objective, of_role
+from commonrail.calibration.run import Calibration
+from commonrail.calibration.study import Role
+
+Floats = NDArray[np.float64]
+
+STEP = 5e-3  # of the range, to both sides: above the ripple of a PWM drive, below curvature
+WIDE = 0.05  # a standard error above this share of the range does not pin a parameter down
+
+
+def identify(calibration: Calibration, threads: int | None = None) -> dict[str, dict[str, Any]]:
+    """What the fitted data say of each free parameter.
+
+    From the Jacobian J of the residuals with respect to the position in the bounds, and the residual's own
+    size s² = |r|²/(N − d): a parameter moved alone has the standard error s/|J_i|, and s/|J_i⊥| once the
+    others may readjust, J_i⊥ being the part of J_i that they cannot imitate. Local and linear: it says nothing
+    about other basins.
+
+    Returns
+    -------
+    dict
+        Per parameter: "effect" and "pinned", the root-sum-square change of the residuals for a move of 1 % of the
+        range, alone and after readjustment; "standard_error" [SI]; "verdict".
+    """
+    study = calibration.study
+    space = study.space
+    objective = Objective(study.injector, space.names, of_role(study.data, Role.FIT), study.time_step, threads)
+    best = space.to_unit(np.array([calibration.best[name] for name in space.names]))
+    low, high = np.clip(best - STEP * np.eye(space.dimension), 0.0, 1.0), np.clip(best + STEP * np.eye(space.dimension), 0.0, 1.0)
+    residuals = objective.residuals(space.from_unit(np.vstack([best, low, high])))
+    own, below, above = residuals[0], residuals[1 : 1 + space.dimension], residuals[1 + space.dimension :]
+    width = np.diag(high - low)
+    jacobian = ((above - below) / width[:, None]).T
+    usable = np.all(np.isfinite(jacobian), axis=0)
+    spread = np.sqrt(np.sum(own**2) / max(len(own) - space.dimension, 1))
+    found = {}
+    for i, p in enumerate(space.parameters):
+        alone, joint = _leverage(jacobian, usable, i)
+        error = spread / joint if joint > 0.0 else np.inf
+        found[p.name] = {
+            "effect": 0.01 * alone,
+            "pinned": 0.01 * joint,
+            "standard_error": float(error * (p.upper - p.lower)) if np.isfinite(error) else None,
+            "verdict": _verdict(spread, alone, joint),
+        }
+    return found
+
+
+def _leverage(jacobian: Floats, usable: NDArray[np.bool_], i: int) -> tuple[float, float]:
+    """|J_i| and |J_i⊥|."""
+    if not usable[i]:
+        return 0.0, 0.0
+    column = jacobian[:, i]
+    others = jacobian[:, usable & (np.arange(jacobian.shape[1]) != i)]
+    imitation = others @ np.linalg.lstsq(others, column, rcond=None)[0] if others.shape[1] else 0.0
+    return float(np.linalg.norm(column)), float(np.linalg.norm(column - imitation))
+
+
+def _verdict(spread: float, alone: float, joint: float) -> str:
+    if spread <= WIDE * joint:
+        return "pinned down"
+    if spread <= WIDE * alone:
+        return "pinned only in combination"
+    return "hardly moved by the data"

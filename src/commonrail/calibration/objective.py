@@ -1,0 +1,158 @@
+"""Misfit between an injector and measured data, for whole populations at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.study import QuantityData, RateData, Role
+from commonrail.engine.lanes import Misfit
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.sampling import sampled_rates
+from commonrail.engine.simulate import reference_density, simulate_batch
+from commonrail.engine.status import Status
+from commonrail.injector.definition import Injector
+
+Floats = NDArray[np.float64]
+
+MM3_PER_MS = 1e6  # of 1 m³/s: the unit of the paper's J
+
+
+class Scores(NamedTuple):
+    """Objective of candidates (n,), +inf where a simulation failed, and the number of simulations each took."""
+
+    costs: Floats
+    simulations: int
+
+
+def quantity_residuals(data: QuantityData, quantity: Floats) -> Floats:
+    """(Q − Q_measured)/(absolute + relative · Q_measured), (candidates, points)."""
+    return np.asarray((quantity - data.quantity) / (data.absolute + data.relative * data.quantity))
+
+
+def soft_l1(residuals: Floats) -> Floats:
+    """Sum of 2 (sqrt(1 + r²) − 1): r² for small residuals, 2 |r| for large ones, (candidates,)."""
+    return np.asarray(np.sum(2.0 * (np.sqrt(1.0 + residuals**2) - 1.0), axis=1))
+
+
+class Objective:
+    """Objective of a set of data: Σ weight · J over the data sets.
+
+    J of an injection curve is the paper's, Σ |rate − measured rate| in mm³/ms over its samples (Sec. 4). J of a
+    quantity map is the soft-L1 sum of (Q − Q_measured)/(absolute + relative · Q_measured).
+
+    Parameters
+    ----------
+    injector : Injector
+        Gives the values that do not vary.
+    names : sequence of str
+        Parameters that vary.
+    data : sequence of RateData or QuantityData
+    time_step : float
+        [s].
+    threads : int or None
+    """
+
+    def __init__(
+        self,
+        injector: Injector,
+        names: Sequence[str],
+        data: Sequence[RateData | QuantityData],
+        time_step: float,
+        threads: int | None = None,
+    ) -> None:
+        self.injector, self.names, self.time_step, self.threads = injector, tuple(names), time_step, threads
+        self.curves = [d for d in data if isinstance(d, RateData)]
+        self.maps = [d for d in data if isinstance(d, QuantityData)]
+        self._misfit = _misfit(injector, self.curves, time_step) if self.curves else None
+
+    def costs(self, values: Floats) -> Scores:
+        """Objective of candidates (n, names), SI."""
+        total = np.zeros(len(values))
+        simulations = 0
+        if self._misfit is not None:
+            total += np.sum(self.curve_costs(values) * [d.weight for d in self.curves], axis=1)
+            simulations += len(values) * len(self.curves)
+        for data in self.maps:
+            total += data.weight * soft_l1(quantity_residuals(data, self.quantities(data, values)))
+            simulations += len(values) * len(data.points)
+        return Scores(np.where(np.isfinite(total), total, np.inf), simulations)
+
+    def curve_costs(self, values: Floats) -> Floats:
+        """J of each injection curve, (n, curves) [mm³/ms]; NaN for a failed simulation."""
+        points = [d.point for d in self.curves]
+        batch = simulate_batch(
+            self.injector,
+            points,
+            self.names,
+            values,
+            time_step=self.time_step,
+            threads=self.threads,
+            misfit=self._misfit,
+        )
+        return np.asarray(batch.absolute_error / batch.reference_density * MM3_PER_MS)
+
+    def quantities(self, data: QuantityData, values: Floats) -> Floats:
+        """Injected quantities (n, points) [m³]; NaN for a failed simulation or a needle that never closes."""
+        batch = simulate_batch(
+            self.injector, data.points, self.names, values, time_step=self.time_step, threads=self.threads
+        )
+        return np.where(batch.status == Status.OK, batch.injected_volume, np.nan)
+
+    def rates(self, data: RateData, values: Floats) -> Floats:
+        """Simulated samples of one injection curve (n, samples) [m³/s]."""
+        mass = sampled_rates(self.injector, data.point, data.bounds, self.names, values, self.time_step)
+        return mass / reference_density(self.injector, data.point)
+
+    def residuals(self, values: Floats) -> Floats:
+        """Residuals for least squares (n, all samples and points), each set scaled by the root of its weight."""
+        blocks = [
+            np.sqrt(d.weight) * (self.rates(d, values) - d.rate) * MM3_PER_MS for d in self.curves
+        ]
+        blocks += [np.sqrt(d.weight) * quantity_residuals(d, self.quantities(d, values)) for d in self.maps]
+        return np.concatenate(blocks, axis=1)
+
+
+def of_role(data: Sequence[RateData | QuantityData], role: Role) -> list[RateData | QuantityData]:
+    """Data sets of one role."""
+    return [d for d in data if d.role is role]
+
+
+def dead_times(
+    injector: Injector, data: QuantityData, time_step: float, threads: int | None = None
+) -> Floats:
+    """Energising time at which each dead-time row's quantity is reached [s], by interpolation; (rows,)."""
+    rows = np.flatnonzero(data.dead_time)
+    found = np.full(len(rows), np.nan)
+    for i, row in enumerate(rows):
+        point = data.points[row]
+        grid = np.linspace(120e-6, 480e-6, 37)
+        points = [_energised(point, float(t)) for t in grid]
+        batch = simulate_batch(injector, points, time_step=time_step, threads=threads)
+        quantity = batch.injected_volume[0]
+        above = np.flatnonzero(quantity > data.quantity[row])
+        if len(above) and above[0] > 0:
+            k = int(above[0])
+            share = (data.quantity[row] - quantity[k - 1]) / (quantity[k] - quantity[k - 1])
+            found[i] = grid[k - 1] + share * (grid[k] - grid[k - 1])
+    return found
+
+
+def _energised(point: OperatingPoint, duration: float) -> OperatingPoint:
+    return OperatingPoint(
+        point.rail_pressure, duration, point.cylinder_pressure, point.return_pressure, start=point.start
+    )
+
+
+def _misfit(injector: Injector, curves: Sequence[RateData], dt: float) -> Misfit:
+    most = max(len(d.bounds) for d in curves)
+    bounds, target, weight = (np.zeros((len(curves), most)) for _ in range(3))
+    for i, data in enumerate(curves):
+        n = len(data.bounds)
+        bounds[i, :n] = (data.bounds - data.point.start) / dt
+        target[i, 1:n] = data.rate * reference_density(injector, data.point)
+        weight[i, 1:n] = 1.0
+    return Misfit(np.array([len(d.bounds) for d in curves]), bounds, target, weight)

@@ -1,0 +1,162 @@
+"""A calibration as one JSON-able record: what the run folder keeps and the report reads."""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from commonrail.calibration.run import Calibration
+from commonrail.calibration.score import SMALL_QUANTITY, DataScore, QuantityScore, RateScore
+from commonrail.calibration.study import QuantityData, RateData
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.injector.definition import parameter_quantities
+
+SCHEMA = 1
+
+
+def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Record of a calibration.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    identified : mapping
+        Per parameter what the data say of it ("effect", "pinned", "standard_error", "verdict"), from
+        `commonrail.analysis.identifiability`.
+    """
+    study = calibration.study
+    return {
+        "schema": SCHEMA,
+        "kind": "calibration",
+        "software": {
+            "commonrail": version("commonrail"),
+            "python": platform.python_version(),
+            "numpy": version("numpy"),
+            "numba": version("numba"),
+        },
+        "title": study.title,
+        "note": study.note,
+        "synthetic": study.synthetic,
+        "seed": study.seed,
+        "time_step": study.time_step,
+        "status": calibration.status,
+        "reason": calibration.reason,
+        "injector": {
+            "name": study.injector.name,
+            "title": study.injector.title,
+            "variant": study.injector.variant.label,
+        },
+        "parameters": _parameters(calibration, identified),
+        "constraints": list(study.space.rows.labels),
+        "objective": {"start": _number(calibration.start_cost), "best": _number(calibration.cost)},
+        "data": data_records(study.data, calibration.scores),
+        "evaluations": {
+            "slots": calibration.counts.slots,
+            "simulated": calibration.counts.simulated,
+            "failed": calibration.counts.failed,
+            "injections": calibration.simulations,
+        },
+        "generations": [
+            {"generation": g.generation, "best": _number(g.best), "mean": _number(g.mean)} for g in calibration.history
+        ],
+        "seconds": calibration.seconds,
+        "simulations_per_second": calibration.simulations / max(calibration.seconds, 1e-9),
+    }
+
+
+def data_records(
+    data: Sequence[RateData | QuantityData], scores: Mapping[str, Sequence[DataScore]]
+) -> list[dict[str, Any]]:
+    """One record for each data set, with the figures of every label in `scores`."""
+    return [_data_record(d, {label: s[i] for label, s in scores.items()}) for i, d in enumerate(data)]
+
+
+def _data_record(data: RateData | QuantityData, scores: Mapping[str, DataScore]) -> dict[str, Any]:
+    common = {"name": data.name, "role": data.role.value, "source": data.source, "synthetic": data.synthetic}
+    if isinstance(data, RateData):
+        return common | _rate_record(data, scores)
+    return common | _quantity_record(data, scores)
+
+
+def _rate_record(data: RateData, scores: Mapping[str, DataScore]) -> dict[str, Any]:
+    widths = np.diff(data.bounds)
+    level = float(np.sum(np.abs(data.rate)) * 1e6)
+    found = {label: s for label, s in scores.items() if isinstance(s, RateScore)}
+    return {
+        "kind": "rate",
+        "samples": len(data.rate),
+        **_point_record(data.point),
+        "J": {label: _number(s.j) for label, s in found.items()},
+        "J_relative": {label: _number(s.j / level) for label, s in found.items()},
+        "volume": {"measured": float(np.sum(data.rate * widths))}
+        | {label: _number(float(np.sum(s.rate * widths))) for label, s in found.items()},
+    }
+
+
+def _quantity_record(data: QuantityData, scores: Mapping[str, DataScore]) -> dict[str, Any]:
+    found = {label: s for label, s in scores.items() if isinstance(s, QuantityScore)}
+    dead = np.cumsum(data.dead_time) - 1
+    rows = []
+    for i, point in enumerate(data.points):
+        is_dead = bool(data.dead_time[i])
+        row = _point_record(point) | {"dead_time": is_dead}
+        if is_dead:
+            row["quantity"] = float(data.quantity[i])
+            row["measured"] = row["energising_time"]
+            row |= {label: _number(s.dead_time[dead[i]]) for label, s in found.items()}
+        else:
+            row["measured"] = float(data.quantity[i])
+            row |= {label: _number(s.quantity[i]) for label, s in found.items()}
+        rows.append(row)
+    figures = {
+        label: {
+            "rms_small": _number(s.rms_small),
+            "rms_large_percent": _number(100.0 * s.rms_large),
+            "dead_time_rms": _number(s.rms_dead_time),
+            "limit_quantity": SMALL_QUANTITY,
+        }
+        for label, s in found.items()
+    }
+    return {"kind": "quantities", "rows": rows, "figures": figures}
+
+
+def _point_record(point: OperatingPoint) -> dict[str, Any]:
+    pulses = point.pulses
+    return {
+        "rail_pressure": point.at_start(point.rail_pressure),
+        "energising_time": pulses[0].duration if pulses else 0.0,
+    }
+
+
+def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    known = parameter_quantities()
+    records = []
+    for p in calibration.study.space.parameters:
+        best = calibration.best[p.name]
+        position = (best - p.lower) / (p.upper - p.lower)
+        records.append(
+            {
+                "name": p.name,
+                "unit": known[p.name].unit,
+                "meaning": known[p.name].meaning,
+                "reference": p.reference,
+                "lower": p.lower,
+                "upper": p.upper,
+                "best": best,
+                "mark": p.mark,
+                "source": p.source,
+                "position": position,
+                "at_bound": bool(min(position, 1.0 - position) < 0.01),
+                **identified.get(p.name, {}),
+            }
+        )
+    return records
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

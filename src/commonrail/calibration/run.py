@@ -1,0 +1,236 @@
+"""Run a study: the optimiser proposes, the engine simulates, until it is done or the user stops it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.objective import Objective, of_role
+from commonrail.calibration.optimisers import (
+    Counts,
+    DifferentialEvolution,
+    LeastSquares,
+    LeastSquaresSettings,
+    diverse_members,
+)
+from commonrail.calibration.score import DataScore, score_data
+from commonrail.calibration.study import QuantityData, RateData, Role, Study
+from commonrail.errors import StudyError
+from commonrail.injector.definition import Injector
+from commonrail.injector.variants import Body
+
+Floats = NDArray[np.float64]
+
+
+class Progress(NamedTuple):
+    """How far a calibration has come. `phase` is "evolution" or "refinement"; `seconds` since its start."""
+
+    phase: str
+    generation: int
+    generations: int
+    best: float
+    mean: float
+    simulated: int
+    seconds: float
+
+
+class Generation(NamedTuple):
+    """Objective after one generation: best so far, and mean of the population's finite ones."""
+
+    generation: int
+    best: float
+    mean: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Result of a study.
+
+    Attributes
+    ----------
+    study : Study
+    injector : Injector
+        The calibrated injector.
+    best : dict of str to float
+        Best values of the free parameters [SI].
+    cost, start_cost : float
+        Objective of the best and of the start values; +inf if nothing succeeded.
+    history : tuple of Generation
+    counts : Counts
+        Slots offered, simulations run, simulations failed; a simulation is one candidate at all points.
+    status, reason : str
+        "finished" or "interrupted", and why it stopped.
+    scores : dict of str to tuple of DataScore
+        For "start", "best" and, where the body is flexible, "rigid": every data set, fit and validation.
+    seconds : float
+        Time of the search.
+    simulations : int
+        Single injections simulated.
+    """
+
+    study: Study
+    injector: Injector
+    best: dict[str, float]
+    cost: float
+    start_cost: float
+    history: tuple[Generation, ...]
+    counts: Counts
+    status: str
+    reason: str
+    scores: dict[str, tuple[DataScore, ...]]
+    seconds: float
+    simulations: int
+
+
+class _Search:
+    """State of a running calibration."""
+
+    def __init__(
+        self, study: Study, threads: int | None, progress: Callable[[Progress], None] | None
+    ) -> None:
+        self.study, self.progress = study, progress
+        fit = of_role(study.data, Role.FIT)
+        if not fit:
+            raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
+        self.objective = Objective(study.injector, study.space.names, fit, study.time_step, threads)
+        self.optimiser = DifferentialEvolution(
+            study.space, np.random.default_rng(study.seed), study.method.evolution
+        )
+        self.history: list[Generation] = []
+        self.simulations = 0
+        self.refined: tuple[Floats, float] | None = None
+        self.start = time.perf_counter()
+
+    @property
+    def best(self) -> tuple[Floats, float]:
+        """Best values and cost of both phases."""
+        found = self.optimiser.best
+        if self.refined is not None and self.refined[1] < found.cost:
+            return self.refined
+        return found.x, found.cost
+
+    def evolve(self) -> None:
+        """Differential evolution to its end."""
+        while not self.optimiser.finished:
+            trials = self.optimiser.ask()
+            costs = np.full(len(trials.x), np.inf)
+            if trials.simulate.any():
+                scores = self.objective.costs(trials.x[trials.simulate])
+                costs[trials.simulate] = scores.costs
+                self.simulations += scores.simulations
+            self.optimiser.tell(costs)
+            finite = self.optimiser.costs[np.isfinite(self.optimiser.costs)]
+            mean = float(finite.mean()) if len(finite) else float("inf")
+            self.history.append(Generation(len(self.history), self.best[1], mean))
+            self._tell("evolution", len(self.history), 1 + self.study.method.evolution.generations)
+
+    def refine(self) -> None:
+        """Least squares from diverse good members; kept only where the objective itself got better."""
+        method, space = self.study.method, self.study.space
+        if not method.polish or not np.isfinite(self.best[1]):
+            return
+        population, costs = self.optimiser.population, self.optimiser.costs
+        usable = np.isfinite(costs) & space.satisfies(population)
+        population, costs = population[usable], costs[usable]
+        count = min(method.polish, len(population))
+        chosen = diverse_members(space.to_unit(population), costs, count)
+        settings = LeastSquaresSettings(iterations=method.polish_iterations, step=1e-3)
+        for i, row in enumerate(chosen):
+            ends = LeastSquares(space, self._residuals, settings).run(population[row])
+            cost = float(self.objective.costs(ends[0].x[None, :]).costs[0])
+            if cost < self.best[1]:
+                self.refined = (ends[0].x, cost)
+            self._tell("refinement", i + 1, count)
+
+    def _residuals(self, values: Floats) -> Floats:
+        residuals = self.objective.residuals(values)
+        points = len(self.objective.curves) + sum(len(d.points) for d in self.objective.maps)
+        self.simulations += len(values) * points
+        return residuals
+
+    def _tell(self, phase: str, generation: int, generations: int) -> None:
+        if self.progress is not None:
+            mean = self.history[-1].mean
+            seconds = time.perf_counter() - self.start
+            self.progress(
+                Progress(phase, generation, generations, self.best[1], mean, self.simulations, seconds)
+            )
+
+
+def calibrate(
+    study: Study, *, threads: int | None = None, progress: Callable[[Progress], None] | None = None
+) -> Calibration:
+    """Run a study to its end, or until Ctrl-C, which ends it in order with the best so far.
+
+    Parameters
+    ----------
+    study : Study
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+    progress : function of Progress, optional
+        Called after every generation.
+
+    Raises
+    ------
+    StudyError
+        If the study has no data to fit, or if not one candidate could be simulated.
+    """
+    search = _Search(study, threads, progress)
+    status, reason = "finished", ""
+    try:
+        search.evolve()
+        search.refine()
+        reason = search.optimiser.reason
+    except KeyboardInterrupt:
+        status, reason = "interrupted", "stopped by the user"
+    seconds = time.perf_counter() - search.start
+    x, cost = search.best
+    if not np.isfinite(cost):
+        raise StudyError(
+            f"{study.title}: not one of {search.optimiser.counts.simulated} candidates could be simulated; "
+            "check the start values with `commonrail simulate`, then narrow the bounds."
+        )
+    best = dict(zip(study.space.names, x.tolist(), strict=True))
+    calibrated = replace(study.injector.with_values(best), name=f"{study.injector.name}-calibrated")
+    return Calibration(
+        study,
+        calibrated,
+        best,
+        cost,
+        float(search.objective.costs(study.space.reference[None, :]).costs[0]),
+        tuple(search.history),
+        search.optimiser.counts,
+        status,
+        reason,
+        scores_of(study, calibrated, threads),
+        seconds,
+        search.simulations,
+    )
+
+
+def scores_of(study: Study, calibrated: Injector, threads: int | None = None) -> dict[str, tuple[DataScore, ...]]:
+    """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body."""
+    injectors = {"start": study.injector, "best": calibrated}
+    if study.injector.variant.body is Body.FLEXIBLE and any(isinstance(d, RateData) for d in study.data):
+        rigid = study.injector.variant._replace(body=Body.RIGID)
+        injectors["rigid"] = replace(study.injector, variant=rigid)
+    return {label: score_all(study.data, injector, study.time_step, threads) for label, injector in injectors.items()}
+
+
+def score_all(
+    data: Sequence[RateData | QuantityData], injector: Injector, time_step: float, threads: int | None = None
+) -> tuple[DataScore, ...]:
+    """Score of one injector on each data set."""
+    return tuple(score_data(d, injector, time_step, threads) for d in data)
+
+
+def validate(study: Study, injector: Injector, threads: int | None = None) -> list[dict[str, Any]]:
+    """Figures of an injector on all data of a study, as in ``result.json``'s "data" with the one label "best"."""
+    from commonrail.calibration.result import data_records
+
+    return data_records(study.data, {"best": score_all(study.data, injector, study.time_step, threads)})

@@ -1,0 +1,38 @@
+"""Sampled rates of several candidates, from traced runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.engine import lanes, plan
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.injector.definition import Injector
+
+Floats = NDArray[np.float64]
+
+
+def sampled_rates(
+    injector: Injector,
+    point: OperatingPoint,
+    bounds: Floats,
+    names: Sequence[str],
+    values: Floats,
+    time_step: float,
+) -> Floats:
+    """Mean mass flow between time bounds [s] for each candidate: (candidates, bounds − 1) [kg/s].
+
+    Rows of failed simulations hold values that are not finite.
+    """
+    theta = plan.candidate_matrix(injector, names, values)
+    job = plan.make_job(injector, theta, [point], time_step, False)
+    outcome, trace = lanes.run_traced(job, injector.variant)
+    row = lanes.trace_paths(injector.variant).index("nozzle.injected")
+    injected = np.moveaxis(trace[:, :, row, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
+    time = point.start + time_step * np.arange(trace.shape[1])
+    masses = np.array([np.interp(bounds, time, mass) for mass in injected])
+    rates = np.diff(masses, axis=1) / np.diff(bounds)
+    sound = plan.by_candidate(outcome.sound, len(theta), 1)[:, 0] > 0.0
+    return np.where(sound[:, None], rates, np.nan)
