@@ -35,7 +35,10 @@ def identify(calibration: Calibration, threads: int | None = None) -> dict[str, 
     space = study.space
     objective = Objective(study.injector, space.names, of_role(study.data, Role.FIT), study.time_step, threads)
     best = space.to_unit(np.array([calibration.best[name] for name in space.names]))
-    low, high = np.clip(best - STEP * np.eye(space.dimension), 0.0, 1.0), np.clip(best + STEP * np.eye(space.dimension), 0.0, 1.0)
+    low, high = (
+        np.clip(best - STEP * np.eye(space.dimension), 0.0, 1.0),
+        np.clip(best + STEP * np.eye(space.dimension), 0.0, 1.0),
+    )
     residuals = objective.residuals(space.from_unit(np.vstack([best, low, high])))
     own, below, above = residuals[0], residuals[1 : 1 + space.dimension], residuals[1 + space.dimension :]
     width = np.diag(high - low)

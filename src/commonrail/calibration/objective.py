@@ -109,9 +109,7 @@ class Objective:
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals for least squares (n, all samples and points), each set scaled by the root of its weight."""
-        blocks = [
-            np.sqrt(d.weight) * (self.rates(d, values) - d.rate) * MM3_PER_MS for d in self.curves
-        ]
+        blocks = [np.sqrt(d.weight) * (self.rates(d, values) - d.rate) * MM3_PER_MS for d in self.curves]
         blocks += [np.sqrt(d.weight) * quantity_residuals(d, self.quantities(d, values)) for d in self.maps]
         return np.concatenate(blocks, axis=1)
 
@@ -121,9 +119,7 @@ def of_role(data: Sequence[RateData | QuantityData], role: Role) -> list[RateDat
     return [d for d in data if d.role is role]
 
 
-def dead_times(
-    injector: Injector, data: QuantityData, time_step: float, threads: int | None = None
-) -> Floats:
+def dead_times(injector: Injector, data: QuantityData, time_step: float, threads: int | None = None) -> Floats:
     """Energising time at which each dead-time row's quantity is reached [s], by interpolation; (rows,)."""
     rows = np.flatnonzero(data.dead_time)
     found = np.full(len(rows), np.nan)

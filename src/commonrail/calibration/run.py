@@ -90,17 +90,13 @@ class Calibration:
 class _Search:
     """State of a running calibration."""
 
-    def __init__(
-        self, study: Study, threads: int | None, progress: Callable[[Progress], None] | None
-    ) -> None:
+    def __init__(self, study: Study, threads: int | None, progress: Callable[[Progress], None] | None) -> None:
         self.study, self.progress = study, progress
         fit = of_role(study.data, Role.FIT)
         if not fit:
             raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
         self.objective = Objective(study.injector, study.space.names, fit, study.time_step, threads)
-        self.optimiser = DifferentialEvolution(
-            study.space, np.random.default_rng(study.seed), study.method.evolution
-        )
+        self.optimiser = DifferentialEvolution(study.space, np.random.default_rng(study.seed), study.method.evolution)
         self.history: list[Generation] = []
         self.simulations = 0
         self.refined: tuple[Floats, float] | None = None
@@ -157,9 +153,7 @@ class _Search:
         if self.progress is not None:
             mean = self.history[-1].mean
             seconds = time.perf_counter() - self.start
-            self.progress(
-                Progress(phase, generation, generations, self.best[1], mean, self.simulations, seconds)
-            )
+            self.progress(Progress(phase, generation, generations, self.best[1], mean, self.simulations, seconds))
 
 
 def calibrate(

@@ -23,7 +23,7 @@ def relative_balance(injector: Injector, point: OperatingPoint, names: Sequence[
 
     In: drawn from the rail. Out: injected, returned. Stored: the three volumes and the feed pipe.
     """
-    at = Setting(*(point.at_start(c) for c in (point.rail_pressure, point.cylinder_pressure, point.return_pressure)), dt)
+    at = Setting(*point.initial_pressures(), dt)
     fuel = fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE])
     c = setup.coefficients(injector.parameters, fuel, at)
 
@@ -40,7 +40,8 @@ def relative_balance(injector: Injector, point: OperatingPoint, names: Sequence[
     injected = float(column("nozzle.injected")[-1])
     put_in = float(column("books.supplied")[-1])
     taken_out = injected + float(column("books.returned")[-1])
-    return (put_in - taken_out - stored) / injected if injected else put_in - taken_out - stored
+    left = put_in - taken_out - stored
+    return float(left / injected if injected else left)
 
 
 def _pipe(wave: Floats, delay: float, share: float) -> float:

@@ -39,7 +39,9 @@ def read_channels(injector: Injector, point: OperatingPoint, names: Sequence[str
         "sac_pressure": row("sac.pressure"),
         "rail_pressure": rail,
         "return_pressure": row("return_line.pressure"),
-        "coil_current": np.array([solenoid.circuit(magnet, f, g).current for f, g in zip(row("solenoid.flux"), gap, strict=True)]),
+        "coil_current": np.array(
+            [solenoid.circuit(magnet, f, g).current for f, g in zip(row("solenoid.flux"), gap, strict=True)]
+        ),
         "magnetic_force": np.array([solenoid.pull(magnet, f) for f in row("solenoid.pulling_flux")]),
         "discharge_coefficient": np.array([nozzle.discharge(holes, z) for z in row("nozzle.lift_reached")]),
     }

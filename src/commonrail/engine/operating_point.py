@@ -48,14 +48,17 @@ class Trace:
         """Means over intervals [s], exact for the piecewise linear course."""
         knots = np.asarray(self.time)
         area = np.concatenate(([0.0], np.cumsum(np.diff(knots) * 0.5 * (np.add(self.value[1:], self.value[:-1])))))
-        return (self._area(stop, knots, area) - self._area(start, knots, area)) / (stop - start)
+        return np.asarray((self._area(stop, knots, area) - self._area(start, knots, area)) / (stop - start))
 
-    def _area(self, t: NDArray[np.float64], knots: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _area(
+        self, t: NDArray[np.float64], knots: NDArray[np.float64], area: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         inside = np.clip(t, knots[0], knots[-1])
         i = np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, len(knots) - 2)
         value = np.asarray(self.value)
         partial = area[i] + 0.5 * (value[i] + self.at(inside)) * (inside - knots[i])
-        return partial + np.minimum(t - knots[0], 0.0) * value[0] + np.maximum(t - knots[-1], 0.0) * value[-1]
+        outside = np.minimum(t - knots[0], 0.0) * value[0] + np.maximum(t - knots[-1], 0.0) * value[-1]
+        return np.asarray(partial + outside)
 
 
 Course = float | Trace
@@ -125,6 +128,11 @@ class OperatingPoint:
             return self.horizon
         last = max((p.start + p.duration for p in self.pulses), default=self.start)
         return last - self.start + 2.5e-3
+
+    def initial_pressures(self) -> tuple[float, float, float]:
+        """Rail, cylinder and return pressure at the start [Pa]."""
+        rail, cylinder, low = self.rail_pressure, self.cylinder_pressure, self.return_pressure
+        return self.at_start(rail), self.at_start(cylinder), self.at_start(low)
 
     def at_start(self, course: Course) -> float:
         """Value of one of the point's courses at the start."""

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.engine.lanes import FUEL, Job
+from commonrail.engine.block import FUEL
+from commonrail.engine.lanes import Job
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
@@ -54,7 +55,7 @@ def admissible(names: Sequence[str], values: Floats) -> NDArray[np.bool_]:
     known = parameter_quantities()
     columns = [[known[name].domain.admits(float(v)) for v in values[:, i]] for i, name in enumerate(names)]
     inside = np.all(np.isfinite(values), axis=1)
-    return inside if not columns else inside & np.all(np.array(columns).T.reshape(len(values), -1), axis=1)
+    return np.asarray(inside & np.all(np.array(columns, bool).reshape(len(names), len(values)), axis=0))
 
 
 def make_job(
@@ -68,7 +69,7 @@ def make_job(
     inputs = np.zeros((len(points), int(steps.max()), 6))
     for i, point in enumerate(points):
         inputs[i, : steps[i]] = _inputs(injector, point, dt, int(steps[i]))
-    settings = [[p.at_start(c) for c in (p.rail_pressure, p.cylinder_pressure, p.return_pressure)] for p in points]
+    settings = [point.initial_pressures() for point in points]
     return Job(
         np.ascontiguousarray(theta),
         np.array(settings),
@@ -105,9 +106,11 @@ def _steps(point: OperatingPoint, dt: float) -> int:
 
 
 def _inputs(injector: Injector, point: OperatingPoint, dt: float, steps: int) -> Floats:
-    begin = point.start + dt * np.arange(steps)
+    begin: Floats = np.asarray(point.start + dt * np.arange(steps), float)
     columns = np.empty((steps, 6))
-    for i, course in enumerate((point.rail_pressure, point.cylinder_pressure, point.return_pressure, _drive(injector, point))):
+    for i, course in enumerate(
+        (point.rail_pressure, point.cylinder_pressure, point.return_pressure, _drive(injector, point))
+    ):
         columns[:, i] = _mean(course, begin, dt)
     starts = np.array([p.start for p in point.pulses])
     ends = np.array([p.start + p.duration for p in point.pulses])
@@ -131,7 +134,7 @@ def _drive(injector: Injector, point: OperatingPoint) -> Course:
 
 
 def _mean(course: Course, begin: Floats, dt: float) -> Floats:
-    return course.mean(begin, begin + dt) if isinstance(course, Trace) else np.full(len(begin), course)
+    return course.mean(begin, np.asarray(begin + dt)) if isinstance(course, Trace) else np.full(len(begin), course)
 
 
 def _quiet(point: OperatingPoint, dt: float) -> int:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.compile import kernel, physics
-from commonrail.flow.orifice import jet, orifice
+from commonrail.flow.orifice import jet
 from commonrail.injector import step as fluid
 from commonrail.injector.model import Coefficients
 from commonrail.injector.setup import ambient_density, seat_contact
@@ -191,9 +191,7 @@ def _make_rates(variant: Variant) -> Callable[..., None]:
 
     def rates(y, outside_, constants, cells, friction, dy):  # type: ignore[no-untyped-def]
         c = load(constants, 0, 0)
-        outside = Outside(
-            outside_[0], outside_[1], outside_[2], outside_[3], outside_[4], outside_[5], outside_[6]
-        )
+        outside = Outside(outside_[0], outside_[1], outside_[2], outside_[3], outside_[4], outside_[5], outside_[6])
         core = 2 * cells[0] + 1
         body = core + 12
         line = body + 2 * masses
@@ -219,7 +217,7 @@ def _make_rates(variant: Variant) -> Callable[..., None]:
         for _ in range(6):
             inlet = inlet_law(c, outside, y[core + 11], y[0], z_flow)
             feed = tap * inlet + (1.0 - tap) * store.pressure
-            z_drive, z_gain = fluid.z_hole_drive(c, feed, chamber.pressure)
+            z_drive, _ = fluid.z_hole_drive(c, feed, chamber.pressure)
             z_flow = jet(z_drive, ambient_density(c.source, feed), c.control_chamber.z_offset).mass_flow
             if tap == 0.0:
                 break
@@ -313,4 +311,4 @@ def start_vector(variant: Variant, c: Coefficients, state: Any, cells: tuple[int
     return np.concatenate((pipe, core, body, line))
 
 
-__all__ = ["CORE", "Outside", "compiled_rates", "orifice", "start_vector"]
+__all__ = ["CORE", "compiled_rates", "start_vector"]

@@ -6,25 +6,25 @@ Slow and obvious; the lanes are judged by it. Pipes are resolved by `cells` fini
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from commonrail.engine.lanes import FUEL
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.rates import CORE, compiled_rates, start_vector
 from commonrail.engine.simulate import reference_density
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
-from commonrail.fuel import kernel as fuel_kernel
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.layout import LANES
-from commonrail.injector.model import Coefficients, Setting
-from commonrail.injector.variants import Body, Drive, Variant, wiring
+from commonrail.injector.model import Setting
+from commonrail.injector.step import make_room
+from commonrail.injector.variants import Body, Drive, wiring
 from commonrail.parts import drive, nozzle, solenoid
 from commonrail.parts.contents import contents
 from commonrail.parts.plunger_needle import Motion
@@ -64,7 +64,7 @@ def simulate_reference(
     injector: Injector,
     point: OperatingPoint,
     sample_interval: float = 3e-6,
-    resolution: Resolution = Resolution(),
+    resolution: Resolution | None = None,
     friction: Floats | None = None,
 ) -> Solution:
     """Simulate one injection with the reference engine.
@@ -80,9 +80,9 @@ def simulate_reference(
         Coulomb force [N] and viscous coefficient [N s/m] of the guides on each mass (flexible body only); not part
         of the paper's model, used by the virtual test bench.
     """
-    model = _Model(injector, point, resolution, friction)
+    model = _Model(injector, point, resolution or Resolution(), friction)
     samples = max(round(point.duration / sample_interval), 1)
-    time = point.start + sample_interval * np.arange(samples + 1)
+    time: Floats = np.asarray(point.start + sample_interval * np.arange(samples + 1), float)
     states, opening, closing, finished = model.run(time)
     return model.solution(time, states, opening, closing, finished)
 
@@ -95,9 +95,7 @@ class _Model:
     ) -> None:
         self.injector, self.point, self.resolution = injector, point, resolution
         variant = injector.variant
-        at = Setting(
-            *(point.at_start(c) for c in (point.rail_pressure, point.cylinder_pressure, point.return_pressure)), 1e-6
-        )
+        at = Setting(*point.initial_pressures(), 1e-6)
         self.c = setup.coefficients(
             injector.parameters, fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE]), at
         )
@@ -176,9 +174,7 @@ class _Model:
         }
         self._evaluations = 0
         try:
-            result = solve_ivp(
-                self._rhs, (start, stop), y, "LSODA", lband=self._band, uband=self._band, **common
-            )
+            result = solve_ivp(self._rhs, (start, stop), y, "LSODA", lband=self._band, uband=self._band, **common)
         except _Crawling:
             self._evaluations = -(10**9)  # DOP853 is explicit: many evaluations, but it never sticks
             result = solve_ivp(self._rhs, (start, stop), y, "DOP853", **common)
@@ -201,7 +197,7 @@ class _Model:
         for pulse in self.point.pulses:
             edges |= {pulse.start, pulse.start + pulse.duration, pulse.start + min(peak, pulse.duration)}
         inside = sorted(e for e in edges if start <= e <= stop)
-        return [_Segment(a, b, *self._schedule(0.5 * (a + b))) for a, b in zip(inside[:-1], inside[1:], strict=True)]
+        return [_Segment(a, b, *self._schedule(0.5 * (a + b))) for a, b in pairwise(inside)]
 
     def _schedule(self, t: float) -> tuple[float, float]:
         for pulse in self.point.pulses:
@@ -295,8 +291,6 @@ class _Model:
             masses = core[:, CORE.index(name)]
             return np.array([contents(self.c.fuel, m, 1.0 / v).pressure for m, v in zip(masses, rooms, strict=True)])
 
-        from commonrail.injector.step import make_room
-
         gap = self.c.valve.lift - core[:, 2]
         return {
             "needle_lift": tip,
@@ -326,4 +320,4 @@ def _value(course: Course, t: float) -> float:
     return float(np.interp(t, course.time, course.value)) if isinstance(course, Trace) else course
 
 
-__all__ = ["FUEL", "Coefficients", "Resolution", "Variant", "fuel_kernel", "simulate_reference"]
+__all__ = ["Resolution", "simulate_reference"]

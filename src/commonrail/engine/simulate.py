@@ -19,7 +19,6 @@ from commonrail.engine.stability import longest_step
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.layout import LANES
 
 Floats = NDArray[np.float64]
 
@@ -80,7 +79,7 @@ def simulate(
     stride = max(round((sample_interval or time_step) / time_step), 1)
     rows = trace[0, ::stride, :, 0]
     names = lanes.trace_paths(injector.variant)
-    time = point.start + time_step * stride * np.arange(len(rows))
+    time: Floats = np.asarray(point.start + time_step * stride * np.arange(len(rows)), float)
     injected = rows[:, names.index("nozzle.injected")]
     status = _status(injector, theta, outcome, time_step, 1, 1)[0, 0]
     return Solution(
@@ -186,4 +185,4 @@ def _status(
     return status
 
 
-__all__ = ["DEFAULT_STEP", "LANES", "Engine", "simulate", "simulate_batch", "usable_threads"]
+__all__ = ["DEFAULT_STEP", "Engine", "simulate", "simulate_batch", "usable_threads"]

@@ -32,7 +32,9 @@ def create_run_folder(path: Path) -> Path:
         If it exists and is not empty, or cannot be made.
     """
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise InputError(f"{path}: there already is something; name another folder with --out, nothing was overwritten.")
+        raise InputError(
+            f"{path}: there already is something; name another folder with --out, nothing was overwritten."
+        )
     try:
         path.mkdir(parents=True, exist_ok=True)
         probe = path / ".writable"

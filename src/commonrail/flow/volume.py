@@ -25,9 +25,7 @@ def relaxation(y: float) -> float:
 
 
 @physics
-def mean_departure(
-    net_flow: float, slope: float, stiffness: float, volume: float, growth: float, dt: float
-) -> float:
+def mean_departure(net_flow: float, slope: float, stiffness: float, volume: float, growth: float, dt: float) -> float:
     """Mean over the step of p − p_n [Pa].
 
     Parameters

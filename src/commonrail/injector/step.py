@@ -19,8 +19,18 @@ from commonrail.flow.volume import mean_departure, relaxation
 from commonrail.fuel import kernel as fuel
 from commonrail.injector.model import Books, Coefficients, Inputs, State, Waves
 from commonrail.injector.setup import accumulation_volume, ambient_density, control_volume, seat_contact
-from commonrail.parts import accumulation, control_chamber, drive, feed_pipe, needle_seat, nozzle, return_line, sac
-from commonrail.parts import solenoid, valve
+from commonrail.parts import (
+    accumulation,
+    control_chamber,
+    drive,
+    feed_pipe,
+    needle_seat,
+    nozzle,
+    return_line,
+    sac,
+    solenoid,
+    valve,
+)
 from commonrail.parts.contents import Contents, contents
 from commonrail.parts.plunger_needle import Loads, Motion, loads, next_velocity
 
@@ -135,7 +145,9 @@ def move_valve(c: Coefficients, s: State, dt: float) -> valve.State:
 
 
 @physics
-def magnetise(c: Coefficients, s: State, u: Inputs, lift: float, drive_law: Law, dt: float) -> tuple[solenoid.State, float]:
+def magnetise(
+    c: Coefficients, s: State, u: Inputs, lift: float, drive_law: Law, dt: float
+) -> tuple[solenoid.State, float]:
     """Flux after the step, and the PWM's transistor; `lift` is the armature's at mid-step."""
     now = solenoid.circuit(c.solenoid, s.solenoid.flux, c.valve.lift - lift)
     supply = drive.Supply(drive.schedule(c.drive, u.since_start, u.since_end, dt), u.trace)
@@ -190,7 +202,9 @@ def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, way: Way, re
 
 
 @physics
-def _not_past_cylinder(c: Coefficients, here: Contents, cylinder: float, mass: float, growth: float, volume: float) -> float:
+def _not_past_cylinder(
+    c: Coefficients, here: Contents, cylinder: float, mass: float, growth: float, volume: float
+) -> float:
     """A SAC that empties stops at cylinder pressure; the linearised root of Eq. (4) would pass it."""
     rest = ambient_density(c.cylinder, cylinder) * volume
     emptying = here.pressure >= cylinder and growth <= 0.0
@@ -259,7 +273,9 @@ def fill_control_chamber(
 
 
 @physics
-def fill_accumulation(c: Coefficients, s: State, u: Inputs, wave: float, outflow: float, way: Way, dt: float) -> StoreFlows:
+def fill_accumulation(
+    c: Coefficients, s: State, u: Inputs, wave: float, outflow: float, way: Way, dt: float
+) -> StoreFlows:
     """Mean pressure and mean flows of pipe and guide over the step, and the accumulation volume's mass after it."""
     here, admittance = s.accumulation.fuel, c.feed_pipe.admittance
     leak = guide_leak(c, c.plunger_needle.guides.needle_leak, here.pressure, u.low)
@@ -274,9 +290,7 @@ def fill_accumulation(c: Coefficients, s: State, u: Inputs, wave: float, outflow
     )
     pipe_flow = pipe - admittance * departure
     l_flow = leak.mass_flow + leak.slope * departure
-    return StoreFlows(
-        here.pressure + departure, pipe_flow, l_flow, here.mass + dt * (pipe_flow - outflow - l_flow)
-    )
+    return StoreFlows(here.pressure + departure, pipe_flow, l_flow, here.mass + dt * (pipe_flow - outflow - l_flow))
 
 
 # --- boundaries at the rail -----------------------------------------------------------------------

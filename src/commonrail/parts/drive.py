@@ -22,7 +22,8 @@ class Parameters(NamedTuple):
     peak_duration: Annotated[float, Q("s", "end of the peak phase after the start of energising")]
     hold_current: Annotated[float, Q("A", "mean current of the hold phase")]
     quench_voltage: Annotated[
-        float, Q("V", "voltage applied backwards while the current must fall during energising", Domain.NON_NEGATIVE, 0.0)
+        float,
+        Q("V", "voltage applied backwards while the current must fall during energising", Domain.NON_NEGATIVE, 0.0),
     ]
     peak_band: Annotated[float, Q("A", "width of the PWM's current band, peak phase", Domain.POSITIVE, 2.0)]
     hold_band: Annotated[float, Q("A", "width of the PWM's current band, hold phase", Domain.POSITIVE, 2.0)]
@@ -67,7 +68,7 @@ def clamp(x: float, low: float, high: float) -> float:
 
 @physics
 def schedule(p: Parameters, since_start: float, since_end: float, dt: float) -> Schedule:
-    """Mean of the schedule over the step that begins `since_start` after start and `since_end` after end of energising."""
+    """Mean of the schedule over a step that begins `since_start` after the start and `since_end` after the end [s]."""
     per_step = 1.0 / dt
     begun = clamp(since_start * per_step + 1.0, 0.0, 1.0)
     ended = clamp(since_end * per_step + 1.0, 0.0, 1.0)
@@ -83,7 +84,9 @@ def applied(c: solenoid.Coefficients, voltage: float, now: solenoid.Circuit) -> 
 
 
 @physics
-def regulated(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Rate:
+def regulated(
+    p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
+) -> Rate:
     """Ideal regulator: v = R i* + G (i* − i) between −quench (after the end −boost) and +boost.
 
     The current i* is a smooth function of the parameters, as a fit needs it.
@@ -95,7 +98,9 @@ def regulated(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply,
 
 
 @physics
-def _towards(c: solenoid.Coefficients, target: float, gain: float, low: float, high: float, now: solenoid.Circuit) -> Rate:
+def _towards(
+    c: solenoid.Coefficients, target: float, gain: float, low: float, high: float, now: solenoid.Circuit
+) -> Rate:
     stiff = c.resistance + gain
     free = stiff * (target - now.current) * c.per_turn
     lowest = (low - c.resistance * now.current) * c.per_turn
@@ -154,12 +159,16 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
 
 
 @physics
-def voltage_trace(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Rate:
+def voltage_trace(
+    p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
+) -> Rate:
     """Measured coil voltage v(t)."""
     return applied(c, supply.trace, now)
 
 
 @physics
-def current_trace(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Rate:
+def current_trace(
+    p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
+) -> Rate:
     """Measured coil current i(t), followed by the regulator without limits of voltage."""
     return _towards(c, supply.trace, p.regulator_gain, -1e9, 1e9, now)

@@ -48,7 +48,9 @@ class Parameters(NamedTuple):
     plunger_guide_length: Annotated[float, Q("m", "length of the plunger guide")]
     needle_gap: Annotated[float, Q("m", "radial gap of the needle guide", Domain.NON_NEGATIVE)]
     needle_guide_length: Annotated[float, Q("m", "length of the needle guide")]
-    spring_preload: Annotated[float, Q("N", "force of the needle spring, needle closed and unloaded", Domain.NON_NEGATIVE)]
+    spring_preload: Annotated[
+        float, Q("N", "force of the needle spring, needle closed and unloaded", Domain.NON_NEGATIVE)
+    ]
     spring_stiffness: Annotated[float, Q("N/m", "stiffness of the needle spring", Domain.NON_NEGATIVE)]
     stop_lift: Annotated[float, Q("m", "way of the plunger's unloaded top to its upper stop")]
     stop_stiffness: Annotated[float, Q("N/m", "stiffness of the upper stop", Domain.POSITIVE, 1.5e8)]
@@ -203,9 +205,7 @@ def coefficients(p: Parameters) -> Coefficients:
 
 
 @physics
-def loads(
-    g: Guides, seat_area: float, control: float, accumulation: float, sac: float, low: float
-) -> Loads:
+def loads(g: Guides, seat_area: float, control: float, accumulation: float, sac: float, low: float) -> Loads:
     """F1…F9 of Eq. (10): pressure on every area normal to the axis, `low` being the return pressure [Pa]."""
     return Loads(
         -control * g.plunger_area,

@@ -1,0 +1,119 @@
+"""Injectors to TOML, complete and exact: every value as the shortest decimal that is the same float."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.items import InlineTable
+
+from commonrail.errors import OutputError
+from commonrail.fuel.catalogue import catalogue, load_fuel
+from commonrail.fuel.fuel import Fuel, Law
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.parts.furniture import Q
+from commonrail.units import to_text
+
+__all__ = ["FORMAT", "dump_injector"]
+
+FORMAT = "commonrail-injector/1"
+
+
+def dump_injector(injector: Injector, path: Path, notes: Mapping[str, str] | None = None, header: str = "") -> None:
+    """Write a complete injector file, which `load_injector` reads back bit by bit.
+
+    Parameters
+    ----------
+    injector : Injector
+    path : Path
+    notes : mapping of str to str, optional
+        Sources of values that a calibration has fitted, by dotted name; they are marked F.
+    header : str
+        Comment at the top of the file.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    text = injector_text(injector, notes or {}, header)
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{path}: the injector cannot be written ({error.strerror}).") from error
+
+
+def injector_text(injector: Injector, notes: Mapping[str, str], header: str) -> str:
+    """The file's text."""
+    document = tomlkit.document()
+    for line in header.splitlines():
+        document.add(tomlkit.comment(line))
+    for key, value in _identity(injector).items():
+        document.add(key, tomlkit.item(value))
+    sources = dict(injector.sources) | {name: Source("F", note) for name, note in notes.items()}
+    tables: dict[str, Any] = {}
+    for name, q in parameter_quantities().items():
+        room, key = name.split(".")
+        if room not in tables:
+            tables[room] = tomlkit.table()
+            document.add(room, tables[room])
+        source = sources.get(name, Source("E", "no source stated"))
+        tables[room].add(key, _entry(injector.values[name], q, source))
+    _add_fuel(tables[FUEL_TEMPERATURE.split(".")[0]], injector.fuel)
+    return tomlkit.dumps(document)
+
+
+def _identity(injector: Injector) -> dict[str, str]:
+    variant = injector.variant
+    identity = {
+        "format": FORMAT,
+        "name": injector.name,
+        "title": injector.title,
+        "variant": variant.body.value,
+        "rail_boundary": variant.boundary.value,
+        "drive_kind": variant.drive.value,
+    }
+    return identity | ({"synthetic": injector.synthetic} if injector.synthetic else {})
+
+
+def _entry(value: float, q: Q, source: Source) -> InlineTable:
+    """``{ value = "0.000215 m", mark = "E", source = "…" } # 215 um, diameter of the Z-hole``."""
+    entry = tomlkit.inline_table()
+    # float(): a NumPy float writes its type into its repr.
+    entry.update({"value": float(value) if q.unit == "1" else f"{float(value)!r} {q.unit}"})
+    entry.update({"mark": source.mark, "source": source.text})
+    entry.comment(f"{to_text(value, q.unit)}: {q.meaning}")
+    return entry
+
+
+def _add_fuel(table: Any, fuel: Fuel) -> None:
+    """By name if the catalogue has this very fuel, else law by law."""
+    if fuel.name in catalogue() and load_fuel(fuel.name) == fuel:
+        table.add("name", fuel.name)
+    else:
+        table.add("definition", tomlkit.item(_fuel_document(fuel)))
+
+
+def _fuel_document(fuel: Fuel) -> dict[str, Any]:
+    """What `parse_fuel` reads, and the name."""
+    eq2 = ("k1", "k2", "k3", "k4")
+    density = eq2 if fuel.density_kind == "eq2" else ("at_zero_pressure",)
+    low, high = (pressure / 1e6 for pressure in fuel.pressure_range)
+    document = {
+        "name": fuel.name,
+        "title": fuel.title,
+        "source": fuel.source,
+        "range": {"pressure_MPa": [low, high], "temperature_K": list(fuel.temperature_range)},
+        "density": {"kind": fuel.density_kind} | _law(fuel.density_law, "kg/m3", density),
+        "kinematic_viscosity": _law(fuel.viscosity_law, "mm2/s", eq2[:3]),
+        "vapour_pressure": _law(fuel.vapour_law, "ln(Pa)", ("ln_pressure",)),
+    }
+    optional = {"bulk_modulus": fuel.bulk_modulus_law, "isentropic_bulk_modulus": fuel.isentropic_law}
+    return document | {key: _law(law, "MPa", eq2) for key, law in optional.items() if law is not None}
+
+
+def _law(law: Law, unit: str, names: tuple[str, ...]) -> dict[str, Any]:
+    origin = {"mark": law.origin.mark, "source": law.origin.source, "error": law.origin.error}
+    return {"unit": unit} | origin | {n: list(k) for n, k in zip(names, law.coefficients, strict=True)}

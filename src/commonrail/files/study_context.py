@@ -1,0 +1,34 @@
+"""What every data set of a study shares: the injector, the time step and the folder of the study file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import reference_density
+from commonrail.injector.definition import Injector
+from commonrail.injector.variants import Drive
+
+__all__ = ["Context"]
+
+
+class Context(NamedTuple):
+    """Surroundings in which a data set is read; time step in s."""
+
+    injector: Injector
+    time_step: float
+    folder: Path
+
+    def path(self, file: str) -> Path:
+        """Path of a file that the study names."""
+        return self.folder / file
+
+    def per_volume(self, unit: str, point: OperatingPoint) -> float:
+        """Divisor that makes a volume of a value in `unit`: the density at cylinder pressure for a mass, else 1."""
+        return reference_density(self.injector, point) if unit.startswith("kg") else 1.0
+
+    @property
+    def drive_unit(self) -> str:
+        """Unit of a measured drive: current or voltage as the injector is driven, empty if by neither."""
+        return {Drive.CURRENT: "A", Drive.VOLTAGE: "V"}.get(self.injector.variant.drive, "")

@@ -1,0 +1,171 @@
+"""Studies from TOML: injector, measured data, free parameters, constraints and optimiser, ready to run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
+from commonrail.calibration.parameter import Parameter, percent_bounds
+from commonrail.calibration.space import Space
+from commonrail.calibration.study import Method, QuantityData, RateData, Study
+from commonrail.engine.simulate import check_step
+from commonrail.errors import ConfigurationError, nearest
+from commonrail.files.injector_file import load_injector
+from commonrail.files.place import Place, located
+from commonrail.files.study_context import Context
+from commonrail.files.study_models import (
+    ConstraintsModel,
+    OptimiserModel,
+    ParameterModel,
+    QuantitiesModel,
+    RateModel,
+    read_model,
+)
+from commonrail.files.study_quantities import read_quantities
+from commonrail.files.study_rates import read_rate
+from commonrail.files.text_file import read_toml
+from commonrail.injector.definition import Injector, Source, parameter_quantities
+from commonrail.parts.furniture import Q
+from commonrail.units import parse, to_text
+
+__all__ = ["FORMAT", "load_study"]
+
+FORMAT = "commonrail-study/1"
+
+
+def load_study(path: str | Path) -> Study:
+    """Read a study with its injector and all its data.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML file; the paths in it are relative to its folder.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or something in it is unknown, missing or of the wrong kind.
+    ConfigurationError
+        If values contradict one another: crossed bounds, constraints without room, a window outside
+        the data.
+    """
+    file = Path(path)
+    document, text = read_toml(file)
+    at = Place(str(file))
+    if "format" not in document:
+        raise at.error(f'format is missing; a study file begins with format = "{FORMAT}"')
+    model = read_model(document, at)
+    injector = load_injector(_injector_source(model.injector, file.parent))
+    time_step = parse(model.time_step, "s", str(at / "time_step"))
+    with located(at / "time_step"):
+        check_step(time_step)
+    return Study(
+        model.title,
+        injector,
+        _data(model.data, Context(injector, time_step, file.parent), at / "data"),
+        _space(model.parameter, model.constraints, injector, at),
+        _method(model.optimiser, at / "optimiser"),
+        model.seed,
+        time_step,
+        text,
+        model.note,
+    )
+
+
+def _injector_source(text: str, folder: Path) -> str | Path:
+    return folder / text if text.endswith(".toml") else text
+
+
+def _data(
+    models: Sequence[RateModel | QuantitiesModel], context: Context, at: Place
+) -> tuple[RateData | QuantityData, ...]:
+    names: set[str] = set()
+    for i, model in enumerate(models):
+        if model.name in names:
+            raise (at[i] / "name").error(f'there are two data sets "{model.name}"; rename one')
+        names.add(model.name)
+    return tuple(
+        read_rate(m, context, at[i]) if isinstance(m, RateModel) else read_quantities(m, context, at[i])
+        for i, m in enumerate(models)
+    )
+
+
+def _method(model: OptimiserModel, at: Place) -> Method:
+    given = {
+        "members": model.members,
+        "generations": model.generations,
+        "crossover": model.crossover,
+        "factor": None if model.factor is None else (model.factor[0], model.factor[1]),
+        "treatment": model.treatment,
+        "initial": model.initial,
+        "redraws": model.redraws,
+    }
+    with located(at):
+        settings = EvolutionSettings(**{k: v for k, v in given.items() if v is not None})  # type: ignore[arg-type]
+    return Method(settings, model.polish, model.polish_iterations)
+
+
+def _space(models: list[ParameterModel], constraints: ConstraintsModel, injector: Injector, at: Place) -> Space:
+    parameters = [_parameter(m, injector, (at / "parameter")[i]) for i, m in enumerate(models)]
+    with located(at):
+        return Space(parameters, [*constraints.order, *constraints.linear])
+
+
+def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Parameter:
+    known = parameter_quantities()
+    if model.name not in known:
+        raise (at / "name").error(f'there is no parameter "{model.name}"{nearest(model.name, known)}')
+    quantity = known[model.name]
+    reference = injector.values[model.name]
+    if model.reference is not None:
+        reference = parse(model.reference, quantity.unit, str(at / "reference"))
+    lower, upper = _bounds(model, reference, quantity, at)
+    source = injector.sources.get(model.name, Source("E", "no source stated"))
+    with located(at):
+        parameter = Parameter(
+            model.name,
+            reference,
+            lower,
+            upper,
+            quantity.unit,
+            mark=model.mark or source.mark,  # type: ignore[arg-type]  # a mark of the injector is one
+            source=model.source or source.text,
+            scale=model.scale,
+        )
+    _check_bounds(parameter, quantity, at)
+    return parameter
+
+
+def _bounds(model: ParameterModel, reference: float, q: Q, at: Place) -> tuple[float, float]:
+    """Lower and upper bound [SI] by one of the two ways to state them."""
+    percent, outright = (model.below, model.above), (model.lower, model.upper)
+    if None not in percent and outright == (None, None):
+        below, above = (parse(v, "%", str(at / k)) for v, k in zip(percent, ("below", "above"), strict=True))  # type: ignore[arg-type]
+        with located(at):
+            return percent_bounds(reference, below, above, model.name)
+    if None not in outright and percent == (None, None):
+        lower, upper = (parse(v, q.unit, str(at / k)) for v, k in zip(outright, ("lower", "upper"), strict=True))  # type: ignore[arg-type]
+        return lower, upper
+    raise at.error(
+        f'{model.name} needs either below and above (percent of its value, such as "50 %") or lower and upper'
+    )
+
+
+def _check_bounds(p: Parameter, q: Q, at: Place) -> None:
+    for key, value in (("lower", p.lower), ("upper", p.upper)):
+        if not q.domain.admits(value):
+            raise ConfigurationError(
+                f"{at}: the {key} bound of {p.name} is {to_text(value, q.unit)}, and the {q.meaning} must "
+                f"be {q.domain.value}; narrow the bounds."
+            )
+    if not p.lower <= p.reference <= p.upper:
+        raise ConfigurationError(
+            f"{at}: the start value of {p.name}, {to_text(p.reference, q.unit)}, lies outside its bounds "
+            f"{to_text(p.lower, q.unit)} to {to_text(p.upper, q.unit)}; widen them or give a reference "
+            "inside."
+        )

@@ -1,0 +1,262 @@
+"""The shape of a study file: which keys it has, and of which type each is. Units are read later."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PlainValidator,
+    Tag,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from commonrail.calibration.optimisers.evolution_settings import InitialSampling
+from commonrail.calibration.optimisers.treatments import Treatment
+from commonrail.errors import InputError, nearest
+from commonrail.files.place import Place
+
+__all__ = [
+    "ConstraintsModel",
+    "DeadTimesModel",
+    "OptimiserModel",
+    "ParameterModel",
+    "PulseModel",
+    "QuantitiesModel",
+    "RateModel",
+    "StudyModel",
+    "TraceModel",
+    "read_model",
+]
+
+UNSTATED = "no source stated"
+
+
+class _TableModel(BaseModel):
+    """A table of the file: no key beyond its fields, no type converted in silence."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown_keys(cls, data: Any) -> Any:
+        for key in data if isinstance(data, dict) else ():
+            if key not in cls.model_fields:
+                hint = nearest(key, cls.model_fields)
+                raise PydanticCustomError("unknown_key", 'there is no key "{key}"{hint}', {"key": key, "hint": hint})
+        return data
+
+
+def _value(item: Any) -> str | float:
+    if isinstance(item, bool) or not isinstance(item, (str, int, float)):
+        raise PydanticCustomError("value", 'must be a text with a unit, such as "160 MPa"')
+    return item
+
+
+# A number with its unit; a plain number is refused by `units`, unless its unit is 1.
+Value = Annotated[str | float, PlainValidator(_value)]
+
+
+class TraceModel(_TableModel):
+    """A course in time from a file, by default that of the data set."""
+
+    column: str
+    file: str | None = None
+    time: str | None = None
+    unit: str | None = None
+    time_unit: str | None = None
+
+
+def _course_form(item: Any) -> str:
+    return "<trace>" if isinstance(item, (dict, TraceModel)) else "<value>"
+
+
+Course = Annotated[
+    Annotated[Value, Tag("<value>")] | Annotated[TraceModel, Tag("<trace>")], Discriminator(_course_form)
+]
+
+
+class PulseModel(_TableModel):
+    """One energising."""
+
+    start: Value
+    duration: Value
+
+
+class _DataModel(_TableModel):
+    name: str = Field(min_length=1)
+    role: Literal["fit", "validation"]
+    file: str
+    weight: float = Field(default=1.0, gt=0.0)
+    source: str = UNSTATED
+    synthetic: str = ""
+
+
+class RateModel(_DataModel):
+    """An injection curve."""
+
+    kind: Literal["rate"]
+    time: str = "time"
+    rate: str = "rate"
+    time_unit: str | None = None
+    rate_unit: str | None = None
+    rail_pressure: Course
+    cylinder_pressure: Course
+    return_pressure: Course
+    drive: TraceModel | None = None
+    energising_time: Value | None = None
+    energisings: list[PulseModel] | None = Field(default=None, min_length=1)
+    window: list[Value] | None = Field(default=None, min_length=2, max_length=2)
+    sampling: Literal["mean", "centred"] = "mean"
+    first_bound: Value | None = None
+
+
+class DeadTimesModel(_TableModel):
+    """Energising times at which a small quantity is reached."""
+
+    file: str
+    quantity: Value
+    rail_pressure_unit: str | None = None
+    energising_time_unit: str | None = None
+
+
+class QuantitiesModel(_DataModel):
+    """A map of quantities per stroke; rail_pressure and energising_time choose rows of it."""
+
+    kind: Literal["quantities"]
+    rail_pressure_unit: str | None = None
+    energising_time_unit: str | None = None
+    quantity_unit: str | None = None
+    rail_pressure: list[Value] | None = Field(default=None, min_length=1)
+    energising_time: list[Value] | None = Field(default=None, min_length=1)
+    dead_times: DeadTimesModel | None = None
+    cylinder_pressure: Value
+    return_pressure: Value
+    absolute: Value = "0.15 mm3"
+    relative: Value = 0.03
+
+
+_KINDS = ("rate", "quantities")
+
+
+def _data_kind(item: Any) -> str | None:
+    kind = item.get("kind") if isinstance(item, Mapping) else getattr(item, "kind", None)
+    return f"<{kind}>" if kind in _KINDS else None
+
+
+DataModel = Annotated[
+    Annotated[RateModel, Tag("<rate>")] | Annotated[QuantitiesModel, Tag("<quantities>")],
+    Discriminator(
+        _data_kind,
+        custom_error_type="kind",
+        custom_error_message='kind must be "rate" or "quantities"',
+    ),
+]
+
+
+class ParameterModel(_TableModel):
+    """A parameter to be calibrated: bounds around a reference in percent, Eq. (16), or outright."""
+
+    name: str
+    reference: Value | None = None
+    below: Value | None = None
+    above: Value | None = None
+    lower: Value | None = None
+    upper: Value | None = None
+    scale: Literal["linear", "log"] = "linear"
+    mark: Literal["M", "C", "F", "E"] | None = None
+    source: str | None = None
+
+
+class ConstraintsModel(_TableModel):
+    """Orderings and other linear inequalities between parameters, Eq. (14), (15)."""
+
+    order: list[str] = []
+    linear: list[str] = []
+
+
+class OptimiserModel(_TableModel):
+    """Settings of the optimiser; what is left out keeps the paper's value."""
+
+    members: int | None = None
+    generations: int | None = None
+    crossover: float | None = None
+    factor: list[float] | None = Field(default=None, min_length=2, max_length=2)
+    treatment: Treatment | None = Field(default=None, strict=False)
+    initial: InitialSampling | None = Field(default=None, strict=False)
+    redraws: int | None = None
+    polish: int = Field(default=0, ge=0)
+    polish_iterations: int = Field(default=30, ge=1)
+
+
+class StudyModel(_TableModel):
+    """The whole file."""
+
+    format: Literal["commonrail-study/1"]
+    title: str = Field(min_length=1)
+    note: str = ""
+    injector: str
+    seed: int = Field(default=1, ge=0)
+    time_step: Value = "1 us"
+    data: list[DataModel] = Field(min_length=1)
+    parameter: list[ParameterModel] = Field(min_length=1)
+    constraints: ConstraintsModel = ConstraintsModel()
+    optimiser: OptimiserModel = OptimiserModel()
+
+
+def read_model(data: Mapping[str, Any], at: Place) -> StudyModel:
+    """Check the tables of a study file.
+
+    Raises
+    ------
+    InputError
+        The first fault, an unknown key before any other; the message has the dotted key.
+    """
+    try:
+        return StudyModel.model_validate(data)
+    except ValidationError as error:
+        faults = error.errors(include_url=False)
+        first = next((fault for fault in faults if fault["type"] == "unknown_key"), faults[0])
+        raise _translated(first, at) from error
+
+
+def _translated(fault: ErrorDetails, at: Place) -> InputError:
+    for part in fault["loc"]:
+        if isinstance(part, int):
+            at = at[part]
+        elif not part.startswith("<"):  # a tag: which form of a key was tried
+            at = at / part
+    return at.error(_sentence(fault))
+
+
+def _sentence(fault: ErrorDetails) -> str:
+    kind, message, found = fault["type"], fault["msg"], fault["input"]
+    if kind in ("unknown_key", "kind"):
+        return message
+    if kind == "missing":
+        return "this key is missing; add it"
+    if kind == "model_type":
+        return "this must be a table"
+    if kind == "list_type":
+        return f"this must be a list, and a list of tables is written [[{fault['loc'][-1]}]]"
+    message = message.removeprefix("Input should be ").removeprefix("a valid ").removeprefix("must be ")
+    shown = f"not {found!r}" if isinstance(found, (str, int, float)) else "which it is not"
+    return f"this must be {_plain(kind, message)}, {shown}"
+
+
+def _plain(kind: str, message: str) -> str:
+    known = {
+        "string_type": "a text in quotes",
+        "int_type": "a whole number",
+        "float_type": "a number",
+        "too_short": "a longer list",
+        "too_long": "a shorter list",
+        "string_too_short": "a text that is not empty",
+    }
+    return known.get(kind, message)

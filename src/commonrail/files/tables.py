@@ -1,0 +1,270 @@
+"""Measured columns from CSV text: every number with its unit, every fault with its line and column.
+
+A file may begin with comment lines (``#``), then has one header row. The unit of a column stands in the
+header, ``rate [mm3/ms]``, in a row of units below it, or is stated by whoever reads the file; it is
+never guessed from a name.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.errors import InputError, nearest
+from commonrail.files.text_file import read_text
+from commonrail.units import compatible, convert
+
+__all__ = ["Table", "read_columns"]
+
+Floats = NDArray[np.float64]
+Units = str | tuple[str, ...]
+
+LARGEST_FILE = 200_000_000  # [bytes]
+LEAST_SAMPLES = 4
+_BINARY = {".mf4": "MDF4", ".mdf": "MDF", ".mat": "MATLAB", ".nc": "NetCDF", ".xlsx": "Excel", ".xls": "Excel"}
+_QUOTED = re.compile(r'"[^"]*"')
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file.
+
+    Attributes
+    ----------
+    path : Path
+    columns : dict of str to (rows,) array
+        SI values.
+    units : dict of str to str
+        SI unit of each column, where several kinds were allowed.
+    lines : (rows,) array of int
+        Line in the file of each row.
+    comments : tuple of str
+        Comment lines without their sign.
+    """
+
+    path: Path
+    columns: dict[str, Floats]
+    units: dict[str, str]
+    lines: NDArray[np.intp]
+    comments: tuple[str, ...]
+
+    def cell(self, column: str, row: int) -> str:
+        """Where a value stands, for a message."""
+        return _cell(self.path, int(self.lines[row]), column)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Header and rows of cells with their lines in the file."""
+
+    header: list[str]
+    cells: list[list[str]]
+    lines: list[int]
+    comments: tuple[str, ...]
+
+
+def read_columns(
+    path: Path,
+    wanted: Mapping[str, Units],
+    *,
+    stated: Mapping[str, str | None] | None = None,
+    increasing: str = "",
+    least: int = LEAST_SAMPLES,
+) -> Table:
+    """Read named columns of a CSV file.
+
+    Parameters
+    ----------
+    path : Path
+        Text in UTF-8; cells separated by commas, semicolons or tabs; decimal points.
+    wanted : mapping of str to str or tuple of str
+        Name of each column, and the SI unit it is wanted in; of several the one of its kind is taken.
+    stated : mapping of str to str or None, optional
+        Units of columns whose file gives none.
+    increasing : str
+        Column that must increase from row to row: a time.
+    least : int
+        Rows that the file must have.
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, a column or unit is missing, or a cell is not a finite number.
+    """
+    if path.suffix.lower() in _BINARY:
+        raise InputError(
+            f"{path}: {_BINARY[path.suffix.lower()]} files are not read; export the columns to a CSV file."
+        )
+    rows = _read_rows(path)
+    names, in_header = (list(parts) for parts in zip(*map(_name_and_unit, rows.header), strict=True))
+    places = {column: _find(path, column, names) for column in wanted}
+    units = _units_row(rows, list(places.values())) or in_header
+    cells = rows.cells[1:] if units is not in_header else rows.cells
+    lines = rows.lines[1:] if units is not in_header else rows.lines
+    if len(cells) < least:
+        raise InputError(f"{path}: the file has {len(cells)} rows of numbers, and at least {least} are needed.")
+    columns: dict[str, Floats] = {}
+    kinds: dict[str, str] = {}
+    for column, place in places.items():
+        given = _unit(path, column, units[place], (stated or {}).get(column))
+        kinds[column] = _kind(path, column, given, wanted[column])
+        values = np.array([_number(path, line, column, row[place]) for line, row in zip(lines, cells, strict=True)])
+        columns[column] = convert(values, given, kinds[column], f'{path}, column "{column}"')
+    table = Table(path, columns, kinds, np.array(lines), rows.comments)
+    if increasing:
+        _check_increasing(table, increasing)
+    return table
+
+
+def _read_rows(path: Path) -> _Rows:
+    kept, numbers, comments = _lines(read_text(path, LARGEST_FILE))
+    if not kept:
+        raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
+    reader = csv.reader(kept, delimiter=_delimiter(kept[0]), strict=True, skipinitialspace=True)
+    rows: list[tuple[list[str], int]] = []
+    try:
+        for row in reader:
+            rows.append((row, numbers[reader.line_num - 1]))
+    except csv.Error as error:
+        line = numbers[min(reader.line_num, len(numbers)) - 1]
+        raise InputError(f"{path}, line {line}: the row cannot be read ({error}).") from error
+    header = [cell.strip() for cell in rows[0][0]]
+    for row, line in rows[1:]:
+        if len(row) != len(header):
+            raise InputError(
+                f"{path}, line {line}: {len(row)} cells, and the header has {len(header)}; the decimal "
+                "sign must be a point."
+            )
+    return _Rows(header, [row for row, _ in rows[1:]], [line for _, line in rows[1:]], comments)
+
+
+def _lines(text: str) -> tuple[list[str], list[int], tuple[str, ...]]:
+    """Lines that count, their numbers, and the comments."""
+    kept: list[str] = []
+    numbers: list[int] = []
+    comments: list[str] = []
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.lstrip().startswith("#"):
+            comments.append(line.lstrip()[1:].strip())
+        elif line.strip():
+            kept.append(line)
+            numbers.append(number)
+    return kept, numbers, tuple(comments)
+
+
+def _delimiter(header: str) -> str:
+    """Semicolon or tab where the header has one outside quotes, else comma."""
+    bare = _QUOTED.sub("", header)
+    return next((sign for sign in (";", "\t") if sign in bare), ",")
+
+
+def _name_and_unit(cell: str) -> tuple[str, str]:
+    """``rate [mm3/ms]`` as name and unit, the unit empty if there is none."""
+    if not cell.endswith("]") or "[" not in cell:
+        return cell, ""
+    name, _, unit = cell[:-1].rpartition("[")
+    return name.strip(), unit.strip()
+
+
+def _find(path: Path, column: str, names: Sequence[str]) -> int:
+    count = names.count(column)
+    if count == 0:
+        known = ", ".join(f'"{name}"' for name in names)
+        raise InputError(f'{path}: there is no column "{column}"{nearest(column, names)}; the header has {known}.')
+    if count > 1:
+        raise InputError(f'{path}: the column "{column}" stands {count} times in the header; rename one.')
+    return names.index(column)
+
+
+def _units_row(rows: _Rows, places: Sequence[int]) -> list[str] | None:
+    """Units of the row below the header, if that row holds units: text all over, a unit where it counts."""
+    if not rows.cells:
+        return None
+    row = [cell.strip().removeprefix("[").removesuffix("]").strip() for cell in rows.cells[0]]
+    if any(_is_number(cell) for cell in row) or not any(_is_unit(row[place]) for place in places):
+        return None
+    return row
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        return bool(text) and compatible(text, text)
+    except InputError:
+        return False
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _unit(path: Path, column: str, written: str, stated: str | None) -> str:
+    if written and stated and written != stated:
+        raise InputError(
+            f'{path}, column "{column}": the file gives the unit "{written}", the study "{stated}"; keep one of them.'
+        )
+    if not (written or stated):
+        raise InputError(
+            f'{path}, column "{column}": there is no unit; write it in the header, as in "{column} [...]", '
+            "or state it in the study."
+        )
+    return written or stated or ""
+
+
+def _kind(path: Path, column: str, unit: str, wanted: Units) -> str:
+    """The wanted unit that measures the same kind of quantity as the column's own."""
+    choices = (wanted,) if isinstance(wanted, str) else wanted
+    where = f'{path}, column "{column}"'
+    try:
+        fitting = [choice for choice in choices if compatible(unit, choice)]
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    if not fitting:
+        raise InputError(f'{where}: the unit "{unit}" is not of the kind of {" or ".join(choices)}.')
+    return fitting[0]
+
+
+def _number(path: Path, line: int, column: str, cell: str) -> float:
+    text = cell.strip()
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if math.isfinite(value) and "_" not in text:
+        return value
+    where = _cell(path, line, column)
+    if not text:
+        raise InputError(f"{where}: the cell is empty, and a number is expected.")
+    if re.fullmatch(r"[+-]?\d+,\d+", text):
+        raise InputError(f'{where}: "{text}" has a decimal comma; write the decimal sign as a point.')
+    raise InputError(f'{where}: "{text[:40]}" is not a finite number.')
+
+
+def _check_increasing(table: Table, column: str) -> None:
+    steps = np.diff(table.columns[column])
+    if np.all(steps > 0.0):
+        return
+    row = int(np.argmax(steps <= 0.0)) + 1
+    what = "repeats" if steps[row - 1] == 0.0 else "runs back behind"
+    raise InputError(
+        f"{table.cell(column, row)}: this {column} {what} the one on line {table.lines[row - 1]}; it must "
+        "increase from row to row."
+    )
+
+
+def _cell(path: Path, line: int, column: str) -> str:
+    return f'{path}, line {line}, column "{column}"'
