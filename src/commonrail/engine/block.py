@@ -48,7 +48,7 @@ class Rows(NamedTuple):
     final: int
     done: int
     delays: int
-    count: int
+    end: int
     injected: int
     returned: int
     supplied: int
@@ -79,25 +79,13 @@ def make_rows(variant: Variant) -> Rows:
         "return_line.pressure",
         *body,
     )
-    return Rows(
-        state,
-        leaving,
-        leaving + 3,
-        note,
-        note + 1,
-        note + 2,
-        note + 3,
-        note + 4,
-        note + 5,  # step, lift before, lift after
-        note + 8,
-        note + 11,  # injected, returned, supplied, sound
-        note + 15,
-        note + 16,  # whole steps and rest, for each wave
-        note + 22,
-        *(state + wired.state.row(name) for name in looked_at),
-        wired.coefficients.row("delays.feed"),
-        wired.coefficients.row("delays.back"),
-    )
+    single = [note + i for i in (0, 1, 2, 3, 4)]
+    opened, shut, final = note + 5, note + 8, note + 11  # step, lift before, lift after; then four figures
+    done, delays, end = final + 4, final + 5, final + 11  # delays: whole steps and rest, for each wave
+    state_rows = [state + wired.state.row(name) for name in looked_at]
+    delay_rows = [wired.coefficients.row(name) for name in ("delays.feed", "delays.back")]
+    groups = [state, leaving, leaving + 3, *single, opened, shut, final, done, delays, end]
+    return Rows._make(groups + state_rows + delay_rows)
 
 
 @physics
@@ -126,7 +114,7 @@ def make_begin(variant: Variant, rows: Rows) -> Callable[..., Any]:
             body = at_rest(c.plunger_needle, seat_contact(c), static_loads(c, setting))
             store_coefficients(work, 0, lane, c)
             store_state(work, rows.state, lane, state_at_rest(c, setting, body, motion(body)))
-            for row in range(rows.leaving, rows.count):
+            for row in range(rows.leaving, rows.end):
                 work[at(row, lane)] = 0.0
             out[lane, CLOSED_AT_START] = 1.0 if work[at(rows.tip, lane)] < 0.0 else 0.0
             work[at(rows.leaving, lane)] = work[at(rows.store_pressure, lane)]
@@ -295,7 +283,7 @@ def make_loop(variant: Variant) -> Callable[..., Any]:
         bound_count, bounds, target, weight, trace, out, first, last,
     ):  # fmt: skip
         mask = ring - 1
-        work = np.empty(rows.count * LANES)
+        work = np.empty(rows.end * LANES)
         waves = np.empty(max(3 * ring, parameters) * LANES)
         for block in range(first, last):
             point = blocks[block, 0]

@@ -42,7 +42,7 @@ class Trace:
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
         """Values at times [s]."""
-        return np.asarray(np.interp(time, self.time, self.value))
+        return np.asarray(np.interp(np.asarray(time, float), self.time, self.value))
 
     def mean(self, start: NDArray[np.float64], stop: NDArray[np.float64]) -> NDArray[np.float64]:
         """Means over intervals [s], exact for the piecewise linear course."""

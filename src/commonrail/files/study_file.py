@@ -25,7 +25,7 @@ from commonrail.files.study_models import (
 from commonrail.files.study_quantities import read_quantities
 from commonrail.files.study_rates import read_rate
 from commonrail.files.text_file import read_toml
-from commonrail.injector.definition import Injector, Source, parameter_quantities
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.parts.furniture import Q
 from commonrail.units import parse, to_text
 
@@ -138,6 +138,8 @@ def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Paramete
             scale=model.scale,
         )
     _check_bounds(parameter, quantity, at)
+    if model.name == FUEL_TEMPERATURE:
+        _check_temperatures(parameter, injector, at)
     return parameter
 
 
@@ -145,15 +147,22 @@ def _bounds(model: ParameterModel, reference: float, q: Q, at: Place) -> tuple[f
     """Lower and upper bound [SI] by one of the two ways to state them."""
     percent, outright = (model.below, model.above), (model.lower, model.upper)
     if None not in percent and outright == (None, None):
-        below, above = (parse(v, "%", str(at / k)) for v, k in zip(percent, ("below", "above"), strict=True))  # type: ignore[arg-type]
+        below, above = _percent(model.below, at / "below"), _percent(model.above, at / "above")
         with located(at):
             return percent_bounds(reference, below, above, model.name)
     if None not in outright and percent == (None, None):
-        lower, upper = (parse(v, q.unit, str(at / k)) for v, k in zip(outright, ("lower", "upper"), strict=True))  # type: ignore[arg-type]
-        return lower, upper
+        lower = parse(model.lower or 0.0, q.unit, str(at / "lower"))
+        return lower, parse(model.upper or 0.0, q.unit, str(at / "upper"))
     raise at.error(
         f'{model.name} needs either below and above (percent of its value, such as "50 %") or lower and upper'
     )
+
+
+def _percent(item: str | float | None, at: Place) -> float:
+    # A bare 50 would be a factor to one reader and percent to another.
+    if not isinstance(item, str) or "%" not in item:
+        raise at.error('write percent with its sign, as in "50 %"')
+    return parse(item, "%", str(at))
 
 
 def _check_bounds(p: Parameter, q: Q, at: Place) -> None:
@@ -168,4 +177,13 @@ def _check_bounds(p: Parameter, q: Q, at: Place) -> None:
             f"{at}: the start value of {p.name}, {to_text(p.reference, q.unit)}, lies outside its bounds "
             f"{to_text(p.lower, q.unit)} to {to_text(p.upper, q.unit)}; widen them or give a reference "
             "inside."
+        )
+
+
+def _check_temperatures(p: Parameter, injector: Injector, at: Place) -> None:
+    low, high = injector.fuel.temperature_range
+    if not low <= p.lower < p.upper <= high:
+        raise ConfigurationError(
+            f"{at}: the bounds of {p.name}, {p.lower:g} K to {p.upper:g} K, leave the range of "
+            f"{injector.fuel.name}, {low:g} K to {high:g} K; narrow them."
         )

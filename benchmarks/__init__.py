@@ -1,0 +1,1 @@
+"""Benchmarks: time and accuracy in one run, with peers beside commonrail."""

@@ -1,0 +1,119 @@
+"""report.html of a run folder."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.errors import InputError, OutputError
+from commonrail.files.run_folder import read_run
+from commonrail.report.draw import figure_html
+from commonrail.report.figures import Figure, convergence_figure, figures_of
+from commonrail.report.headline import headline, parameter_lines
+from commonrail.report.html import render
+from commonrail.report.parameters import parameter_rows
+from commonrail.report.record import Record, check_record
+from commonrail.report.rerun import rerun_lines
+from commonrail.report.tables import tables_of
+from commonrail.report.text import duration, significant
+
+__all__ = ["report_html", "write_report"]
+
+Floats = NDArray[np.float64]
+
+
+def write_report(folder: Path) -> Path:
+    """Write ``report.html`` from what a run folder holds.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder that ``commonrail calibrate`` left.
+
+    Returns
+    -------
+    Path
+        The report.
+
+    Raises
+    ------
+    InputError
+        If it is not a run folder, was left by another version, or cannot be written.
+    OutputError
+        If the disk is full.
+    """
+    folder = Path(folder)
+    record, traces = read_run(folder)
+    check_record(record, str(folder))
+    try:
+        page = report_html(record, traces, folder.name or "RUN")
+    except (KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{folder}: result.json or traces.csv is incomplete ({type(error).__name__}: {error}); "
+            "calibrate again."
+        ) from error
+    path = folder / "report.html"
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        kind = OutputError if error.errno in (errno.ENOSPC, errno.EDQUOT) else InputError
+        raise kind(f"{path}: the report cannot be written ({error.strerror}).") from error
+    return path
+
+
+def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run: str = "RUN") -> str:
+    """The page of a result; `run` is the folder's name for the command lines in it."""
+    drawn = enumerate(figures_of(record, traces))
+    figures = [(figure, figure_html(figure, f"figure-{i}")) for i, figure in drawn]
+    return render(
+        "report.html",
+        record=record,
+        lines=headline(record),
+        tables=tables_of(record["data"]),
+        figures=figures,
+        convergence=_convergence(record),
+        parameters=parameter_rows(record["parameters"]),
+        parameter_lines=parameter_lines(record["parameters"]),
+        synthetic=_synthetic(record),
+        commands=rerun_lines(record, run),
+        facts=_facts(record),
+    )
+
+
+def _convergence(record: Record) -> tuple[Figure, str] | None:
+    if len(record["generations"]) < 2:
+        return None
+    figure = convergence_figure(record["generations"])
+    return figure, figure_html(figure, "convergence")
+
+
+def _synthetic(record: Record) -> list[tuple[str, str]]:
+    """What is synthetic, by data set; the whole study's note first."""
+    found = [("Study", record.get("synthetic", ""))]
+    found += [(d["name"], d.get("synthetic", "")) for d in record["data"]]
+    return [(name, text) for name, text in found if text]
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    """Numbers that say how the result came about."""
+    counts: Mapping[str, Any] = record.get("evaluations", {})
+    software = record.get("software", {})
+    names = {"slots": "candidates proposed", "simulated": "simulated", "failed": "failed"}
+    evaluations = [f"{counts[key]:,} {words}" for key, words in names.items() if key in counts]
+    speed = f"{significant(record.get('simulations_per_second'), 3)} injections/s"
+    if "injections" in counts:
+        speed = f"{counts['injections']:,} injections, {speed}"
+    return [
+        ("Evaluations", ", ".join(evaluations).replace(",", " ", 0)),
+        ("Simulations", speed),
+        ("Time of the search", duration(record.get("seconds"))),
+        ("Ended", f"{record['status']}: {record.get('reason') or 'the optimiser was done'}"),
+        ("Seed", str(record["seed"])),
+        ("Time step", f"{significant(record.get('time_step'), 4, 1e6)} µs"),
+        ("Software", ", ".join(f"{name} {number}" for name, number in software.items())),
+    ]

@@ -1,0 +1,150 @@
+"""Figures as HTML: the only file that knows plotly."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any
+
+import plotly.graph_objects as go
+import plotly.io as pio
+from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
+
+from commonrail.report.figures import Figure, Panel, Series
+
+__all__ = ["draw", "figure_html", "plotly_script"]
+
+INK, GRID = "#1d2733", "#e3e7eb"
+FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
+
+# Told apart in grey by dash and width, and by the colour-blind (Okabe and Ito's palette).
+_LOOKS: dict[str, dict[str, Any]] = {
+    "measured": {"color": "#6b7785", "width": 3.0},
+    "rigid": {"color": "#b07d00", "width": 1.4, "dash": "dot"},
+    "start": {"color": "#0072b2", "width": 1.6, "dash": "dash"},
+    "best": {"color": "#c1272d", "width": 1.8},
+    "mean": {"color": "#0072b2", "width": 1.6, "dash": "dash"},
+}
+_FAMILY_LINES = {"start": {"width": 1.2, "dash": "dot"}, "best": {"width": 1.8}}
+_FAMILIES = ("#0072b2", "#d55e00", "#00795c", "#8f4a7d", "#7a6a00", "#3a3a3a", "#5b8fb9")
+_MARKERS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "x")
+_DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
+
+_CONFIG = {
+    "displaylogo": False,
+    "responsive": True,
+    "plotlyServerURL": "",
+    "modeBarButtonsToRemove": ["select2d", "lasso2d", "autoScale2d"],
+}
+
+
+def plotly_script() -> str:
+    """Plotly's own script, to be put into a page once."""
+    script: str = get_plotlyjs()
+    return script
+
+
+def figure_html(figure: Figure, key: str, height: int = 0) -> str:
+    """Element of a page that shows a figure, without plotly's script.
+
+    Parameters
+    ----------
+    figure : Figure
+    key : str
+        Identifier, unique within the page.
+    height : int
+        [px]; by default what its panels need.
+    """
+    fragment: str = pio.to_html(
+        draw(figure, height or 300 + 110 * (len(figure.panels) - 1)),
+        config=_CONFIG,
+        include_plotlyjs=False,
+        full_html=False,
+        div_id=key,
+    )
+    return fragment
+
+
+def draw(figure: Figure, height: int) -> go.Figure:
+    """Plotly figure of a `Figure`, panels above one another."""
+    count = len(figure.panels)
+    canvas = make_subplots(
+        rows=count,
+        cols=1,
+        shared_xaxes=True,
+        vertical_spacing=0.05,
+        row_heights=[panel.share for panel in figure.panels],
+    )
+    for row, panel in enumerate(figure.panels, start=1):
+        for index, series in enumerate(panel.series):
+            canvas.add_trace(_trace(series, index, row), row=row, col=1)
+        canvas.update_yaxes(_y_axis(panel), row=row, col=1)
+    canvas.update_xaxes(showgrid=True, gridcolor=GRID, linecolor=INK, ticks="outside", zeroline=False)
+    canvas.update_xaxes(title_text=escape(figure.x_title), row=count, col=1)
+    canvas.update_layout(_layout(height))
+    return canvas
+
+
+def _trace(series: Series, index: int, row: int) -> go.Scatter:
+    family = series.family
+    colour = _FAMILIES[(index if family is None else family) % len(_FAMILIES)]
+    symbol = _MARKERS[(family or 0) % len(_MARKERS)]
+    if series.look in _LOOKS and family is None:
+        line = dict(_LOOKS[series.look])
+    elif family is not None:
+        line = {"color": colour, **_FAMILY_LINES.get(series.look, {"width": 1.5})}
+    else:
+        line = {"color": colour, "width": 1.6, "dash": _DASHES[index % len(_DASHES)]}
+    return go.Scatter(
+        x=series.x,
+        y=series.y,
+        name=escape(series.label),
+        showlegend=bool(series.label),
+        mode="markers" if series.marks else "lines",
+        line=line,
+        marker={"color": line["color"], "symbol": symbol, "size": 8},
+        # Clicking "start values" in the legend hides the curve and its error alike.
+        legendgroup=_group(series, index, row),
+        connectgaps=False,
+    )
+
+
+def _group(series: Series, index: int, row: int) -> str:
+    if series.family is not None:
+        return f"family {series.family}"
+    return series.look or f"panel {row}, series {index}"
+
+
+def _y_axis(panel: Panel) -> dict[str, Any]:
+    return {
+        "title": {"text": escape(panel.y_title), "standoff": 6},
+        "type": "log" if panel.logarithmic else "linear",
+        "gridcolor": GRID,
+        "linecolor": INK,
+        "ticks": "outside",
+        "zeroline": panel.zero_line,
+        "zerolinecolor": INK,
+        "zerolinewidth": 1,
+        "automargin": True,
+    }
+
+
+def _layout(height: int) -> dict[str, Any]:
+    return {
+        "template": "none",
+        "height": height,
+        "autosize": True,
+        "font": {"family": FONT, "size": 12.5, "color": INK},
+        "margin": {"l": 54, "r": 10, "t": 34, "b": 46},
+        "hovermode": "closest",
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "#ffffff",
+        "legend": {
+            "orientation": "h",
+            "x": 0,
+            "xanchor": "left",
+            "y": 1.02,
+            "yanchor": "bottom",
+            "font": {"size": 12.5},
+        },
+    }

@@ -1,0 +1,219 @@
+"""What every figure of a calibration shows, as plain numbers; drawing comes later, in `draw`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.report.record import LABELS, Record, number, of_kind
+from commonrail.report.text import pressure
+
+__all__ = [
+    "Figure",
+    "Panel",
+    "Series",
+    "convergence_figure",
+    "dead_time_figure",
+    "figures_of",
+    "map_error_figure",
+    "map_figure",
+    "rate_figure",
+]
+
+Floats = NDArray[np.float64]
+Points = tuple[float | None, ...]
+
+MM3 = 1e9  # of 1 m³
+MM3_PER_MS = 1e6  # of 1 m³/s
+MICROSECOND = 1e6  # of 1 s
+MPA = 1e-6  # of 1 Pa
+
+RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
+ENERGISING = "energising time, µs"
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line or one set of markers.
+
+    Attributes
+    ----------
+    label : str
+        Text of the legend; an empty one keeps the series out of it.
+    look : str
+        "measured", "rigid", "start", "best", "mean", or "" for the palette's next colour.
+    x, y : tuple of float, same length
+        None leaves a gap.
+    marks : bool
+        Markers instead of a line.
+    family : int or None
+        Series of one family share a colour and a marker, whatever their look.
+    """
+
+    label: str
+    look: str
+    x: Points
+    y: Points
+    marks: bool = False
+    family: int | None = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A pair of axes: what the vertical one says, its series, and its share of the height."""
+
+    y_title: str
+    series: tuple[Series, ...]
+    share: float = 1.0
+    logarithmic: bool = False
+    zero_line: bool = False
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Panels above one another over a common horizontal axis."""
+
+    title: str
+    caption: str
+    x_title: str
+    panels: tuple[Panel, ...]
+
+
+def figures_of(record: Record, traces: Mapping[str, Mapping[str, Floats]]) -> list[Figure]:
+    """Figures of a result in the order in which they are read: data first, then the search."""
+    data: Sequence[Record] = record["data"]
+    figures = [rate_figure(d, traces[d["name"]]) for d in of_kind(data, "rate")]
+    for quantities in of_kind(data, "quantities"):
+        figures += [map_figure(quantities), map_error_figure(quantities)]
+        if any(row["dead_time"] for row in quantities["rows"]):
+            figures.append(dead_time_figure(quantities))
+    return figures
+
+
+def rate_figure(data: Record, trace: Mapping[str, Floats]) -> Figure:
+    """Injection curve, measured and simulated [mm³/ms], and the errors below, against time [us].
+
+    Parameters
+    ----------
+    data : mapping
+        One of the record's data sets of kind "rate".
+    trace : mapping of str to (samples,) array
+        "time_s" [s], "measured" and what there is of "rigid", "start", "best" [m³/s].
+    """
+    time = _points(trace["time_s"] * MICROSECOND)
+    measured = trace["measured"]
+    labels = [label for label in LABELS if label in trace]
+    curves = [Series("measured", "measured", time, _points(measured * MM3_PER_MS))]
+    curves += [Series(LABELS[k], k, time, _points(trace[k] * MM3_PER_MS)) for k in labels]
+    errors = [Series("", k, time, _points((trace[k] - measured) * MM3_PER_MS)) for k in labels]
+    return Figure(
+        f"{data['name']} ({data['role']}), {pressure(data['rail_pressure'])}",
+        f"Rate of injection, energising time {data['energising_time'] * MICROSECOND:.0f} µs; below, "
+        "simulated − measured.",
+        "time, µs",
+        (
+            Panel(RATE, tuple(curves), 0.66),
+            Panel(ERROR, tuple(errors), 0.34, zero_line=True),
+        ),
+    )
+
+
+def map_figure(data: Record) -> Figure:
+    """Quantity [mm³] against energising time [us], one family for each rail pressure."""
+    series = []
+    for family, (rail, rows) in enumerate(_by_pressure(data).items()):
+        x = _column(rows, "energising_time", MICROSECOND)
+        series.append(Series("", "start", x, _column(rows, "start", MM3), family=family))
+        series.append(Series("", "best", x, _column(rows, "best", MM3), family=family))
+        measured = _column(rows, "measured", MM3)
+        series.append(Series(pressure(rail), "measured", x, measured, True, family))
+    return Figure(
+        f"{data['name']} ({data['role']})",
+        "Injected quantity: markers measured, solid lines calibrated, dotted lines start values.",
+        ENERGISING,
+        (Panel("quantity, mm³", tuple(series)),),
+    )
+
+
+def map_error_figure(data: Record) -> Figure:
+    """Error of the calibrated quantities, in mm³ for small ones and in percent for large ones."""
+    limit = data["figures"].get("best", {}).get("limit_quantity", 3.0 / MM3)
+    large, small = [], []
+    for family, (rail, rows) in enumerate(_by_pressure(data).items()):
+        over = [row for row in rows if row["measured"] > limit]
+        under = [row for row in rows if row["measured"] <= limit]
+        relative = _errors(over, lambda error, measured: 100.0 * error / measured)
+        absolute = _errors(under, lambda error, _: error * MM3)
+        x_over, x_under = (_column(r, "energising_time", MICROSECOND) for r in (over, under))
+        large.append(Series(pressure(rail), "best", x_over, relative, True, family))
+        small.append(Series("", "best", x_under, absolute, True, family))
+    text = f"{limit * MM3:.3g} mm³"
+    return Figure(
+        f"Errors of {data['name']}",
+        f"Calibrated − measured: in percent above {text}, in mm³ up to it.",
+        ENERGISING,
+        (
+            Panel("error, %", tuple(large), 0.6, zero_line=True),
+            Panel("error, mm³", tuple(small), 0.4, zero_line=True),
+        ),
+    )
+
+
+def dead_time_figure(data: Record) -> Figure:
+    """Energising time [us] at which a small quantity is reached, against rail pressure [MPa]."""
+    rows = sorted((r for r in data["rows"] if r["dead_time"]), key=lambda r: float(r["rail_pressure"]))
+    x = _column(rows, "rail_pressure", MPA)
+    lines = [
+        Series(LABELS[k], k, x, _column(rows, k, MICROSECOND))
+        for k in ("start", "best")
+        if any(number(row.get(k)) is not None for row in rows)
+    ]
+    marks = Series("measured", "measured", x, _column(rows, "measured", MICROSECOND), True)
+    return Figure(
+        f"Dead times of {data['name']}",
+        "Energising time at which the injector delivers the stated small quantity.",
+        "rail pressure, MPa",
+        (Panel("dead time, µs", (*lines, marks)),),
+    )
+
+
+def convergence_figure(generations: Sequence[Record]) -> Figure:
+    """Best and mean objective of the population against the generation (the paper's Fig. 4)."""
+    x = _column(generations, "generation", 1.0)
+    best, mean = (_column(generations, key, 1.0) for key in ("best", "mean"))
+    values = [v for v in (*best, *mean) if v is not None]
+    spread = bool(values) and min(values) > 0.0 and max(values) > 5.0 * min(values)
+    series = (Series("mean of the population", "mean", x, mean), Series("best", "best", x, best))
+    return Figure(
+        "Convergence",
+        "Objective of the best member and mean over the population's finite members.",
+        "generation",
+        (Panel("objective", series, logarithmic=spread),),
+    )
+
+
+def _by_pressure(data: Record) -> dict[float, list[Record]]:
+    """Rows that are quantities, by rail pressure [Pa], each in the order of energising time."""
+    families: dict[float, list[Record]] = {}
+    rows = (row for row in data["rows"] if not row["dead_time"])
+    for row in sorted(rows, key=lambda r: (r["rail_pressure"], r["energising_time"])):
+        families.setdefault(float(row["rail_pressure"]), []).append(row)
+    return families
+
+
+def _column(rows: Sequence[Record], key: str, scale: float) -> Points:
+    found = (number(row.get(key)) for row in rows)
+    return tuple(None if value is None else value * scale for value in found)
+
+
+def _errors(rows: Sequence[Record], measure: Callable[[float, float], float]) -> Points:
+    """Measure of calibrated − measured, row by row."""
+    found = ((number(row.get("best")), float(row["measured"])) for row in rows)
+    return tuple(None if best is None else measure(best - m, m) for best, m in found)
+
+
+def _points(values: Floats) -> Points:
+    return tuple(float(v) if np.isfinite(v) else None for v in values)

@@ -1,0 +1,89 @@
+"""The calibrated parameters against their bounds, as text and positions for a bar."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from commonrail.report.record import Record, number
+from commonrail.report.text import MISSING, quantity, signed, significant
+
+__all__ = ["ParameterRow", "parameter_rows"]
+
+MARKS = {
+    "M": "measured",
+    "C": "ECU calibration",
+    "F": "fitted or derived",
+    "E": "engineering estimate",
+}
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One parameter.
+
+    Attributes
+    ----------
+    name, meaning, source, verdict : str
+    start, best, error, lower, upper : str
+        Values with units; `error` is the standard error of the best.
+    change : str
+        Of the best against the start [%].
+    mark : str
+        Where the start value comes from, in words.
+    effect, pinned : str
+        Change of the residuals for a move of 1 % of the range: alone, and after the others have readjusted.
+    best_at, start_at : float
+        Position between the bounds [%]; `start_at` is held within the bar.
+    at_bound : bool
+    """
+
+    name: str
+    meaning: str
+    source: str
+    verdict: str
+    start: str
+    best: str
+    error: str
+    lower: str
+    upper: str
+    change: str
+    mark: str
+    effect: str
+    pinned: str
+    best_at: float
+    start_at: float
+    at_bound: bool
+
+
+def parameter_rows(parameters: Sequence[Record]) -> list[ParameterRow]:
+    """Rows of the table of parameters, in the order of the study."""
+    return [_row(p) for p in parameters]
+
+
+def _row(p: Record) -> ParameterRow:
+    unit, start, best = p["unit"], p["reference"], p["best"]
+    error = number(p.get("standard_error"))
+    return ParameterRow(
+        name=p["name"],
+        meaning=p["meaning"],
+        source=p.get("source") or "no source given",
+        verdict=p.get("verdict") or MISSING,
+        start=quantity(start, unit),
+        best=quantity(best, unit),
+        error="" if error is None else f"± {quantity(error, unit, 2)}",
+        lower=quantity(p["lower"], unit, 3),
+        upper=quantity(p["upper"], unit, 3),
+        change=signed(100.0 * (best / start - 1.0) if start else None, 1),
+        mark=MARKS.get(p["mark"], p["mark"]),
+        effect=significant(p.get("effect"), 2),
+        pinned=significant(p.get("pinned"), 2),
+        best_at=_percent(p, best),
+        start_at=_percent(p, start),
+        at_bound=bool(p.get("at_bound")),
+    )
+
+
+def _percent(p: Record, value: float) -> float:
+    share = (value - p["lower"]) / (p["upper"] - p["lower"])
+    return round(100.0 * min(max(share, 0.0), 1.0), 2)

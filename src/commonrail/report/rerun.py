@@ -1,0 +1,28 @@
+"""Command lines that repeat a calibration or use what it found."""
+
+from __future__ import annotations
+
+import shlex
+
+from commonrail.report.record import Record
+from commonrail.units import to_text
+
+__all__ = ["rerun_lines"]
+
+
+def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
+    """Purpose and command line, for the run folder of that name."""
+    data = record["data"][0]
+    point = data if data["kind"] == "rate" else data["rows"][-1]
+    rail = to_text(point["rail_pressure"], "Pa").replace(" ", "")
+    energised = to_text(point["energising_time"], "s").replace(" ", "")
+    folder, injector = shlex.quote(run), shlex.quote(f"{run}/calibrated.toml")
+    return [
+        ("Calibrate again", f"commonrail calibrate STUDY.toml --seed {record['seed']}"),
+        ("Judge on other data", f"commonrail validate OTHER-STUDY.toml --run {folder}"),
+        (
+            "Simulate the calibrated injector",
+            f"commonrail simulate {injector} --rail-pressure {rail} --energising-time {energised}",
+        ),
+        ("Make this report again", f"commonrail report {folder}"),
+    ]

@@ -1,0 +1,203 @@
+"""Tables of a calibration as text: the terminal prints them and the report sets them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from commonrail.report.record import LABELS, Record, labels_of, number, of_kind
+from commonrail.report.text import fixed, percent, pressure, signed, significant
+
+__all__ = [
+    "Cell",
+    "Table",
+    "dead_time_table",
+    "figures_table",
+    "j_table",
+    "quantity_table",
+    "tables_of",
+    "volume_table",
+]
+
+MM3 = 1e9  # of 1 m³
+MICROSECOND = 1e6  # of 1 s
+
+# Sizes of an error, with the sign that says it without colour.
+SMALL, MEDIUM, LARGE = "small", "medium", "large"
+SIGNS = {SMALL: "○", MEDIUM: "◐", LARGE: "●"}
+_QUANTITY_STEPS = ((0.05, 0.2), (0.10, 0.4))  # relative, and [mm³] for what is near zero
+_DEAD_TIME_STEPS = (10.0, 20.0)  # [us]
+
+QUANTITY_LEGEND = (
+    f"{SIGNS[SMALL]} within 5 % or 0.2 mm³, {SIGNS[MEDIUM]} within 10 % or 0.4 mm³, "
+    f"{SIGNS[LARGE]} beyond."
+)
+DEAD_TIME_LEGEND = (
+    f"{SIGNS[SMALL]} within 10 µs, {SIGNS[MEDIUM]} within 20 µs, {SIGNS[LARGE]} beyond."
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Text of a cell, and the size of the error that it states ("" where it states none)."""
+
+    text: str
+    size: str = ""
+
+    @property
+    def plain(self) -> str:
+        """Text with its sign, for where there is no colour."""
+        return f"{self.text} {SIGNS[self.size]}" if self.size else self.text
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; the first `texts` columns are words, the others numbers."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+    texts: int = 1
+
+
+def tables_of(data: Sequence[Record]) -> list[Table]:
+    """Every table that the data sets of a result, or of a validation, have something for."""
+    rates, maps = of_kind(data, "rate"), of_kind(data, "quantities")
+    tables = [j_table(rates), volume_table(rates)] if rates else []
+    if maps:
+        tables.append(figures_table(maps))
+    for data_set in maps:
+        found = (quantity_table(data_set), dead_time_table(data_set))
+        tables += [table for table in found if table.rows]
+    return tables
+
+
+def j_table(rates: Sequence[Record]) -> Table:
+    """J of every injection curve, Σ |rate error| over its samples [mm³/ms], by label."""
+    labels = labels_of(rates)
+    rows = []
+    for d in rates:
+        best = number(d["J_relative"].get("best"))
+        cells = [d["name"], d["role"], pressure(d["rail_pressure"]), str(d["samples"])]
+        cells += [fixed(d["J"].get(label), 1) for label in labels]
+        rows.append((*cells, percent(best)))
+    columns = ("data set", "role", "rail pressure", "samples", *_heads("J", labels, "mm³/ms"))
+    note = (
+        "J is the sum over the samples of |simulated − measured rate|; the last column is its share "
+        "of the sum of the measured rates."
+    )
+    return Table("Error J of the injection curves", (*columns, "of rate, %"), _cells(rows), note, 2)
+
+
+def volume_table(rates: Sequence[Record]) -> Table:
+    """Volume injected within the samples of every curve [mm³], by label."""
+    labels = labels_of(rates)
+    rows = []
+    for d in rates:
+        measured = d["volume"]["measured"]
+        cells = [d["name"], d["role"], fixed(measured, 2, MM3)]
+        for label in labels:
+            volume = number(d["volume"].get(label))
+            cells += [fixed(volume, 2, MM3), _relative_error(volume, measured)]
+        rows.append(tuple(cells))
+    heads = [head for label in labels for head in (f"{LABELS[label]}, mm³", "error, %")]
+    columns = ("data set", "role", "measured, mm³", *heads)
+    return Table("Injected volume", columns, _cells(rows), "", 2)
+
+
+def figures_table(maps: Sequence[Record]) -> Table:
+    """Root-mean-square errors of every quantity map, by label."""
+    rows = []
+    for d in maps:
+        count = sum(not row["dead_time"] for row in d["rows"])
+        for label in labels_of([d]):
+            found = d["figures"].get(label, {})
+            large = fixed(found.get("rms_large_percent"), 2)
+            small = fixed(found.get("rms_small"), 3, MM3)
+            dead = fixed(found.get("dead_time_rms"), 1, MICROSECOND)
+            rows.append((d["name"], d["role"], LABELS[label], str(count), large, small, dead))
+    limit = _limit(maps)
+    columns = (
+        "data set",
+        "role",
+        "model",
+        "quantities",
+        f"above {limit} mm³, % rms",
+        f"up to {limit} mm³, mm³ rms",
+        "dead time, µs rms",
+    )
+    return Table("Errors of the quantity maps", columns, _cells(rows), "", 3)
+
+
+def quantity_table(data: Record) -> Table:
+    """Quantities of one map point by point, start and calibrated against measured."""
+    labels = [label for label in labels_of([data]) if label != "rigid"]
+    rows = []
+    for row in data["rows"]:
+        if row["dead_time"]:
+            continue
+        measured, best = row["measured"], number(row.get("best"))
+        cells = [pressure(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)]
+        cells += [fixed(measured, 2, MM3)]
+        cells += [fixed(row.get(label), 2, MM3) for label in labels]
+        error = None if best is None else (best - measured) * MM3
+        size = _quantity_size(error, measured * MM3)
+        row_cells = [Cell(text) for text in (*cells, signed(error, 2))]
+        rows.append((*row_cells, Cell(_relative_error(best, measured), size)))
+    heads = [f"{LABELS[label]}, mm³" for label in labels]
+    columns = ("rail pressure", "energising time, µs", "measured, mm³", *heads)
+    return Table(
+        f"Quantities: {data['name']} ({data['role']})",
+        (*columns, "error, mm³", "error, %"),
+        tuple(rows),
+        f"Errors are calibrated − measured. {QUANTITY_LEGEND}",
+    )
+
+
+def dead_time_table(data: Record) -> Table:
+    """Energising times at which a small quantity is reached, of one map."""
+    labels = [label for label in labels_of([data]) if label != "rigid"]
+    rows = []
+    for row in data["rows"]:
+        if not row["dead_time"]:
+            continue
+        best = number(row.get("best"))
+        error = None if best is None else (best - row["measured"]) * MICROSECOND
+        cells = [pressure(row["rail_pressure"]), significant(row.get("quantity"), 3, MM3)]
+        cells += [fixed(row["measured"], 0, MICROSECOND)]
+        cells += [fixed(row.get(label), 1, MICROSECOND) for label in labels]
+        error_cell = Cell(signed(error, 1), _size(error, _DEAD_TIME_STEPS))
+        rows.append((*map(Cell, cells), error_cell))
+    heads = [f"{LABELS[label]}, µs" for label in labels]
+    columns = ("rail pressure", "quantity, mm³", "measured, µs", *heads, "error, µs")
+    title = f"Dead times: {data['name']} ({data['role']})"
+    note = f"Energising time at which the quantity is reached. {DEAD_TIME_LEGEND}"
+    return Table(title, columns, tuple(rows), note)
+
+
+def _limit(maps: Sequence[Record]) -> str:
+    limits = [f["limit_quantity"] for d in maps for f in d["figures"].values()]
+    return significant(limits[0], 3, MM3) if limits else "3"
+
+
+def _relative_error(value: float | None, measured: float) -> str:
+    return signed(None if value is None or not measured else 100.0 * (value / measured - 1.0), 1)
+
+
+def _quantity_size(error: float | None, measured: float) -> str:
+    return _size(error, tuple(max(rel * abs(measured), ab) for rel, ab in _QUANTITY_STEPS))
+
+
+def _size(error: float | None, steps: Sequence[float]) -> str:
+    if error is None:
+        return LARGE
+    return (SMALL, MEDIUM, LARGE)[sum(abs(error) > step for step in steps)]
+
+
+def _heads(symbol: str, labels: Sequence[str], unit: str) -> list[str]:
+    return [f"{symbol} {LABELS[label]}, {unit}" for label in labels]
+
+
+def _cells(rows: Sequence[Sequence[str]]) -> tuple[tuple[Cell, ...], ...]:
+    return tuple(tuple(map(Cell, row)) for row in rows)
