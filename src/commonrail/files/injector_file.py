@@ -132,8 +132,8 @@ def _room(room: str, table: Mapping[str, Any], at: Place) -> dict[str, Given]:
 
 
 def _missing(names: list[str], quantities: Mapping[str, Q]) -> str:
-    first, others = names[0], len(names) - 1
-    more = f" (nor for {others} others: {', '.join(names[1:])})" if others else ""
+    first, *others = names
+    more = f", nor for {', '.join(others)}" if others else ""
     return f"there is no value for {first}, the {quantities[first].meaning}{more}; add it"
 
 

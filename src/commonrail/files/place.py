@@ -48,4 +48,4 @@ def located(place: Place) -> Iterator[None]:
     try:
         yield
     except CommonrailError as error:
-        raise type(error)(f"{place}: {error}") from error
+        raise type(error)(f"{place}: {str(error).removesuffix('.')}.") from error

@@ -245,6 +245,9 @@ def _sentence(fault: ErrorDetails) -> str:
         return "this must be a table"
     if kind == "list_type":
         return f"this must be a list, and a list of tables is written [[{fault['loc'][-1]}]]"
+    if kind in ("too_short", "too_long"):
+        limit = fault["ctx"].get("min_length") or fault["ctx"].get("max_length")
+        return f"this must be a list of {'at least' if kind == 'too_short' else 'at most'} {limit}"
     message = message.removeprefix("Input should be ").removeprefix("a valid ").removeprefix("must be ")
     shown = f"not {found!r}" if isinstance(found, (str, int, float)) else "which it is not"
     return f"this must be {_plain(kind, message)}, {shown}"
@@ -255,8 +258,6 @@ def _plain(kind: str, message: str) -> str:
         "string_type": "a text in quotes",
         "int_type": "a whole number",
         "float_type": "a number",
-        "too_short": "a longer list",
-        "too_long": "a shorter list",
         "string_too_short": "a text that is not empty",
     }
     return known.get(kind, message)

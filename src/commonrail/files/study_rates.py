@@ -131,16 +131,17 @@ def _point(model: RateModel, bounds: Floats, context: Context, at: Place) -> Ope
             f"{at}: the samples that count reach over {to_text(float(bounds[-1]) - start, 's')}, longer than a "
             f"simulation may be, {to_text(LONGEST, 's')}; give a window."
         )
-    with located(at):
-        return OperatingPoint(
-            _course(model.rail_pressure, "Pa", model, context, at / "rail_pressure"),
-            pulses,
-            _course(model.cylinder_pressure, "Pa", model, context, at / "cylinder_pressure"),
-            _course(model.return_pressure, "Pa", model, context, at / "return_pressure"),
-            _drive(model, context, at / "drive"),
-            steps * context.time_step,
-            start,
+    rail, cylinder, low = (
+        _course(item, "Pa", model, context, at / key)
+        for key, item in (
+            ("rail_pressure", model.rail_pressure),
+            ("cylinder_pressure", model.cylinder_pressure),
+            ("return_pressure", model.return_pressure),
         )
+    )
+    drive = _drive(model, context, at / "drive")
+    with located(at):
+        return OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start)
 
 
 def _pulses(model: RateModel, at: Place) -> tuple[Energising, ...]:

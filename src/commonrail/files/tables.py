@@ -142,10 +142,8 @@ def _read_rows(path: Path) -> _Rows:
     header = [cell.strip() for cell in rows[0][0]]
     for row, line in rows[1:]:
         if len(row) != len(header):
-            raise InputError(
-                f"{path}, line {line}: {len(row)} cells, and the header has {len(header)}; the decimal "
-                "sign must be a point."
-            )
+            hint = "; the decimal sign must be a point" if len(row) > len(header) else ""
+            raise InputError(f"{path}, line {line}: the row has {len(row)} cells, the header {len(header)}{hint}.")
     return _Rows(header, [row for row, _ in rows[1:]], [line for _, line in rows[1:]], comments)
 
 
@@ -234,7 +232,7 @@ def _kind(path: Path, column: str, unit: str, wanted: Units) -> str:
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     if not fitting:
-        raise InputError(f'{where}: the unit "{unit}" is not of the kind of {" or ".join(choices)}.')
+        raise InputError(f'{where}: a unit like {" or ".join(choices)} is expected, not "{unit}".')
     return fitting[0]
 
 

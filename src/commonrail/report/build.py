@@ -107,9 +107,9 @@ def _facts(record: Record) -> list[tuple[str, str]]:
     evaluations = [f"{counts[key]:,} {words}" for key, words in names.items() if key in counts]
     speed = f"{significant(record.get('simulations_per_second'), 3)} injections/s"
     if "injections" in counts:
-        speed = f"{counts['injections']:,} injections, {speed}"
+        speed = f"{counts['injections']:,} injections; {speed}"
     return [
-        ("Evaluations", ", ".join(evaluations).replace(",", " ", 0)),
+        ("Evaluations", "; ".join(evaluations)),
         ("Simulations", speed),
         ("Time of the search", duration(record.get("seconds"))),
         ("Ended", f"{record['status']}: {record.get('reason') or 'the optimiser was done'}"),

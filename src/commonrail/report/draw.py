@@ -14,7 +14,7 @@ from commonrail.report.figures import Figure, Panel, Series
 
 __all__ = ["draw", "figure_html", "plotly_script"]
 
-INK, GRID = "#1d2733", "#e3e7eb"
+INK, SOFT, GRID = "#1d2733", "#586472", "#e3e7eb"
 FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
 
 # Told apart in grey by dash and width, and by the colour-blind (Okabe and Ito's palette).
@@ -30,11 +30,14 @@ _FAMILIES = ("#0072b2", "#d55e00", "#00795c", "#8f4a7d", "#7a6a00", "#3a3a3a", "
 _MARKERS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "x")
 _DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 
+# The buttons are named one by one: plotly's own choice holds one that sends the data to its cloud.
 _CONFIG = {
     "displaylogo": False,
+    "displayModeBar": "hover",
     "responsive": True,
     "plotlyServerURL": "",
-    "modeBarButtonsToRemove": ["select2d", "lasso2d", "autoScale2d"],
+    "showSendToCloud": False,
+    "modeBarButtons": [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
 }
 
 
@@ -100,9 +103,9 @@ def _trace(series: Series, index: int, row: int) -> go.Scatter:
         y=series.y,
         name=escape(series.label),
         showlegend=bool(series.label),
-        mode="markers" if series.marks else "lines",
+        mode=series.mode,
         line=line,
-        marker={"color": line["color"], "symbol": symbol, "size": 8},
+        marker={"color": line["color"], "symbol": symbol, "size": 5 if "lines" in series.mode else 8},
         # Clicking "start values" in the legend hides the curve and its error alike.
         legendgroup=_group(series, index, row),
         connectgaps=False,
@@ -137,6 +140,7 @@ def _layout(height: int) -> dict[str, Any]:
         "font": {"family": FONT, "size": 12.5, "color": INK},
         "margin": {"l": 54, "r": 10, "t": 34, "b": 46},
         "hovermode": "closest",
+        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": SOFT, "activecolor": INK},
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "#ffffff",
         "legend": {

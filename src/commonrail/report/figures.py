@@ -31,6 +31,8 @@ MM3_PER_MS = 1e6  # of 1 m³/s
 MICROSECOND = 1e6  # of 1 s
 MPA = 1e-6  # of 1 Pa
 
+LINES, MARKERS, BOTH = "lines", "markers", "lines+markers"
+
 RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
 ENERGISING = "energising time, µs"
 
@@ -47,8 +49,8 @@ class Series:
         "measured", "rigid", "start", "best", "mean", or "" for the palette's next colour.
     x, y : tuple of float, same length
         None leaves a gap.
-    marks : bool
-        Markers instead of a line.
+    mode : str
+        "lines", "markers" or "lines+markers".
     family : int or None
         Series of one family share a colour and a marker, whatever their look.
     """
@@ -57,7 +59,7 @@ class Series:
     look: str
     x: Points
     y: Points
-    marks: bool = False
+    mode: str = LINES
     family: int | None = None
 
 
@@ -129,7 +131,7 @@ def map_figure(data: Record) -> Figure:
         series.append(Series("", "start", x, _column(rows, "start", MM3), family=family))
         series.append(Series("", "best", x, _column(rows, "best", MM3), family=family))
         measured = _column(rows, "measured", MM3)
-        series.append(Series(pressure(rail), "measured", x, measured, True, family))
+        series.append(Series(pressure(rail), "measured", x, measured, MARKERS, family))
     return Figure(
         f"{data['name']} ({data['role']})",
         "Injected quantity: markers measured, solid lines calibrated, dotted lines start values.",
@@ -148,8 +150,8 @@ def map_error_figure(data: Record) -> Figure:
         relative = _errors(over, lambda error, measured: 100.0 * error / measured)
         absolute = _errors(under, lambda error, _: error * MM3)
         x_over, x_under = (_column(r, "energising_time", MICROSECOND) for r in (over, under))
-        large.append(Series(pressure(rail), "best", x_over, relative, True, family))
-        small.append(Series("", "best", x_under, absolute, True, family))
+        large.append(Series(pressure(rail), "best", x_over, relative, MARKERS, family))
+        small.append(Series("", "best", x_under, absolute, MARKERS, family))
     text = f"{limit * MM3:.3g} mm³"
     return Figure(
         f"Errors of {data['name']}",
@@ -167,11 +169,11 @@ def dead_time_figure(data: Record) -> Figure:
     rows = sorted((r for r in data["rows"] if r["dead_time"]), key=lambda r: float(r["rail_pressure"]))
     x = _column(rows, "rail_pressure", MPA)
     lines = [
-        Series(LABELS[k], k, x, _column(rows, k, MICROSECOND))
+        Series(LABELS[k], k, x, _column(rows, k, MICROSECOND), BOTH)
         for k in ("start", "best")
         if any(number(row.get(k)) is not None for row in rows)
     ]
-    marks = Series("measured", "measured", x, _column(rows, "measured", MICROSECOND), True)
+    marks = Series("measured", "measured", x, _column(rows, "measured", MICROSECOND), MARKERS)
     return Figure(
         f"Dead times of {data['name']}",
         "Energising time at which the injector delivers the stated small quantity.",

@@ -9,20 +9,26 @@ from commonrail.units import to_text
 
 __all__ = ["rerun_lines"]
 
+_POINT = {"rail_pressure": "Pa", "energising_time": "s", "cylinder_pressure": "Pa"}
+_POINT |= {"return_pressure": "Pa"}
+
 
 def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
     """Purpose and command line, for the run folder of that name."""
     data = record["data"][0]
     point = data if data["kind"] == "rate" else data["rows"][-1]
-    rail = to_text(point["rail_pressure"], "Pa").replace(" ", "")
-    energised = to_text(point["energising_time"], "s").replace(" ", "")
+    options = [
+        f"--{key.replace('_', '-')} {to_text(point[key], unit).replace(' ', '')}"
+        for key, unit in _POINT.items()
+        if key in point
+    ]
     folder, injector = shlex.quote(run), shlex.quote(f"{run}/calibrated.toml")
     return [
         ("Calibrate again", f"commonrail calibrate STUDY.toml --seed {record['seed']}"),
         ("Judge on other data", f"commonrail validate OTHER-STUDY.toml --run {folder}"),
         (
             "Simulate the calibrated injector",
-            f"commonrail simulate {injector} --rail-pressure {rail} --energising-time {energised}",
+            f"commonrail simulate {injector} {' '.join(options)}",
         ),
         ("Make this report again", f"commonrail report {folder}"),
     ]

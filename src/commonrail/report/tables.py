@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from commonrail.report.record import LABELS, Record, labels_of, number, of_kind
-from commonrail.report.text import fixed, percent, pressure, signed, significant
+from commonrail.report.text import fixed, megapascal, percent, signed, significant
 
 __all__ = [
     "Cell",
@@ -25,11 +25,11 @@ MICROSECOND = 1e6  # of 1 s
 # Sizes of an error, with the sign that says it without colour.
 SMALL, MEDIUM, LARGE = "small", "medium", "large"
 SIGNS = {SMALL: "○", MEDIUM: "◐", LARGE: "●"}
-_QUANTITY_STEPS = ((0.05, 0.2), (0.10, 0.4))  # relative, and [mm³] for what is near zero
+_QUANTITY_STEPS = ((0.05, 0.1), (0.10, 0.3))  # relative, and [mm³] for what is near zero
 _DEAD_TIME_STEPS = (10.0, 20.0)  # [us]
 
 QUANTITY_LEGEND = (
-    f"{SIGNS[SMALL]} within 5 % or 0.2 mm³, {SIGNS[MEDIUM]} within 10 % or 0.4 mm³, "
+    f"{SIGNS[SMALL]} within 5 % or 0.1 mm³, {SIGNS[MEDIUM]} within 10 % or 0.3 mm³, "
     f"{SIGNS[LARGE]} beyond."
 )
 DEAD_TIME_LEGEND = (
@@ -78,16 +78,16 @@ def j_table(rates: Sequence[Record]) -> Table:
     labels = labels_of(rates)
     rows = []
     for d in rates:
-        best = number(d["J_relative"].get("best"))
-        cells = [d["name"], d["role"], pressure(d["rail_pressure"]), str(d["samples"])]
-        cells += [fixed(d["J"].get(label), 1) for label in labels]
-        rows.append((*cells, percent(best)))
-    columns = ("data set", "role", "rail pressure", "samples", *_heads("J", labels, "mm³/ms"))
+        cells = [d["name"], d["role"], *(fixed(d["J"].get(label), 1) for label in labels)]
+        cells += [percent(d["J_relative"].get("best")), megapascal(d["rail_pressure"])]
+        rows.append((*cells, str(d["samples"])))
     note = (
-        "J is the sum over the samples of |simulated − measured rate|; the last column is its share "
-        "of the sum of the measured rates."
+        "J is the sum over the samples of |simulated − measured rate|; its share is that of the "
+        "calibrated J in the sum of the measured rates."
     )
-    return Table("Error J of the injection curves", (*columns, "of rate, %"), _cells(rows), note, 2)
+    names = (LABELS[label] for label in labels)
+    columns = ("data set", "role", *names, "share, %", "rail, MPa", "samples")
+    return Table("Error J of the injection curves, mm³/ms", columns, _cells(rows), note, 2)
 
 
 def volume_table(rates: Sequence[Record]) -> Table:
@@ -101,9 +101,9 @@ def volume_table(rates: Sequence[Record]) -> Table:
             volume = number(d["volume"].get(label))
             cells += [fixed(volume, 2, MM3), _relative_error(volume, measured)]
         rows.append(tuple(cells))
-    heads = [head for label in labels for head in (f"{LABELS[label]}, mm³", "error, %")]
-    columns = ("data set", "role", "measured, mm³", *heads)
-    return Table("Injected volume", columns, _cells(rows), "", 2)
+    heads = [head for label in labels for head in (LABELS[label], "error, %")]
+    columns = ("data set", "role", "measured", *heads)
+    return Table("Injected volume, mm³", columns, _cells(rows), "", 2)
 
 
 def figures_table(maps: Sequence[Record]) -> Table:
@@ -138,21 +138,18 @@ def quantity_table(data: Record) -> Table:
         if row["dead_time"]:
             continue
         measured, best = row["measured"], number(row.get("best"))
-        cells = [pressure(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)]
+        cells = [megapascal(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)]
         cells += [fixed(measured, 2, MM3)]
         cells += [fixed(row.get(label), 2, MM3) for label in labels]
         error = None if best is None else (best - measured) * MM3
         size = _quantity_size(error, measured * MM3)
         row_cells = [Cell(text) for text in (*cells, signed(error, 2))]
         rows.append((*row_cells, Cell(_relative_error(best, measured), size)))
-    heads = [f"{LABELS[label]}, mm³" for label in labels]
-    columns = ("rail pressure", "energising time, µs", "measured, mm³", *heads)
-    return Table(
-        f"Quantities: {data['name']} ({data['role']})",
-        (*columns, "error, mm³", "error, %"),
-        tuple(rows),
-        f"Errors are calibrated − measured. {QUANTITY_LEGEND}",
-    )
+    heads = [LABELS[label] for label in labels]
+    columns = ("rail, MPa", "energising time, µs", "measured", *heads, "error", "error, %")
+    title = f"Quantities, mm³: {data['name']} ({data['role']})"
+    note = f"Errors are calibrated − measured. {QUANTITY_LEGEND}"
+    return Table(title, columns, tuple(rows), note, 0)
 
 
 def dead_time_table(data: Record) -> Table:
@@ -164,16 +161,16 @@ def dead_time_table(data: Record) -> Table:
             continue
         best = number(row.get("best"))
         error = None if best is None else (best - row["measured"]) * MICROSECOND
-        cells = [pressure(row["rail_pressure"]), significant(row.get("quantity"), 3, MM3)]
+        cells = [megapascal(row["rail_pressure"]), significant(row.get("quantity"), 3, MM3)]
         cells += [fixed(row["measured"], 0, MICROSECOND)]
         cells += [fixed(row.get(label), 1, MICROSECOND) for label in labels]
         error_cell = Cell(signed(error, 1), _size(error, _DEAD_TIME_STEPS))
         rows.append((*map(Cell, cells), error_cell))
-    heads = [f"{LABELS[label]}, µs" for label in labels]
-    columns = ("rail pressure", "quantity, mm³", "measured, µs", *heads, "error, µs")
-    title = f"Dead times: {data['name']} ({data['role']})"
+    heads = [LABELS[label] for label in labels]
+    columns = ("rail, MPa", "quantity, mm³", "measured", *heads, "error")
+    title = f"Dead times, µs: {data['name']} ({data['role']})"
     note = f"Energising time at which the quantity is reached. {DEAD_TIME_LEGEND}"
-    return Table(title, columns, tuple(rows), note)
+    return Table(title, columns, tuple(rows), note, 0)
 
 
 def _limit(maps: Sequence[Record]) -> str:
@@ -193,10 +190,6 @@ def _size(error: float | None, steps: Sequence[float]) -> str:
     if error is None:
         return LARGE
     return (SMALL, MEDIUM, LARGE)[sum(abs(error) > step for step in steps)]
-
-
-def _heads(symbol: str, labels: Sequence[str], unit: str) -> list[str]:
-    return [f"{symbol} {LABELS[label]}, {unit}" for label in labels]
 
 
 def _cells(rows: Sequence[Sequence[str]]) -> tuple[tuple[Cell, ...], ...]:

@@ -13,6 +13,7 @@ __all__ = [
     "duration",
     "fixed",
     "listed",
+    "megapascal",
     "percent",
     "pressure",
     "quantity",
@@ -53,7 +54,12 @@ def percent(share: Any, decimals: int = 1) -> str:
 
 def pressure(value: Any) -> str:
     """Pressure [Pa] in MPa with its unit."""
-    return f"{significant(value, 4, 1e-6)} MPa"
+    return f"{megapascal(value)} MPa"
+
+
+def megapascal(value: Any) -> str:
+    """Pressure [Pa] as a number of MPa."""
+    return significant(value, 4, 1e-6)
 
 
 def quantity(value: Any, unit: str, digits: int = 4) -> str:

@@ -1,0 +1,57 @@
+"""The virtual injector of the catalogue, wired in the ways that the tests of physics and engines need.
+
+Each variant is one kernel, compiled at its first use and then kept on disk: take one of these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from commonrail.files.injector_file import load_injector
+from commonrail.injector.definition import Injector
+from commonrail.injector.variants import Body, Boundary, Drive, Variant
+
+DRAWN = "virtual-lino-2016"
+
+
+def wired(variant: Variant) -> Injector:
+    """The virtual injector in another wiring."""
+    return replace(load_injector(DRAWN), variant=variant)
+
+
+@pytest.fixture(scope="session")
+def pwm() -> Injector:
+    """As in the catalogue: flexible body, ideal rail, PWM."""
+    return wired(Variant(drive=Drive.PWM))
+
+
+@pytest.fixture(scope="session")
+def regulated() -> Injector:
+    """Its smooth twin: the current follows its plan exactly."""
+    return wired(Variant())
+
+
+@pytest.fixture(scope="session")
+def rigid() -> Injector:
+    """Plunger and needle as one mass, PWM."""
+    return wired(Variant(Body.RIGID, drive=Drive.PWM))
+
+
+@pytest.fixture(scope="session")
+def volume() -> Injector:
+    """Fed from a rail volume behind a throttle."""
+    return wired(Variant(boundary=Boundary.VOLUME))
+
+
+@pytest.fixture(scope="session")
+def by_voltage() -> Injector:
+    """Driven by a measured voltage."""
+    return wired(Variant(drive=Drive.VOLTAGE))
+
+
+@pytest.fixture(scope="session")
+def by_current() -> Injector:
+    """Driven by a measured current."""
+    return wired(Variant(drive=Drive.CURRENT))

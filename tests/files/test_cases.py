@@ -1,0 +1,93 @@
+"""The cases that ship with the project load, and hold the figures of their sources."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from commonrail.calibration.study import QuantityData, RateData, Role
+from commonrail.files.study_file import load_study
+
+CASES = Path(__file__).resolve().parents[2] / "cases"
+
+# mm3/stroke, github.com/suertang/AI_ETMAP, commit b3a8019, map 165: rows by rail pressure, columns by energising time
+ENERGISING_US = [250, 300, 400, 500, 700, 1000, 1400]
+QUANTITY = {
+    40: [0.24, 0.75, 2.05, 4.20, 10.97, 24.96, 45.12],
+    80: [0.67, 2.32, 5.28, 10.47, 26.31, 51.76, 86.30],
+    120: [1.00, 3.74, 9.24, 17.74, 40.00, 73.56, 118.98],
+    160: [1.87, 5.83, 13.69, 26.06, 52.43, 92.76, 148.31],
+}
+DEAD_TIME_US = {40: 282, 80: 240, 120: 237, 160: 228}
+
+
+def rows(data: QuantityData) -> list[tuple[int, int, float]]:
+    """Rail pressure [MPa], energising time [us], quantity [mm3]."""
+    return [
+        (round(p.at_start(p.rail_pressure) / 1e6), round(p.pulses[0].duration * 1e6), round(q * 1e9, 6))
+        for p, q in zip(data.points, data.quantity.tolist(), strict=True)
+    ]
+
+
+def expected(pressures: list[int]) -> list[tuple[int, int, float]]:
+    table = [(p, t, q) for p in pressures for t, q in zip(ENERGISING_US, QUANTITY[p], strict=True)]
+    return table + [(p, DEAD_TIME_US[p], 0.5) for p in pressures]
+
+
+def test_real_injectors_map_is_that_of_its_source() -> None:
+    fit, check = load_study(CASES / "cri2-16" / "study.toml").data
+    assert isinstance(fit, QuantityData)
+    assert isinstance(check, QuantityData)
+    assert (fit.role, rows(fit)) == (Role.FIT, expected([40, 80, 160]))
+    assert (check.role, rows(check)) == (Role.VALIDATION, expected([120]))
+    assert np.count_nonzero(fit.dead_time) == 3
+
+
+def test_real_injectors_study_is_not_synthetic() -> None:
+    study = load_study(CASES / "cri2-16" / "study.toml")
+    assert study.synthetic == ""
+    assert 10 <= study.space.dimension <= 16
+    assert study.method.polish == 4
+
+
+@pytest.fixture
+def paper(tmp_path: Path) -> Path:
+    """The paper's study beside curves of the form that the virtual bench writes."""
+    shutil.copy(CASES / "paper" / "study.toml", tmp_path)
+    (tmp_path / "data").mkdir()
+    text = "# SYNTHETIC\ntime [us],rate [mm3/ms]\n" + "".join(f"{3 * k},1\n" for k in range(1, 521))
+    for rail in (160, 120, 80):
+        (tmp_path / "data" / f"evi_{rail}MPa.csv").write_text(text, encoding="utf-8")
+    return tmp_path / "study.toml"
+
+
+def test_papers_study_is_the_papers(paper: Path) -> None:
+    study = load_study(paper)
+    assert [(d.name, d.role.value) for d in study.data] == [
+        ("160 MPa", "fit"),
+        ("120 MPa", "validation"),
+        ("80 MPa", "validation"),
+    ]
+    assert (study.method.evolution.members, study.method.evolution.generations) == (50, 70)
+    assert study.synthetic
+    for data in study.data:
+        assert isinstance(data, RateData)
+        assert len(data.rate) == 520
+        assert data.bounds[0] == pytest.approx(0.0, abs=1e-12)
+        assert data.bounds[-1] == pytest.approx(1.56e-3, rel=1e-12)
+
+
+def test_papers_bounds_and_ordering_hold_its_optimum(paper: Path) -> None:
+    space = load_study(paper).space
+    theoretical = np.array([1.22e8, 8.08e7, 8.21e7, 9.44e7, 9.43e7, 1.86e8, 5.82e7])  # Table 1
+    optimal = np.array([3.03e8, 8.26e7, 8.35e7, 1.41e8, 1.05e8, 3.50e8, 6.44e7])
+    assert space.names == tuple(f"plunger_needle.k{i}" for i in range(1, 8))
+    # 1e-12: rounding of the percentages
+    np.testing.assert_allclose(space.lower, 0.1 * theoretical, rtol=1e-12)
+    np.testing.assert_allclose(space.upper, 3.0 * theoretical, rtol=1e-12)
+    assert len(space.rows) == 6
+    assert space.satisfies(np.array([theoretical, optimal])).all()
+    assert not space.satisfies(optimal[[1, 0, 2, 3, 4, 5, 6]])

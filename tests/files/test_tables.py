@@ -1,0 +1,128 @@
+"""Columns from CSV: units, delimiters, and one sentence with line and column for each fault."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from commonrail.errors import InputError
+from commonrail.files import tables
+from commonrail.files.tables import Table, read_columns
+
+Write = Callable[[str | bytes], Path]
+
+WANTED = {"time": "s", "rate": ("m3/s", "kg/s")}
+GOOD = "time [us],rate [mm3/ms]\n0,1\n3,2\n6,4\n9,8\n"
+
+
+def read(path: Path, **stated: str) -> Table:
+    return read_columns(path, WANTED, stated=stated, increasing="time")
+
+
+def test_units_become_si(table_file: Write) -> None:
+    table = read(table_file(GOOD))
+    np.testing.assert_allclose(table.columns["time"], [0.0, 3e-6, 6e-6, 9e-6], rtol=1e-15)
+    np.testing.assert_allclose(table.columns["rate"], [1e-6, 2e-6, 4e-6, 8e-6], rtol=1e-15)
+    assert table.units == {"time": "s", "rate": "m3/s"}
+
+
+def test_a_mass_rate_keeps_its_kind(table_file: Write) -> None:
+    table = read(table_file(GOOD.replace("mm3/ms", "mg/ms")))
+    np.testing.assert_allclose(table.columns["rate"], [1e-3, 2e-3, 4e-3, 8e-3], rtol=1e-15)
+    assert table.units["rate"] == "kg/s"
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", ", "])
+def test_delimiters(table_file: Write, delimiter: str) -> None:
+    table = read(table_file(GOOD.replace(",", delimiter)))
+    np.testing.assert_allclose(table.columns["rate"], [1e-6, 2e-6, 4e-6, 8e-6], rtol=1e-15)
+
+
+def test_comments_blank_lines_quotes_and_other_columns_are_passed_over(table_file: Write) -> None:
+    text = '# bench 3\n\n"rate [mm3/ms]","a, b",time [us]\n1,x,0\n# pause\n2,,3\n\n4,y,6\n8,z,9\n'
+    table = read(table_file(text))
+    np.testing.assert_allclose(table.columns["rate"], [1e-6, 2e-6, 4e-6, 8e-6], rtol=1e-15)
+    assert table.lines.tolist() == [4, 6, 8, 9]
+    assert table.comments == ("bench 3", "pause")
+
+
+@pytest.mark.parametrize("row", ["us,mm3/ms", "[us],[mm3/ms]", " us , mm3/ms "])
+def test_a_row_of_units(table_file: Write, row: str) -> None:
+    table = read(table_file(f"time,rate\n{row}\n0,1\n3,2\n6,4\n9,8\n"))
+    np.testing.assert_allclose(table.columns["time"], [0.0, 3e-6, 6e-6, 9e-6], rtol=1e-15)
+    assert table.lines.tolist() == [3, 4, 5, 6]
+
+
+def test_units_from_whoever_reads(table_file: Write) -> None:
+    path = table_file("time,rate\n0,1\n3,2\n6,4\n9,8\n")
+    table = read(path, time="ms", rate="mg/ms")
+    np.testing.assert_allclose(table.columns["time"], [0.0, 3e-3, 6e-3, 9e-3], rtol=1e-15)
+
+
+FAULTS = {
+    "no such column": (
+        GOOD.replace("rate", "Rate"),
+        r'no column "rate" \(did you mean "Rate"\?\); the header has "time", ',
+    ),
+    "column twice": (
+        "time [us],rate [mm3/ms],time [ms]\n0,1,0\n3,2,0\n6,4,0\n9,8,0\n",
+        'the column "time" stands 2 times in the header',
+    ),
+    "no unit": (GOOD.replace(" [us]", ""), 'column "time": there is no unit; write it in the header'),
+    "unit guessed from the name": (GOOD.replace("time [us]", "time_us"), 'there is no column "time"'),
+    "unknown unit": (GOOD.replace("[us]", "[ticks]"), 'column "time": "ticks" is not a known unit'),
+    "unit of another kind": (GOOD.replace("[us]", "[mm]"), 'column "time": a unit like s is expected, not "mm"'),
+    "neither volume nor mass": (GOOD.replace("[mm3/ms]", "[MPa]"), 'a unit like m3/s or kg/s is expected, not "MPa"'),
+    "text": (GOOD.replace("3,2", "3,two"), 'line 3, column "rate": "two" is not a finite number'),
+    "not a number": (GOOD.replace("6,4", "6,nan"), 'line 4, column "rate": "nan" is not a finite number'),
+    "infinite": (GOOD.replace("6,4", "inf,4"), 'line 4, column "time": "inf" is not a finite number'),
+    "empty cell": (GOOD.replace("9,8", "9,"), 'line 5, column "rate": the cell is empty'),
+    "underscore": (GOOD.replace("9,8", "9,8_0"), '"8_0" is not a finite number'),
+    "decimal comma": (
+        GOOD.replace(",", ";").replace("3;2", "3;2,5"),
+        'line 3, column "rate": "2,5" has a decimal comma; write the decimal sign as a point',
+    ),
+    "decimal comma between commas": (
+        GOOD.replace("3,2", "3,2,5"),
+        "line 3: the row has 3 cells, the header 2; the decimal sign",
+    ),
+    "short row": (GOOD.replace("6,4", "6"), "line 4: the row has 1 cells, the header 2"),
+    "open quote": (GOOD.replace("9,8", '9,"8'), r"line 5: the row cannot be read \(unexpected end of data\)"),
+    "time repeats": (GOOD.replace("6,4", "3,4"), 'line 4, column "time": this time repeats the one on line 3'),
+    "time runs back": (
+        GOOD.replace("6,4", "2,4"),
+        'line 4, column "time": this time runs back behind the one on line 3',
+    ),
+    "too few rows": (GOOD.replace("9,8\n", ""), "the file has 3 rows of numbers, and at least 4 are needed"),
+    "header alone": (GOOD[:24], "the file has 0 rows of numbers"),
+    "empty": ("", "the file has no rows"),
+    "comments alone": ("# a\n# b\n", "the file has no rows"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_fault_is_named(table_file: Write, fault: str) -> None:
+    text, message = FAULTS[fault]
+    with pytest.raises(InputError, match=r"data\.csv.*" + message):
+        read(table_file(text))
+
+
+def test_two_units_for_one_column(table_file: Write) -> None:
+    with pytest.raises(InputError, match=r'data\.csv, column "time": the file gives the unit "us", the study "ms"'):
+        read(table_file(GOOD), time="ms")
+    assert read(table_file(GOOD), time="us").units["time"] == "s"
+
+
+def test_size_limit(table_file: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tables, "LARGEST_FILE", 20)
+    with pytest.raises(InputError, match="more than the 0 MB that are read"):
+        read(table_file(GOOD))
+
+
+@pytest.mark.parametrize(("name", "kind"), [("a.mf4", "MDF4"), ("a.MAT", "MATLAB"), ("a.xlsx", "Excel")])
+def test_other_formats(tmp_path: Path, name: str, kind: str) -> None:
+    with pytest.raises(InputError, match=rf"{name}: {kind} files are not read; export the columns to a CSV file"):
+        read(tmp_path / name)
