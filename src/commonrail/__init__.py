@@ -1,5 +1,123 @@
-"""commonrail: simulate and calibrate common-rail electro-injectors."""
+"""commonrail: simulate and calibrate common-rail electro-injectors.
 
-from importlib.metadata import version
+The public names are loaded when they are first used: importing the package compiles and reads
+nothing.
+"""
 
-__version__ = version("commonrail")
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from commonrail.calibration.run import Calibration, Progress, calibrate, validate
+    from commonrail.calibration.study import QuantityData, RateData, Study
+    from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
+    from commonrail.engine.simulate import simulate, simulate_batch
+    from commonrail.engine.solution import Batch, Solution
+    from commonrail.engine.status import Status
+    from commonrail.errors import (
+        CommonrailError,
+        ConfigurationError,
+        InputError,
+        OutputError,
+        SimulationError,
+        StudyError,
+    )
+    from commonrail.files.injector_file import dump_injector, injector_catalogue, load_injector
+    from commonrail.files.run_folder import create_run_folder, read_run, write_run
+    from commonrail.files.study_file import load_study
+    from commonrail.fuel.catalogue import load_fuel
+    from commonrail.fuel.fuel import Fuel
+    from commonrail.injector.definition import Injector, parameter_quantities
+    from commonrail.injector.variants import Variant
+    from commonrail.report.build import write_report
+    from commonrail.report.simulation import simulation_figure
+
+    __version__: str
+
+# Module that holds each public name; the imports above say the same to a type checker.
+_HOMES = {
+    "calibration.run": ("Calibration", "Progress", "calibrate", "validate"),
+    "calibration.study": ("QuantityData", "RateData", "Study"),
+    "engine.operating_point": ("Energising", "OperatingPoint", "Trace"),
+    "engine.simulate": ("simulate", "simulate_batch"),
+    "engine.solution": ("Batch", "Solution"),
+    "engine.status": ("Status",),
+    "errors": (
+        "CommonrailError",
+        "ConfigurationError",
+        "InputError",
+        "OutputError",
+        "SimulationError",
+        "StudyError",
+    ),
+    "files.injector_file": ("dump_injector", "injector_catalogue", "load_injector"),
+    "files.run_folder": ("create_run_folder", "read_run", "write_run"),
+    "files.study_file": ("load_study",),
+    "fuel.catalogue": ("load_fuel",),
+    "fuel.fuel": ("Fuel",),
+    "injector.definition": ("Injector", "parameter_quantities"),
+    "injector.variants": ("Variant",),
+    "report.build": ("write_report",),
+    "report.simulation": ("simulation_figure",),
+}
+_MODULES = {name: f"commonrail.{home}" for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Batch",
+    "Calibration",
+    "CommonrailError",
+    "ConfigurationError",
+    "Energising",
+    "Fuel",
+    "Injector",
+    "InputError",
+    "OperatingPoint",
+    "OutputError",
+    "Progress",
+    "QuantityData",
+    "RateData",
+    "SimulationError",
+    "Solution",
+    "Status",
+    "Study",
+    "StudyError",
+    "Trace",
+    "Variant",
+    "__version__",
+    "calibrate",
+    "create_run_folder",
+    "dump_injector",
+    "injector_catalogue",
+    "load_fuel",
+    "load_injector",
+    "load_study",
+    "parameter_quantities",
+    "read_run",
+    "simulate",
+    "simulate_batch",
+    "simulation_figure",
+    "validate",
+    "write_report",
+    "write_run",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its module (PEP 562)."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: Any = version("commonrail")
+    elif name in _MODULES:
+        value = getattr(import_module(_MODULES[name]), name)
+    else:
+        raise AttributeError(f"module 'commonrail' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Public names, loaded or not."""
+    return sorted({*globals(), *__all__})

@@ -230,6 +230,7 @@ FAULTS = {
     "fuel file": ('name = "iso4113"', 'file = "a.toml"', r"a\.toml: there is no such file"),
     "no temperature": ('temperature = "80 degC"', "", "fuel: there is no temperature; add temperature"),
     "temperature": ('"80 degC"', '"180 degC"', r"fuel\.temperature: 453\.15 K lies outside the range of iso4113"),
+    "temperature below": ('"80 degC"', '"10 degC"', r"fuel\.temperature: 283\.15 K lies outside the range of iso4113"),
     "drawing no table": (
         "[plunger_needle.drawing]",
         "[[plunger_needle.drawing]]",

@@ -81,6 +81,13 @@ def test_fuel_that_is_not_of_the_catalogue_is_written_out(tmp_path: Path, inject
     assert load_injector(tmp_path / "copy.toml").fuel == injector.fuel
 
 
+def test_fuel_with_a_name_of_the_catalogue_but_other_laws_is_written_out(tmp_path: Path, injector_file: Edit) -> None:
+    known = load_fuel("iso4113")
+    injector = replace(load_injector(injector_file()), fuel=replace(known, title="another oil"))
+    dump_injector(injector, tmp_path / "copy.toml")
+    assert load_injector(tmp_path / "copy.toml").fuel.title == "another oil"
+
+
 def test_unwritable(tmp_path: Path, injector_file: Edit) -> None:
     with pytest.raises(OutputError, match=r"absent/copy\.toml: the injector cannot be written \(No such file"):
         dump_injector(load_injector(injector_file()), tmp_path / "absent" / "copy.toml")

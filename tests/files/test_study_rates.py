@@ -112,6 +112,21 @@ def test_measured_courses(study_file: Edit, tmp_path: Path) -> None:
     assert point.cylinder_pressure.at(1.5e-3) == pytest.approx(5.5e6, rel=1e-12)
 
 
+def test_a_courses_time_unit_is_that_of_the_data_set_only_within_its_file(study_file: Edit, tmp_path: Path) -> None:
+    rows = "".join(f"{k},{k},160\n" for k in range(1, 11))
+    for name in ("own.csv", "other.csv"):
+        (tmp_path / name).write_text(f"time,rate,rail [MPa]\n{rows}", encoding="utf-8")
+    units = 'time_unit = "ms"\nrate_unit = "mm3/ms"\n'
+    parts = [(FILE, OWN + units), (WINDOW, "")]
+    (data,) = load_study(study_file(*parts, (RAIL, 'rail_pressure = { column = "rail" }\n'))).data
+    assert isinstance(data, RateData)
+    assert isinstance(data.point.rail_pressure, Trace)
+    assert data.point.rail_pressure.time[0] == 1e-3
+    path = study_file(*parts, (RAIL, 'rail_pressure = { file = "other.csv", column = "rail" }\n'))
+    with pytest.raises(InputError, match=r'other\.csv, column "time": there is no unit'):
+        load_study(path)
+
+
 def test_measured_drive(study_file: Edit, tmp_path: Path) -> None:
     rows = "".join(f"{10 * k},{k},{2 * k}\n" for k in range(1, 11))
     (tmp_path / "own.csv").write_text(f"time [us],rate [mm3/ms],current [A]\n{rows}", encoding="utf-8")

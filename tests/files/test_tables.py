@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.files import tables
+from commonrail.files import csv_rows
 from commonrail.files.tables import Table, read_columns
 
 Write = Callable[[str | bytes], Path]
@@ -90,7 +90,7 @@ FAULTS = {
         "line 3: the row has 3 cells, the header 2; the decimal sign",
     ),
     "short row": (GOOD.replace("6,4", "6"), "line 4: the row has 1 cells, the header 2"),
-    "open quote": (GOOD.replace("9,8", '9,"8'), r"line 5: the row cannot be read \(unexpected end of data\)"),
+    "open quote": (GOOD.replace("6,4", '6,"4'), r"line 4: the row cannot be read \(unexpected end of data\)"),
     "time repeats": (GOOD.replace("6,4", "3,4"), 'line 4, column "time": this time repeats the one on line 3'),
     "time runs back": (
         GOOD.replace("6,4", "2,4"),
@@ -117,7 +117,7 @@ def test_two_units_for_one_column(table_file: Write) -> None:
 
 
 def test_size_limit(table_file: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tables, "LARGEST_FILE", 20)
+    monkeypatch.setattr(csv_rows, "LARGEST_FILE", 20)
     with pytest.raises(InputError, match="more than the 0 MB that are read"):
         read(table_file(GOOD))
 

@@ -42,6 +42,8 @@ def identify(calibration: Calibration, threads: int | None = None) -> dict[str, 
     residuals = objective.residuals(space.from_unit(np.vstack([best, low, high])))
     own, below, above = residuals[0], residuals[1 : 1 + space.dimension], residuals[1 + space.dimension :]
     width = np.diag(high - low)
+    # SI value per unit of position, which on a logarithmic scale is not the width of the range
+    slopes = np.diag(space.from_unit(high) - space.from_unit(low)) / width
     jacobian = ((above - below) / width[:, None]).T
     usable = np.all(np.isfinite(jacobian), axis=0)
     spread = np.sqrt(np.sum(own**2) / max(len(own) - space.dimension, 1))
@@ -52,7 +54,7 @@ def identify(calibration: Calibration, threads: int | None = None) -> dict[str, 
         found[p.name] = {
             "effect": 0.01 * alone,
             "pinned": 0.01 * joint,
-            "standard_error": float(error * (p.upper - p.lower)) if np.isfinite(error) else None,
+            "standard_error": float(error * slopes[i]) if np.isfinite(error) else None,
             "verdict": _verdict(spread, alone, joint),
         }
     return found

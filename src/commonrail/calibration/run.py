@@ -135,7 +135,8 @@ class _Search:
         population, costs = population[usable], costs[usable]
         count = min(method.polish, len(population))
         chosen = diverse_members(space.to_unit(population), costs, count)
-        settings = LeastSquaresSettings(iterations=method.polish_iterations, step=1e-3)
+        # differences over 1 % of a range: a smaller step measures the ripple of bouncing valves and needles
+        settings = LeastSquaresSettings(iterations=method.polish_iterations, step=1e-2)
         for i, row in enumerate(chosen):
             ends = LeastSquares(space, self._residuals, settings).run(population[row])
             cost = float(self.objective.costs(ends[0].x[None, :]).costs[0])

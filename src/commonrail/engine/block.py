@@ -56,6 +56,7 @@ class Rows(NamedTuple):
     control_pressure: int
     store_pressure: int
     return_pressure: int
+    valve_lift: int
     tip: int
     top: int
     feed_delay: int
@@ -77,6 +78,7 @@ def make_rows(variant: Variant) -> Rows:
         "control_chamber.fuel.pressure",
         "accumulation.fuel.pressure",
         "return_line.pressure",
+        "valve.lift",
         *body,
     )
     single = [note + i for i in (0, 1, 2, 3, 4)]
@@ -116,7 +118,8 @@ def make_begin(variant: Variant, rows: Rows) -> Callable[..., Any]:
             store_state(work, rows.state, lane, state_at_rest(c, setting, body, motion(body)))
             for row in range(rows.leaving, rows.end):
                 work[at(row, lane)] = 0.0
-            out[lane, CLOSED_AT_START] = 1.0 if work[at(rows.tip, lane)] < 0.0 else 0.0
+            rests = work[at(rows.tip, lane)] < 0.0 and work[at(rows.valve_lift, lane)] < 0.0
+            out[lane, CLOSED_AT_START] = 1.0 if rests else 0.0
             work[at(rows.leaving, lane)] = work[at(rows.store_pressure, lane)]
             work[at(rows.leaving + 1, lane)] = work[at(rows.store_pressure, lane)]
             work[at(rows.leaving + 2, lane)] = work[at(rows.return_pressure, lane)]

@@ -49,8 +49,9 @@ class Outcome(NamedTuple):
     """Per lane figures of a run; shapes (blocks, LANES).
 
     `opening` and `closing` are in steps (NaN where there is none); masses in kg; `absolute` and `squared`
-    are the weighted sums of the samples' errors [kg/s], [(kg/s)²]; `finite` is 1 for a run that stayed
-    finite and inside its stops.
+    are the weighted sums of the samples' errors [kg/s], [(kg/s)²]; `sound` is 1 for a run that stayed
+    finite and inside its stops, `closed_at_start` for needle and valve at rest before energising, `closed_at_end` for
+    a needle that had closed for good.
     """
 
     injected: Floats

@@ -1,7 +1,7 @@
 """Right-hand side of the whole injector for the reference engine: method of lines, no splitting, no lag.
 
 The same laws as the lanes', put together without their scheme: pipes are staggered finite volumes, all
-pressures are taken at one time, nothing is linearised. The vector is ordered so that its Jacobian is banded:
+pressures are taken at one time. The vector is ordered so that its Jacobian is banded:
 feed pipe, injector, return line.
 """
 
@@ -210,7 +210,7 @@ def _make_rates(variant: Variant) -> Callable[..., None]:
         wave = y[line] - c.return_line.impedance * y[line + 1] if cells[1] > 0 else outside.low
         drain = drain_flow(c, chamber.pressure, chamber.density, y[core + 2], wave)
 
-        # the Z-hole's flow needs the inlet's pressure, which (rail volume) needs that flow: two rounds suffice
+        # the Z-hole's flow needs the inlet's pressure, which (rail volume) needs that flow: six rounds converge
         z_flow = 0.0
         inlet = outside.rail
         tap = c.control_chamber.z_from_inlet

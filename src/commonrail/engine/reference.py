@@ -103,7 +103,7 @@ class _Model:
         body = wired.body.at_rest(self.c.plunger_needle, setup.seat_contact(self.c), setup.static_loads(self.c, at))
         lifts: Motion = wired.body.motion(body)
         state = setup.state_at_rest(self.c, at, body, lifts)
-        self.closed_at_start = lifts.tip < 0.0
+        self.closed_at_start = lifts.tip < 0.0 and state.valve.lift < 0.0
         line = resolution.cells[1] if self.c.return_line.impedance > 0.0 else 0
         self.cells = np.array((resolution.cells[0], line))
         self.start = start_vector(variant, self.c, state, (resolution.cells[0], line), at)

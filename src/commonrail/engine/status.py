@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """Outcome of one simulation. Only `OK` has figures to trust; the others cost +inf in a study."""
+    """Outcome of one simulation. What `failed` costs +inf in a study; a needle still open costs +inf in a quantity map."""
 
     OK = 0
     NOT_CLOSED_AT_START = 1
@@ -29,8 +29,8 @@ class Status(IntEnum):
 _SENTENCES = {
     Status.OK: "The simulation ended well.",
     Status.NOT_CLOSED_AT_START: (
-        "The needle does not rest on its seat before energising: the opening forces exceed the closing ones; "
-        "check plunger, guide and seat diameters and the needle spring."
+        "Needle or valve does not rest on its seat before energising: the opening forces exceed the closing ones; "
+        "check plunger, guide and seat diameters and the springs of needle and valve."
     ),
     Status.STEP_UNSTABLE: (
         "The time step is too long for the stiffest spring of the plunger-needle chain; take a shorter time step "

@@ -14,13 +14,13 @@ from commonrail.errors import ConfigurationError, nearest
 from commonrail.files.injector_file import load_injector
 from commonrail.files.place import Place, located
 from commonrail.files.study_context import Context
+from commonrail.files.study_faults import read_model
 from commonrail.files.study_models import (
     ConstraintsModel,
     OptimiserModel,
     ParameterModel,
     QuantitiesModel,
     RateModel,
-    read_model,
 )
 from commonrail.files.study_quantities import read_quantities
 from commonrail.files.study_rates import read_rate

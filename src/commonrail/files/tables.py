@@ -7,7 +7,6 @@ never guessed from a name.
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError, nearest
-from commonrail.files.text_file import read_text
+from commonrail.files.csv_rows import Rows, read_rows
 from commonrail.units import compatible, convert
 
 __all__ = ["Table", "read_columns"]
@@ -26,10 +25,8 @@ __all__ = ["Table", "read_columns"]
 Floats = NDArray[np.float64]
 Units = str | tuple[str, ...]
 
-LARGEST_FILE = 200_000_000  # [bytes]
 LEAST_SAMPLES = 4
 _BINARY = {".mf4": "MDF4", ".mdf": "MDF", ".mat": "MATLAB", ".nc": "NetCDF", ".xlsx": "Excel", ".xls": "Excel"}
-_QUOTED = re.compile(r'"[^"]*"')
 
 
 @dataclass(frozen=True)
@@ -58,16 +55,6 @@ class Table:
     def cell(self, column: str, row: int) -> str:
         """Where a value stands, for a message."""
         return _cell(self.path, int(self.lines[row]), column)
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """Header and rows of cells with their lines in the file."""
-
-    header: list[str]
-    cells: list[list[str]]
-    lines: list[int]
-    comments: tuple[str, ...]
 
 
 def read_columns(
@@ -106,10 +93,10 @@ def read_columns(
         raise InputError(
             f"{path}: {_BINARY[path.suffix.lower()]} files are not read; export the columns to a CSV file."
         )
-    rows = _read_rows(path)
+    rows = read_rows(path)
     names, in_header = (list(parts) for parts in zip(*map(_name_and_unit, rows.header), strict=True))
     places = {column: _find(path, column, names) for column in wanted}
-    units = _units_row(rows, list(places.values())) or in_header
+    units = _units_row(rows, [i for i in places.values() if not in_header[i]]) or in_header
     cells = rows.cells[1:] if units is not in_header else rows.cells
     lines = rows.lines[1:] if units is not in_header else rows.lines
     if len(cells) < least:
@@ -125,46 +112,6 @@ def read_columns(
     if increasing:
         _check_increasing(table, increasing)
     return table
-
-
-def _read_rows(path: Path) -> _Rows:
-    kept, numbers, comments = _lines(read_text(path, LARGEST_FILE))
-    if not kept:
-        raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
-    reader = csv.reader(kept, delimiter=_delimiter(kept[0]), strict=True, skipinitialspace=True)
-    rows: list[tuple[list[str], int]] = []
-    try:
-        for row in reader:
-            rows.append((row, numbers[reader.line_num - 1]))
-    except csv.Error as error:
-        line = numbers[min(reader.line_num, len(numbers)) - 1]
-        raise InputError(f"{path}, line {line}: the row cannot be read ({error}).") from error
-    header = [cell.strip() for cell in rows[0][0]]
-    for row, line in rows[1:]:
-        if len(row) != len(header):
-            hint = "; the decimal sign must be a point" if len(row) > len(header) else ""
-            raise InputError(f"{path}, line {line}: the row has {len(row)} cells, the header {len(header)}{hint}.")
-    return _Rows(header, [row for row, _ in rows[1:]], [line for _, line in rows[1:]], comments)
-
-
-def _lines(text: str) -> tuple[list[str], list[int], tuple[str, ...]]:
-    """Lines that count, their numbers, and the comments."""
-    kept: list[str] = []
-    numbers: list[int] = []
-    comments: list[str] = []
-    for number, line in enumerate(text.split("\n"), start=1):
-        if line.lstrip().startswith("#"):
-            comments.append(line.lstrip()[1:].strip())
-        elif line.strip():
-            kept.append(line)
-            numbers.append(number)
-    return kept, numbers, tuple(comments)
-
-
-def _delimiter(header: str) -> str:
-    """Semicolon or tab where the header has one outside quotes, else comma."""
-    bare = _QUOTED.sub("", header)
-    return next((sign for sign in (";", "\t") if sign in bare), ",")
 
 
 def _name_and_unit(cell: str) -> tuple[str, str]:
@@ -185,7 +132,7 @@ def _find(path: Path, column: str, names: Sequence[str]) -> int:
     return names.index(column)
 
 
-def _units_row(rows: _Rows, places: Sequence[int]) -> list[str] | None:
+def _units_row(rows: Rows, places: Sequence[int]) -> list[str] | None:
     """Units of the row below the header, if that row holds units: text all over, a unit where it counts."""
     if not rows.cells:
         return None

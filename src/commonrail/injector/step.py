@@ -365,7 +365,8 @@ def make_step(advance: Law, motion: Law, drive_law: Law, inlet_law: Law, draw: L
         wave = feed_pipe.returning(c.feed_pipe, arriving.up, s.feed_pipe.inlet_flow)
         inlet = inlet_law(c, s, u, wave)
         feed = tap * inlet.pressure + (1.0 - tap) * upstream
-        back = 2.0 * u.low - arriving.back
+        # a line of length zero is the tank itself
+        back = 2.0 * u.low - arriving.back if c.return_line.impedance > 0.0 else u.low
         chamber = fill_control_chamber(c, s, u, feed, back, lift, way, dt)
         behind = max(back + c.return_line.impedance * chamber.a_hole, c.fuel.vapour_pressure)
 

@@ -35,7 +35,7 @@ class Parameters(NamedTuple):
         float, Q("1", "discharge coefficient of the A-hole, not cavitating", Domain.POSITIVE, 0.82)
     ]
     a_hole_contraction: Annotated[
-        float, Q("1", "contraction coefficient of the cavitating A-hole", Domain.POSITIVE, 0.82)
+        float, Q("1", "contraction coefficient of the cavitating A-hole", Domain.POSITIVE, 0.62)
     ]
     transition_reynolds: Annotated[
         float, Q("1", "Reynolds number at which viscous and inertial loss of a hole are equal", Domain.POSITIVE, 10.0)

@@ -11,7 +11,7 @@ from commonrail.flow.wave import pipe_area
 from commonrail.parts.furniture import Annotated, Domain, Q
 
 # Eq. (9) shuts the holes at zero lift, which would cut a full SAC off from the cylinder. They are held
-# open as at this lift; it is passed within the first microsecond of an opening.
+# open as at this lift, far below z0.
 RESIDUAL_LIFT = 1e-6
 
 
@@ -56,8 +56,9 @@ class State(NamedTuple):
 def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) -> Coefficients:
     """Coefficients at the rail pressure p_CR [Pa] of time zero and its dynamic viscosity [Pa s]."""
     area = p.holes * pipe_area(p.hole_diameter)
-    top = p.lift_maximum_slope * rail_pressure + p.lift_maximum_offset
-    knee = p.lift_transition_slope * rail_pressure + p.lift_transition_offset
+    # K1…K4 may have any sign: keep 0 < z0 < zM, whatever a search proposes
+    knee = max(p.lift_transition_slope * rail_pressure + p.lift_transition_offset, RESIDUAL_LIFT)
+    top = max(p.lift_maximum_slope * rail_pressure + p.lift_maximum_offset, knee + RESIDUAL_LIFT)
     return Coefficients(
         area * area,
         (p.contraction * area) ** 2,

@@ -20,7 +20,7 @@ from commonrail.report.parameters import parameter_rows
 from commonrail.report.record import Record, check_record
 from commonrail.report.rerun import rerun_lines
 from commonrail.report.tables import tables_of
-from commonrail.report.text import duration, significant
+from commonrail.report.text import duration, listed, significant
 
 __all__ = ["report_html", "write_report"]
 
@@ -54,8 +54,7 @@ def write_report(folder: Path) -> Path:
         page = report_html(record, traces, folder.name or "RUN")
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(
-            f"{folder}: result.json or traces.csv is incomplete ({type(error).__name__}: {error}); "
-            "calibrate again."
+            f"{folder}: result.json or traces.csv is incomplete ({type(error).__name__}: {error}); calibrate again."
         ) from error
     path = folder / "report.html"
     try:
@@ -92,11 +91,14 @@ def _convergence(record: Record) -> tuple[Figure, str] | None:
     return figure, figure_html(figure, "convergence")
 
 
-def _synthetic(record: Record) -> list[tuple[str, str]]:
-    """What is synthetic, by data set; the whole study's note first."""
-    found = [("Study", record.get("synthetic", ""))]
-    found += [(d["name"], d.get("synthetic", "")) for d in record["data"]]
-    return [(name, text) for name, text in found if text]
+def _synthetic(record: Record) -> list[str]:
+    """What is synthetic: the whole study's note, then what only a data set says, then their names."""
+    texts = [record.get("synthetic", "")]
+    chosen = [d for d in record["data"] if d.get("synthetic")]
+    texts += [d["synthetic"] for d in chosen if d["synthetic"] not in texts[0]]
+    if chosen:
+        texts.append(f"Synthetic data: {listed([d['name'] for d in chosen])}.")
+    return [text for text in texts if text]
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

@@ -25,10 +25,22 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "best": {"color": "#c1272d", "width": 1.8},
     "mean": {"color": "#0072b2", "width": 1.6, "dash": "dash"},
 }
-_FAMILY_LINES = {"start": {"width": 1.2, "dash": "dot"}, "best": {"width": 1.8}}
-_FAMILIES = ("#0072b2", "#d55e00", "#00795c", "#8f4a7d", "#7a6a00", "#3a3a3a", "#5b8fb9")
+_FAMILY_LINES: dict[str, dict[str, Any]] = {
+    "start": {"width": 1.2, "dash": "dot"},
+    "best": {"width": 1.8},
+    "measured": {"width": 1.8},
+}
+_FAMILIES = (
+    "#0072b2",
+    "#d55e00",
+    "#00795c",
+    "#8f4a7d",
+    "#7a6a00",
+    "#3a3a3a",
+    "#5b8fb9",
+    "#a6312b",
+)
 _MARKERS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "x")
-_DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 
 # The buttons are named one by one: plotly's own choice holds one that sends the data to its cloud.
 _CONFIG = {
@@ -79,8 +91,8 @@ def draw(figure: Figure, height: int) -> go.Figure:
         row_heights=[panel.share for panel in figure.panels],
     )
     for row, panel in enumerate(figure.panels, start=1):
-        for index, series in enumerate(panel.series):
-            canvas.add_trace(_trace(series, index, row), row=row, col=1)
+        for series in panel.series:
+            canvas.add_trace(_trace(series), row=row, col=1)
         canvas.update_yaxes(_y_axis(panel), row=row, col=1)
     canvas.update_xaxes(showgrid=True, gridcolor=GRID, linecolor=INK, ticks="outside", zeroline=False)
     canvas.update_xaxes(title_text=escape(figure.x_title), row=count, col=1)
@@ -88,16 +100,9 @@ def draw(figure: Figure, height: int) -> go.Figure:
     return canvas
 
 
-def _trace(series: Series, index: int, row: int) -> go.Scatter:
-    family = series.family
-    colour = _FAMILIES[(index if family is None else family) % len(_FAMILIES)]
-    symbol = _MARKERS[(family or 0) % len(_MARKERS)]
-    if series.look in _LOOKS and family is None:
-        line = dict(_LOOKS[series.look])
-    elif family is not None:
-        line = {"color": colour, **_FAMILY_LINES.get(series.look, {"width": 1.5})}
-    else:
-        line = {"color": colour, "width": 1.6, "dash": _DASHES[index % len(_DASHES)]}
+def _trace(series: Series) -> go.Scatter:
+    line = _line(series)
+    symbol = _MARKERS[(series.family or 0) % len(_MARKERS)]
     return go.Scatter(
         x=series.x,
         y=series.y,
@@ -105,17 +110,22 @@ def _trace(series: Series, index: int, row: int) -> go.Scatter:
         showlegend=bool(series.label),
         mode=series.mode,
         line=line,
-        marker={"color": line["color"], "symbol": symbol, "size": 5 if "lines" in series.mode else 8},
+        marker={
+            "color": line["color"],
+            "symbol": symbol,
+            "size": 5 if "lines" in series.mode else 8,
+        },
         # Clicking "start values" in the legend hides the curve and its error alike.
-        legendgroup=_group(series, index, row),
+        legendgroup=series.look if series.family is None else f"family {series.family}",
         connectgaps=False,
     )
 
 
-def _group(series: Series, index: int, row: int) -> str:
-    if series.family is not None:
-        return f"family {series.family}"
-    return series.look or f"panel {row}, series {index}"
+def _line(series: Series) -> dict[str, Any]:
+    if series.family is None:
+        return _LOOKS[series.look]
+    colour = _FAMILIES[series.family % len(_FAMILIES)]
+    return {"color": colour, **_FAMILY_LINES.get(series.look, {"width": 1.6, "dash": series.look})}
 
 
 def _y_axis(panel: Panel) -> dict[str, Any]:

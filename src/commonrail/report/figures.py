@@ -46,13 +46,13 @@ class Series:
     label : str
         Text of the legend; an empty one keeps the series out of it.
     look : str
-        "measured", "rigid", "start", "best", "mean", or "" for the palette's next colour.
+        "measured", "rigid", "start", "best", "mean", or a dash: "solid", "dash", "dot", "dashdot".
     x, y : tuple of float, same length
         None leaves a gap.
     mode : str
         "lines", "markers" or "lines+markers".
     family : int or None
-        Series of one family share a colour and a marker, whatever their look.
+        Series of one family share a colour, a marker and an entry of the legend.
     """
 
     label: str

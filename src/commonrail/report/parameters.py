@@ -75,7 +75,7 @@ def _row(p: Record) -> ParameterRow:
         lower=quantity(p["lower"], unit, 3),
         upper=quantity(p["upper"], unit, 3),
         change=signed(100.0 * (best / start - 1.0) if start else None, 1),
-        mark=MARKS.get(p["mark"], p["mark"]),
+        mark=MARKS.get(p["mark"], str(p["mark"])),
         effect=significant(p.get("effect"), 2),
         pinned=significant(p.get("pinned"), 2),
         best_at=_percent(p, best),
@@ -85,5 +85,5 @@ def _row(p: Record) -> ParameterRow:
 
 
 def _percent(p: Record, value: float) -> float:
-    share = (value - p["lower"]) / (p["upper"] - p["lower"])
+    share = float((value - p["lower"]) / (p["upper"] - p["lower"]))
     return round(100.0 * min(max(share, 0.0), 1.0), 2)

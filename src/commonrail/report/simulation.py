@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,8 @@ Floats = NDArray[np.float64]
 MICRO = 1e6
 MPA = 1e-6
 
-# Panels below the rate: title, factor from SI, and the channels with their names.
+# Title, factor from SI, and the channels with their names.
+_RATE = (RATE, MICRO, {"rate": "rate"})  # 1 m³/s is 1e6 mm³/ms
 _PANELS = (
     ("lift, µm", MICRO, {"needle_lift": "needle", "valve_lift": "valve"}),
     (
@@ -34,6 +35,9 @@ _PANELS = (
     ),
     ("current, A", 1.0, {"coil_current": "coil"}),
 )
+
+_ORDER = [key for panel in (_RATE, *_PANELS) for key in panel[2]]
+_DASHES = ("solid", "dash", "dot", "dashdot")
 
 
 def simulation_figure(solutions: Solution | Mapping[str, Solution], title: str = "") -> str:
@@ -64,23 +68,38 @@ def simulation_figure(solutions: Solution | Mapping[str, Solution], title: str =
 
 
 def course_figure(solutions: Mapping[str, Solution]) -> Figure:
-    """Figure data of solutions by name ("" for a single one)."""
-    rate = [_series(n, "rate", s.sample_time, s.rate_mm3_per_ms) for n, s in solutions.items()]
-    panels = [Panel(RATE, tuple(rate), 0.34)]
-    for y_title, scale, channels in _PANELS:
-        series = [
-            _series(name, words, s.time, s.channels[key] * scale)
-            for name, s in solutions.items()
-            for key, words in channels.items()
-            if key in s.channels
-        ]
-        panels.append(Panel(y_title, tuple(series), 0.22))
+    """Figure data of solutions by name ("" for a single one).
+
+    A single solution has a colour for each channel; several have a colour each, and a dash for each
+    channel of a panel.
+    """
+    panels = []
+    for y_title, scale, channels in (_RATE, *_PANELS):
+        share = 0.34 if y_title == RATE else 0.22
+        panels.append(Panel(y_title, tuple(_series(solutions, scale, channels)), share))
     return Figure("Course of the injection", "", "time, µs", tuple(panels))
 
 
-def _series(name: str, words: str, time: Floats, values: Floats) -> Series:
-    label = f"{words}, {name}" if name else words
-    return Series(label, "", _points(time * MICRO), _points(values))
+def _series(solutions: Mapping[str, Solution], scale: float, channels: Mapping[str, str]) -> Iterator[Series]:
+    for family, (name, solution) in enumerate(solutions.items()):
+        for index, (key, words) in enumerate(channels.items()):
+            if key != "rate" and key not in solution.channels:
+                continue
+            time, values = _course(solution, key)
+            yield Series(
+                f"{words}, {name}" if name else words,
+                _DASHES[index % len(_DASHES)],
+                _points(time * MICRO),
+                _points(values * scale),
+                family=family if len(solutions) > 1 else _ORDER.index(key),
+            )
+
+
+def _course(solution: Solution, key: str) -> tuple[Floats, Floats]:
+    """Times and values: the rate belongs to the middles of the samples, a channel to their bounds."""
+    if key == "rate":
+        return solution.sample_time, solution.rate
+    return solution.time, solution.channels[key]
 
 
 def _points(values: Floats) -> Points:

@@ -29,12 +29,9 @@ _QUANTITY_STEPS = ((0.05, 0.1), (0.10, 0.3))  # relative, and [mm³] for what is
 _DEAD_TIME_STEPS = (10.0, 20.0)  # [us]
 
 QUANTITY_LEGEND = (
-    f"{SIGNS[SMALL]} within 5 % or 0.1 mm³, {SIGNS[MEDIUM]} within 10 % or 0.3 mm³, "
-    f"{SIGNS[LARGE]} beyond."
+    f"{SIGNS[SMALL]} within 5 % or 0.1 mm³, {SIGNS[MEDIUM]} within 10 % or 0.3 mm³, {SIGNS[LARGE]} beyond."
 )
-DEAD_TIME_LEGEND = (
-    f"{SIGNS[SMALL]} within 10 µs, {SIGNS[MEDIUM]} within 20 µs, {SIGNS[LARGE]} beyond."
-)
+DEAD_TIME_LEGEND = f"{SIGNS[SMALL]} within 10 µs, {SIGNS[MEDIUM]} within 20 µs, {SIGNS[LARGE]} beyond."
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""The command `commonrail`: one file per verb. Only typer is imported before a verb runs."""

@@ -1,0 +1,63 @@
+"""The command `commonrail` and its verbs."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from commonrail.cli.calibrate import calibrate
+from commonrail.cli.catalogue import catalogue
+from commonrail.cli.guard import guarded, show_traceback
+from commonrail.cli.new import new
+from commonrail.cli.report import report
+from commonrail.cli.simulate import simulate
+from commonrail.cli.validate import validate
+from commonrail.cli.verify import verify
+from commonrail.cli.virtual_bench import virtual_bench
+
+__all__ = ["app", "main"]
+
+# Plain help and errors: they read the same in a terminal, a log and a page of documentation.
+app = typer.Typer(
+    name="commonrail",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+for _verb in (simulate, calibrate, validate, report, verify, catalogue, new, virtual_bench):
+    app.command(_verb.__name__.replace("_", "-"))(guarded(_verb))
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"commonrail {version('commonrail')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version."),
+    ] = False,
+    traceback: Annotated[bool, typer.Option("--traceback", help="With an error, also show where it happened.")] = False,
+) -> None:
+    """Simulate a common-rail electro-injector and calibrate it to measured injection curves.
+
+    \b
+    Start here:
+      commonrail new my-injector
+      commonrail calibrate my-injector/study.toml
+      commonrail simulate virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us
+    """
+    show_traceback.set(traceback)
+
+
+def main() -> None:
+    """Run the command."""
+    app(prog_name="commonrail")

@@ -1,0 +1,98 @@
+"""commonrail catalogue: what fuels, injectors and parameters there are."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Any
+
+import typer
+
+from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.options import Json
+
+__all__ = ["Section", "catalogue"]
+
+
+class Section(StrEnum):
+    """What can be listed."""
+
+    FUELS = "fuels"
+    INJECTORS = "injectors"
+    PARAMETERS = "parameters"
+
+
+def catalogue(
+    section: Annotated[Section | None, typer.Argument(help="All three if left out.")] = None,
+    *,
+    search: Annotated[str, typer.Option(help="Only entries that contain this text.")] = "",
+    json: Json = False,
+) -> None:
+    """List fuels, injectors and parameters.
+
+    Fuels and injectors are those that ship with commonrail; parameters are what --set, a study or an
+    injector's file can name.
+
+    \b
+    Examples:
+      commonrail catalogue injectors
+      commonrail catalogue parameters --search spring
+    """
+    chosen = [section] if section else list(Section)
+    found = {s.value: [e for e in _entries(s) if _matches(e, search)] for s in chosen}
+    if json:
+        print_json({"kind": "catalogue", **found})
+        return
+    for name, entries in found.items():
+        if entries:
+            rows = [[_text(value) for value in entry.values()] for entry in entries]
+            print_rows(tuple(entries[0]), rows, name)
+    if not any(found.values()):
+        say(f'commonrail: nothing contains "{search}".')
+
+
+def _entries(section: Section) -> list[dict[str, Any]]:
+    if section is Section.FUELS:
+        return _fuels()
+    return _injectors() if section is Section.INJECTORS else _parameters()
+
+
+def _fuels() -> list[dict[str, Any]]:
+    from commonrail.fuel.catalogue import catalogue as names
+    from commonrail.fuel.catalogue import load_fuel
+
+    fuels = [load_fuel(name) for name in names()]
+    return [{"name": f.name, "title": f.title, "mark": f.mark, "source": f.source} for f in fuels]
+
+
+def _injectors() -> list[dict[str, Any]]:
+    from commonrail.files.injector_file import injector_catalogue, load_injector
+
+    injectors = [(name, load_injector(name)) for name in injector_catalogue()]
+    return [
+        {"name": name, "title": i.title, "variant": i.variant.label, "synthetic": i.synthetic} for name, i in injectors
+    ]
+
+
+def _parameters() -> list[dict[str, Any]]:
+    from commonrail.injector.definition import parameter_quantities
+
+    return [
+        {
+            "name": name,
+            "unit": q.unit,
+            "meaning": q.meaning,
+            "must be": q.domain.value,
+            "default": q.default,
+        }
+        for name, q in parameter_quantities().items()
+    ]
+
+
+def _matches(entry: dict[str, Any], search: str) -> bool:
+    return search.casefold() in " ".join(map(str, entry.values())).casefold()
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return "none: give it"
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,86 @@
+"""What the verbs say: results on stdout, everything else on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from commonrail.report.tables import Table
+
+__all__ = ["print_json", "print_pairs", "print_rows", "print_table", "say", "stderr_console"]
+
+WIDTH_OF_A_FILE = 160  # columns where stdout is no terminal
+
+
+def say(text: str) -> None:
+    """Print a line for the person, on stderr."""
+    typer.echo(text, err=True)
+
+
+def print_json(record: Mapping[str, Any]) -> None:
+    """Print one JSON object on stdout; it may not hold NaN."""
+    typer.echo(json.dumps(record, indent=1, allow_nan=False))
+
+
+def print_table(table: Table) -> None:
+    """Print a table of the report."""
+    rows = [[cell.plain for cell in row] for row in table.rows]
+    print_rows(table.columns, rows, table.title, texts=table.texts)
+    if table.note:
+        typer.echo(table.note)
+    typer.echo("")
+
+
+def print_rows(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", texts: int | None = None
+) -> None:
+    """Print rows under their heads; all columns after the first `texts` hold numbers."""
+    from rich import box
+    from rich.table import Table as Grid
+
+    grid = Grid(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
+    for index, column in enumerate(columns):
+        number = texts is not None and index >= texts
+        grid.add_column(column, justify="right" if number else "left", overflow="fold")
+    for row in rows:
+        grid.add_row(*row)
+    _print(grid)
+
+
+def print_pairs(pairs: Sequence[tuple[str, str]], title: str) -> None:
+    """Print names with their values."""
+    from rich.table import Table as Grid
+
+    grid = Grid.grid(padding=(0, 3))
+    for pair in pairs:
+        grid.add_row(*pair)
+    typer.echo(title)
+    _print(grid)
+
+
+def stderr_console() -> Console:
+    """Console for progress."""
+    return _console(sys.stderr)
+
+
+def _print(grid: Any) -> None:
+    """Print on stdout without the spaces that fill rich's lines."""
+    console = _console(sys.stdout)
+    with console.capture() as captured:
+        console.print(grid)
+    typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
+
+
+def _console(stream: Any) -> Console:
+    from rich.console import Console
+
+    # No markup: "[mm3/ms]" is a unit here. A file or pipe must not be folded at 80 columns.
+    width = None if stream.isatty() else WIDTH_OF_A_FILE
+    return Console(file=stream, width=width, markup=False, highlight=False, emoji=False)

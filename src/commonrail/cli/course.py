@@ -1,0 +1,165 @@
+"""A simulated injection as figures for the terminal, a JSON record and a CSV file."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.cli.console import say
+from commonrail.cli.options import BodyChoice, EngineChoice
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate
+from commonrail.engine.solution import Solution
+from commonrail.engine.status import Status
+from commonrail.errors import SimulationError
+from commonrail.injector.definition import Injector
+from commonrail.injector.variants import Body
+from commonrail.units import to_text
+
+__all__ = ["Run", "figures", "heading", "record", "solve", "with_body", "write_csv"]
+
+# Channels of a solution by the end of their name: unit in the file, and its factor from SI.
+_UNITS = {
+    "lift": ("um", 1e6),
+    "pressure": ("MPa", 1e-6),
+    "current": ("A", 1.0),
+    "force": ("N", 1.0),
+}
+
+
+class Run(NamedTuple):
+    """What was simulated, the answer, the time step [s] and the seconds it took."""
+
+    injector: Injector
+    point: OperatingPoint
+    solution: Solution
+    time_step: float
+    seconds: float
+
+
+def with_body(injector: Injector, body: BodyChoice | None) -> Injector:
+    """The injector with a flexible or rigid body, unchanged for None."""
+    if body is None:
+        return injector
+    return replace(injector, variant=injector.variant._replace(body=Body(body.value)))
+
+
+def solve(injector: Injector, point: OperatingPoint, engine: EngineChoice, time_step: float) -> Solution:
+    """Simulate, and say on stderr what the figures must not be used for.
+
+    Raises
+    ------
+    SimulationError
+        If the simulation failed.
+    """
+    if engine is EngineChoice.LANES:
+        say("simulating (the first use compiles the simulation, about 20 s) ...")
+    solution = simulate(injector, point, engine.value, time_step)
+    if solution.status.failed:
+        raise SimulationError(f"{injector.name}: {solution.status.sentence}")
+    if solution.status is Status.STILL_INJECTING:
+        say(f"commonrail: {solution.status.sentence}")
+    return solution
+
+
+def heading(run: Run) -> str:
+    """Injector and operating point in one line."""
+    rail = to_text(run.point.at_start(run.point.rail_pressure), "Pa", 4)
+    pulses = " + ".join(to_text(pulse.duration, "s", 4) for pulse in run.point.pulses)
+    return f"{run.injector.name}: {rail}, energising time {pulses}"
+
+
+def figures(run: Run) -> list[tuple[str, str]]:
+    """Names and texts of the figures of one injection."""
+    s, r = run.solution, record(run)
+    injected, returned = s.injected_volume * 1e9, s.returned_volume * 1e9
+    return [
+        ("injected quantity", f"{injected:.2f} mm3, {s.injected_mass * 1e6:.2f} mg"),
+        ("return quantity", f"{returned:.2f} mm3, {s.returned_mass * 1e6:.2f} mg"),
+        ("needle opens", _instant(r["opening"], r["opening_delay"], "start")),
+        ("needle closes", _instant(r["closing"], r["closing_delay"], "end")),
+        ("greatest rate", f"{r['peak_rate'] * 1e6:.2f} mm3/ms"),
+        ("greatest needle lift", f"{r['greatest_lift'] * 1e6:.1f} um"),
+        ("reference density", f"{s.reference_density:.1f} kg/m3"),
+        ("status", f"{s.status.name}: {s.status.sentence}"),
+        ("mass balance", f"{s.balance:.1e} of the injected mass"),
+        ("engine", f"{s.engine}, {run.seconds:.2f} s with loading or compiling"),
+        ("injector", f"{run.injector.title} ({run.injector.variant.label})"),
+        *([("synthetic", run.injector.synthetic)] if run.injector.synthetic else []),
+    ]
+
+
+def record(run: Run) -> dict[str, Any]:
+    """Figures of one injection for ``--json`` [SI]; null where there is none."""
+    s, point = run.solution, run.point
+    first, last = point.pulses[0], point.pulses[-1]
+    end = last.start + last.duration
+    return {
+        "schema": 1,
+        "kind": "simulation",
+        "injector": {
+            "name": run.injector.name,
+            "title": run.injector.title,
+            "variant": run.injector.variant.label,
+            "synthetic": run.injector.synthetic,
+        },
+        "operating_point": {
+            "rail_pressure": point.at_start(point.rail_pressure),
+            "cylinder_pressure": point.at_start(point.cylinder_pressure),
+            "return_pressure": point.at_start(point.return_pressure),
+            "energisings": [{"start": p.start, "duration": p.duration} for p in point.pulses],
+            "horizon": point.duration,
+        },
+        "engine": s.engine,
+        "time_step": run.time_step if s.engine == EngineChoice.LANES.value else None,
+        "status": s.status.name,
+        "message": s.status.sentence,
+        "injected_volume": _finite(s.injected_volume),
+        "injected_mass": _finite(s.injected_mass),
+        "returned_volume": _finite(s.returned_volume),
+        "returned_mass": _finite(s.returned_mass),
+        "reference_density": s.reference_density,
+        "opening": _finite(s.opening),
+        "closing": _finite(s.closing),
+        "opening_delay": _finite(s.opening - first.start),
+        "closing_delay": _finite(s.closing - end),
+        "peak_rate": _finite(np.max(s.rate)),
+        "greatest_lift": _finite(np.max(s.channels["needle_lift"])),
+        "balance": _finite(s.balance),
+        "seconds": run.seconds,
+    }
+
+
+def write_csv(run: Run, path: Path) -> None:
+    """Write rate and channels against time; the rate is the mean over the step that ends at the time."""
+    s = run.solution
+    names = [f"{name} [{_unit(name)[0]}]" for name in s.channels]
+    columns = [s.time[1:] * 1e6, s.rate_mm3_per_ms, s.rate_mg_per_ms, s.injected[1:] * 1e6]
+    columns += [values[1:] * _unit(name)[1] for name, values in s.channels.items()]
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        stream.write(f"# simulated by commonrail, not measured: {heading(run)}\n")
+        stream.write("# rates are means over the interval that ends at the row's time; the rest is ")
+        stream.write("instantaneous\n")
+        writer = csv.writer(stream, lineterminator="\n")
+        head = ["time [us]", "rate [mm3/ms]", "mass rate [mg/ms]", "injected [mg]"]
+        writer.writerow([*head, *names])
+        writer.writerows([f"{value:.9g}" for value in row] for row in np.column_stack(columns))
+
+
+def _unit(channel: str) -> tuple[str, float]:
+    return _UNITS.get(channel.rsplit("_", 1)[-1], ("1", 1.0))
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _instant(at: float | None, delay: float | None, event: str) -> str:
+    if at is None or delay is None:
+        return "never"
+    return f"at {at * 1e6:.1f} us, {delay * 1e6:.1f} us after the {event} of energising"

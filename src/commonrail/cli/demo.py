@@ -1,0 +1,101 @@
+"""Both sample cases from start to report: ``python -m commonrail.cli.demo --out demo``."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from commonrail.cli.console import print_table, say
+from commonrail.cli.guard import INTERRUPTED, guarded
+from commonrail.cli.options import Threads
+from commonrail.cli.output import writing
+from commonrail.cli.study_run import Outcome, run_study
+from commonrail.errors import InputError
+
+__all__ = ["demo", "main"]
+
+CASES = ("paper", "cri2-16")
+BENCH_SEED = 1  # of the paper's case as its study file states it
+MARKER = ".commonrail-demo"
+
+
+def demo(
+    *,
+    out: Annotated[Path, typer.Option(help="Folder of the demo; a former demo is replaced.")],
+    threads: Threads = None,
+) -> None:
+    """Calibrate the paper's case and a real injector, and print what came out."""
+    begin = time.perf_counter()
+    cases = _cases_folder()
+    _prepare(out)
+    outcomes = []
+    for name in CASES:
+        outcomes.append(_calibrate(cases / name, out / name, threads))
+        if outcomes[-1].interrupted:
+            raise typer.Exit(INTERRUPTED)
+    for outcome in outcomes:
+        _print(outcome)
+    typer.echo(f"both cases took {time.perf_counter() - begin:.0f} s; open in a browser:")
+    for outcome in outcomes:
+        typer.echo(f"  {outcome.report}")
+
+
+def _cases_folder() -> Path:
+    folder = Path(__file__).resolve().parents[3] / "cases"
+    missing = [name for name in CASES if not (folder / name / "study.toml").is_file()]
+    if missing:
+        raise InputError(f"{folder / missing[0]}: no study there; run the demo from a source tree.")
+    return folder
+
+
+def _prepare(out: Path) -> None:
+    """Empty a former demo, and nothing else."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        if not (out / MARKER).is_file():
+            raise InputError(f"{out}: not a folder of the demo; name another with --out.")
+        for name in CASES:
+            if (out / name).is_dir():
+                with writing(out / name):
+                    shutil.rmtree(out / name)
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+        (out / MARKER).touch()
+
+
+def _calibrate(case: Path, folder: Path, threads: int | None) -> Outcome:
+    from commonrail.files.study_file import load_study
+
+    if case.name == "paper" and not any((case / "data").glob("*.csv")):
+        from commonrail.files.bench_data import write_bench_data
+
+        say("simulating the virtual test bench; this takes minutes ...")
+        write_bench_data(case, BENCH_SEED)
+    return run_study(load_study(case / "study.toml"), folder, threads)
+
+
+def _print(outcome: Outcome) -> None:
+    from commonrail.report.headline import headline
+    from commonrail.report.tables import tables_of
+
+    typer.echo(outcome.record["title"])
+    if outcome.record["synthetic"]:
+        typer.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
+    for line in headline(outcome.record):
+        typer.echo(line)
+    for table in tables_of(outcome.record["data"]):
+        print_table(table)
+
+
+def main() -> None:
+    """Run the demo."""
+    app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+    app.command()(guarded(demo))
+    app()
+
+
+if __name__ == "__main__":
+    main()

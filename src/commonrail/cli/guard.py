@@ -1,0 +1,69 @@
+"""What a verb does with an exception: one sentence on stderr and an exit status, no traceback."""
+
+from __future__ import annotations
+
+import functools
+import os
+import traceback
+from collections.abc import Callable
+from contextvars import ContextVar
+from typing import Any, TypeVar
+
+import typer
+
+from commonrail.cli.console import say
+from commonrail.errors import CommonrailError
+
+__all__ = ["INTERRUPTED", "guarded", "show_traceback"]
+
+INTERRUPTED = 130  # 128 + SIGINT, what a shell expects
+UNEXPECTED = 1
+UNUSABLE = 2
+
+show_traceback: ContextVar[bool] = ContextVar("show_traceback", default=False)
+
+_Verb = TypeVar("_Verb", bound=Callable[..., Any])
+
+
+def guarded(verb: _Verb) -> _Verb:
+    """Turn what a verb raises into a sentence and an exit status.
+
+    A `CommonrailError` has its own status, an operating system's error 2, Ctrl-C 130; whatever else
+    is raised is a fault of the program (1), whose traceback is shown on demand.
+    """
+
+    @functools.wraps(verb)
+    def run(*args: Any, **options: Any) -> Any:
+        try:
+            return verb(*args, **options)
+        except (typer.Exit, typer.Abort, typer.BadParameter):
+            raise
+        except CommonrailError as error:
+            _end(str(error), error.exit_code)
+        except KeyboardInterrupt:
+            _end("interrupted.", INTERRUPTED)
+        except BrokenPipeError:
+            raise  # the reader of our output has left; typer ends quietly
+        except OSError as error:
+            place = f"{error.filename}: " if error.filename else ""
+            _end(f"{place}{error.strerror or error}.", UNUSABLE)
+        except Exception as error:
+            _end(
+                f"internal fault ({type(error).__name__}: {_short(error)}); please report it with "
+                "the command line. `commonrail --traceback ...` shows where it happened.",
+                UNEXPECTED,
+            )
+
+    return run  # type: ignore[return-value]
+
+
+def _end(sentence: str, status: int) -> None:
+    if show_traceback.get() or os.environ.get("COMMONRAIL_TRACEBACK"):
+        say(traceback.format_exc().rstrip())
+    say(f"commonrail: {' '.join(sentence.split())}")
+    raise typer.Exit(status) from None
+
+
+def _short(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return text if len(text) <= 200 else text[:197] + "..."

@@ -1,0 +1,117 @@
+"""Options of the verbs, and the reading of values with units from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from commonrail.errors import InputError, nearest
+from commonrail.units import parse
+
+if TYPE_CHECKING:
+    from commonrail.engine.operating_point import Energising
+    from commonrail.injector.definition import Injector
+
+__all__ = [
+    "BodyChoice",
+    "EngineChoice",
+    "Json",
+    "OutFile",
+    "PlotFile",
+    "StudyFile",
+    "Threads",
+    "read_energisings",
+    "read_option",
+    "with_overrides",
+]
+
+
+class BodyChoice(StrEnum):
+    """How plunger and needle move."""
+
+    FLEXIBLE = "flexible"
+    RIGID = "rigid"
+
+
+class EngineChoice(StrEnum):
+    """Who runs the simulation."""
+
+    LANES = "lanes"
+    REFERENCE = "reference"
+
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object (SI units) on stdout, nothing else.")]
+StudyFile = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file.")]
+OutFile = Annotated[Path | None, typer.Option("--out", help="Write the course in time to this CSV.")]
+PlotFile = Annotated[Path | None, typer.Option("--plot", help="Draw the course into this HTML file.")]
+Threads = Annotated[
+    int | None,
+    typer.Option(min=1, help="Processors to use; all by default. The result does not depend on it."),
+]
+
+
+def read_option(name: str, text: str | None, unit: str) -> float | None:
+    """Value of an option such as ``--rail-pressure 160MPa`` [SI], None where it was left out."""
+    return None if text is None else parse(text, unit, f"--{name}")
+
+
+def read_energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energising, ...] | float:
+    """Energisings from ``--energising-time`` or from repeated ``--energising START:DURATION``.
+
+    Raises
+    ------
+    InputError
+        If both or neither are given, or one cannot be read.
+    """
+    if (duration is None) == (not pulses):
+        raise InputError(
+            "Give --energising-time for one injection, or --energising START:DURATION once for each of several."
+        )
+    if duration is not None:
+        return parse(duration, "s", "--energising-time")
+    return tuple(_energising(text) for text in pulses)
+
+
+def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
+    """The injector with values from ``--set path=value``; a value has its unit or is a plain SI number.
+
+    Raises
+    ------
+    InputError
+        If a setting cannot be read.
+    ConfigurationError
+        If a value lies outside its domain.
+    """
+    return injector.with_values(dict(map(_setting, settings))) if settings else injector
+
+
+def _setting(text: str) -> tuple[str, float]:
+    from commonrail.injector.definition import parameter_quantities
+
+    path, equals, value = (part.strip() for part in text.partition("="))
+    known = parameter_quantities()
+    if not (path and equals and value):
+        raise InputError(f'--set {text}: expected PATH=VALUE, such as "nozzle.holes=7".')
+    if path not in known:
+        raise InputError(
+            f"--set {path}: there is no such parameter{nearest(path, known)}; "
+            "`commonrail catalogue parameters` lists them."
+        )
+    try:
+        return path, float(value)
+    except ValueError:
+        return path, parse(value, known[path].unit, f"--set {path}")
+
+
+def _energising(text: str) -> Energising:
+    from commonrail.engine.operating_point import Energising
+
+    where = f"--energising {text}"
+    start, colon, duration = text.partition(":")
+    if not colon:
+        raise InputError(f"{where}: expected START:DURATION, such as 900us:700us.")
+    return Energising(parse(start, "s", where), parse(duration, "s", where))

@@ -1,0 +1,35 @@
+"""commonrail report: make the report of a run folder again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from commonrail.cli.console import print_json
+from commonrail.cli.options import Json
+
+__all__ = ["report"]
+
+
+def report(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
+    *,
+    json: Json = False,
+) -> None:
+    """Make the report of a run folder again.
+
+    RUN/report.html holds all that it shows: it opens without a network.
+
+    \b
+    Example:
+      commonrail report runs/paper-1
+    """
+    from commonrail.report.build import write_report
+
+    path = write_report(run)
+    if json:
+        print_json({"kind": "report", "report": str(path)})
+    else:
+        typer.echo(str(path))

@@ -1,0 +1,128 @@
+"""Calibrate one study into a run folder: search, identification, files, report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from commonrail.cli.console import say, stderr_console
+from commonrail.cli.output import writing
+
+if TYPE_CHECKING:
+    from commonrail.calibration.run import Calibration, Progress
+    from commonrail.calibration.study import Study
+
+__all__ = ["Outcome", "run_study"]
+
+COMPILING = "compiling the simulation if this is its first use (once, about 20 s)"
+
+
+class Outcome(NamedTuple):
+    """Run folder, report and the record in result.json."""
+
+    folder: Path
+    report: Path
+    record: dict[str, Any]
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user stopped the search."""
+        return bool(self.record["status"] == "interrupted")
+
+
+def run_study(study: Study, folder: Path, threads: int | None) -> Outcome:
+    """Calibrate a study into a new folder, telling the progress on stderr.
+
+    Raises
+    ------
+    InputError
+        If the folder is not empty or cannot be written.
+    StudyError
+        If the study cannot be run; the empty folder is taken away again.
+    """
+    from commonrail.calibration.run import calibrate
+    from commonrail.files.run_folder import create_run_folder, read_run, write_run
+    from commonrail.report.build import write_report
+
+    create_run_folder(folder)
+    try:
+        with _Bar(study.title) as bar:
+            calibration = calibrate(study, threads=threads, progress=bar.show)
+        identified = _identified(calibration, threads)
+        with writing(folder):
+            write_run(folder, calibration, identified)
+    except BaseException:
+        with suppress(OSError):
+            folder.rmdir()  # only if nothing was written
+        raise
+    return Outcome(folder, write_report(folder), read_run(folder)[0])
+
+
+def _identified(calibration: Calibration, threads: int | None) -> Mapping[str, Mapping[str, Any]]:
+    from commonrail.analysis.identifiability import identify
+
+    say("judging which parameters the data pin down ...")
+    try:
+        return identify(calibration, threads)
+    except KeyboardInterrupt:
+        say("commonrail: stopped; the result is written without that judgement.")
+        return {}
+
+
+class _Bar(AbstractContextManager["_Bar"]):
+    """Progress on stderr: a bar in a terminal, a line now and then in a file."""
+
+    def __init__(self, title: str) -> None:
+        self.console = stderr_console()
+        self.title = title
+        self.show: Callable[[Progress], None] = self._line
+
+    def __enter__(self) -> _Bar:
+        self.console.print(self.title)
+        if self.console.is_terminal:
+            self.bar = _rich_bar(self.console)
+            self.bar.start()
+            self.task = self.bar.add_task(COMPILING, total=None, figures="")
+            self.show = self._advance
+        else:
+            self.console.print(COMPILING + " ...")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.console.is_terminal:
+            self.bar.stop()
+
+    def _advance(self, p: Progress) -> None:
+        self.bar.update(
+            self.task,
+            description=p.phase,
+            completed=p.generation,
+            total=p.generations,
+            figures=_figures(p),
+        )
+
+    def _line(self, p: Progress) -> None:
+        every = max(p.generations // 10, 1)
+        if p.generation % every == 0 or p.generation == p.generations:
+            self.console.print(f"{p.phase} {p.generation}/{p.generations}: {_figures(p)}")
+
+
+def _figures(p: Progress) -> str:
+    speed = p.simulated / p.seconds if p.seconds > 0.0 else 0.0
+    return f"best {p.best:.4g}, mean {p.mean:.4g}, {speed:.0f} injections/s"
+
+
+def _rich_bar(console: Any) -> Any:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[figures]}"),
+        Remaining(),
+        console=console,
+    )

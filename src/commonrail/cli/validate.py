@@ -1,0 +1,60 @@
+"""commonrail validate: judge an injector on the data of a study, without fitting anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.options import Json, StudyFile
+from commonrail.errors import InputError
+
+__all__ = ["validate"]
+
+
+def validate(
+    study: StudyFile,
+    *,
+    injector: Annotated[str | None, typer.Option(help="File of an injector, or a name of the catalogue.")] = None,
+    run: Annotated[Path | None, typer.Option(metavar="RUN", help="Run folder, for its calibrated.toml.")] = None,
+    json: Json = False,
+) -> None:
+    """Judge an injector on a study's data.
+
+    \b
+    Examples:
+      commonrail validate cases/paper/study.toml --run runs/paper-1
+      commonrail validate cases/cri2-16/study.toml --injector cri2-16
+    """
+    from commonrail.calibration.run import validate as judge
+    from commonrail.files.injector_file import load_injector
+    from commonrail.files.study_file import load_study
+    from commonrail.report.tables import tables_of
+
+    chosen = load_injector(_source(injector, run))
+    loaded = load_study(study)
+    say("simulating (the first use compiles the simulation, about 20 s) ...")
+    data = judge(loaded, chosen)
+    if json:
+        named = {"name": chosen.name, "title": chosen.title, "variant": chosen.variant.label}
+        record = {"schema": 1, "kind": "validation", "title": loaded.title, "injector": named}
+        print_json(record | {"data": data})
+        return
+    typer.echo(f"{chosen.title} on the data of: {loaded.title}")
+    if loaded.synthetic:
+        typer.echo(f"SYNTHETIC: {loaded.synthetic}")
+    for table in tables_of(data):
+        print_table(table)
+
+
+def _source(injector: str | None, run: Path | None) -> str | Path:
+    if injector is not None and run is None:
+        return injector
+    if run is None or injector is not None:
+        raise InputError("Give either --injector FILE or --run RUN: what is to be judged.")
+    path = run / "calibrated.toml"
+    if not path.is_file():
+        raise InputError(f"{run}: no calibrated.toml there; name a folder of commonrail calibrate.")
+    return path

@@ -1,0 +1,67 @@
+"""The examples in the how-to pages are accepted as they stand."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail.files.injector_values import read_room
+from commonrail.files.place import Place
+from commonrail.files.study_models import (
+    ConstraintsModel,
+    OptimiserModel,
+    ParameterModel,
+    QuantitiesModel,
+    RateModel,
+)
+from commonrail.files.tables import read_columns
+from commonrail.injector.definition import parameter_quantities
+
+PAGES = Path(__file__).resolve().parents[2] / "docs" / "howto"
+
+
+def tables(page: str) -> dict[str, list[Any]]:
+    """Tables of all TOML examples of a page by name."""
+    found: dict[str, list[Any]] = {}
+    for block in re.findall(r"```toml\n(.*?)```", (PAGES / page).read_text(encoding="utf-8"), re.S):
+        for name, value in tomllib.loads(block).items():
+            found.setdefault(name, []).extend(value if isinstance(value, list) else [value])
+    return found
+
+
+def test_study_page() -> None:
+    found = tables("study-file.md")
+    rate, quantities = found["data"]
+    RateModel.model_validate(rate)
+    # The page leaves out what the first example has explained.
+    QuantitiesModel.model_validate({"name": "map", "role": "fit"} | quantities)
+    models = [ParameterModel.model_validate(parameter) for parameter in found["parameter"]]
+    assert {model.name for model in models} <= set(parameter_quantities())
+    ConstraintsModel.model_validate(found["constraints"][0])
+    assert OptimiserModel.model_validate(found["optimiser"][0]).members == 50
+
+
+def test_injector_page() -> None:
+    (valve,) = tables("injector-file.md")["valve"]
+    named = {path: q for path, q in parameter_quantities().items() if path.startswith("valve.")}
+    room = {path.removeprefix("valve."): q for path, q in named.items()}
+    given = read_room(valve, room, Place("injector-file.md"))
+    assert given["lift"].source.mark == "M"
+
+
+def test_injector_page_lists_every_table() -> None:
+    text = (PAGES / "injector-file.md").read_text(encoding="utf-8")
+    rooms = {path.split(".")[0] for path in parameter_quantities()} - {"fuel"}
+    assert [room for room in sorted(rooms) if f"`{room}`" not in text] == []
+
+
+def test_data_page(table_file: Callable[[str], Path]) -> None:
+    text = (PAGES / "data-files.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```\n(# bench.*?)```", text, re.S)
+    table = read_columns(table_file(example), {"time": "s", "rate": "m3/s", "current": "A"}, least=2)
+    assert table.columns["current"][1] == pytest.approx(1.2)
