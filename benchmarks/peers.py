@@ -50,7 +50,7 @@ class _PeerModel(_Model):
 
         switches.terminal, switches.direction = True, 1.0  # type: ignore[attr-defined]
         at = np.append(inside, stop) if not len(inside) or inside[-1] < stop else inside
-        self._evaluations = -(10**9)
+        self._evaluations = 10**9
         result = solve_ivp(
             self._rhs,
             (start, stop),
@@ -67,7 +67,7 @@ class _PeerModel(_Model):
     def _cvode(self, start: float, stop: float, y: Any, inside: Any) -> Any:
         from sksundae.cvode import CVODE
 
-        self._evaluations = -(10**9)
+        self._evaluations = 10**9
 
         def rates(t: float, y: Any, dy: Any) -> None:
             dy[:] = self._rhs(t, np.asarray(y))

@@ -23,8 +23,8 @@ from scipy.optimize import differential_evolution
 
 from benchmarks.peers import scipy_solution, sundials_solution
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM, bench_curves
-from commonrail.calibration.optimisers import EvolutionSettings
 from commonrail.calibration.objective import Objective
+from commonrail.calibration.optimisers import EvolutionSettings
 from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.space import Space
@@ -118,7 +118,10 @@ def paper_study() -> Study:
         reference = injector.values[name]
         lower, upper = percent_bounds(reference, 90.0, 200.0, name)
         parameters.append(Parameter(name, reference, lower, upper, "N/m", mark="F", source="Table 1"))
-    order = [f"plunger_needle.{a} < plunger_needle.{b}" for a, b in zip("7 2 3 5 4 1".split(), "2 3 5 4 1 6".split(), strict=True)]
+    order = [
+        f"plunger_needle.{a} < plunger_needle.{b}"
+        for a, b in zip(["7", "2", "3", "5", "4", "1"], ["2", "3", "5", "4", "1", "6"], strict=True)
+    ]
     order = [line.replace("needle.", "needle.k") for line in order]
     return Study("paper", injector, (data,), Space(tuple(parameters), order), Method(EvolutionSettings()), 1, 1e-6)
 
@@ -128,7 +131,14 @@ def calibrations() -> list[dict[str, Any]]:
     study = paper_study()
     calibrate(study)
     result = calibrate(study)
-    rows = [{"method": "commonrail DE 50 x 70", "seconds": result.seconds, "J": result.cost, "simulations": result.simulations}]
+    rows = [
+        {
+            "method": "commonrail DE 50 x 70",
+            "seconds": result.seconds,
+            "J": result.cost,
+            "simulations": result.simulations,
+        }
+    ]
     objective = Objective(study.injector, study.space.names, study.data, study.time_step)
     count = 0
 

@@ -54,9 +54,9 @@ FACTORS: dict[str, dict[str, float]] = {
     "K": {"K": 1.0},
     "1/K": {"1/K": 1.0},
 }
-FAST = {
-    name: Scale(kind, factor) for kind, names in FACTORS.items() for name, factor in names.items()
-} | {"degC": Scale("K", 1.0, 273.15)}
+FAST = {name: Scale(kind, factor) for kind, names in FACTORS.items() for name, factor in names.items()} | {
+    "degC": Scale("K", 1.0, 273.15)
+}
 
 # What a message calls a kind, and what it offers as an example.
 NAMES: dict[str, tuple[str, str]] = {

@@ -26,9 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["compatible", "convert", "parse", "to_text"]
 
-_NUMBER = re.compile(
-    r"([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?\b|nan\b))(.*)", re.S
-)
+_NUMBER = re.compile(r"([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?\b|nan\b))(.*)", re.S)
 _LOOKALIKES = str.maketrans({"μ": "u", "Ω": "ohm", "°": "deg", "−": "-", "·": " ", "⋅": " "})
 
 
@@ -79,9 +77,7 @@ def parse(text: str | float, unit: str, where: str = "") -> float:
 @overload
 def convert(value: float, source_unit: str, target_unit: str, where: str = "") -> float: ...
 @overload
-def convert(
-    value: NDArray[np.float64], source_unit: str, target_unit: str, where: str = ""
-) -> NDArray[np.float64]: ...
+def convert(value: NDArray[np.float64], source_unit: str, target_unit: str, where: str = "") -> NDArray[np.float64]: ...
 def convert(value: Any, source_unit: str, target_unit: str, where: str = "") -> Any:
     """Convert a float or an array, of any shape, from one unit to another.
 

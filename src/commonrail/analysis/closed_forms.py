@@ -20,7 +20,6 @@ from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
 from commonrail.engine.stability import chain_matrices
-from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.variants import Body, Boundary, Drive, Variant
 from commonrail.parts import plunger_needle
@@ -147,7 +146,9 @@ def chain_modes(injector: Injector) -> list[Check]:
     omega = np.sqrt(squares)
     found = [_ringing(c, seat, shapes[:, i], nodes, omega[i]) for i in range(9)]
     worst = float(np.max(np.abs(np.array(found) / omega - 1.0)))
-    detail = f"nine modes, {omega[0] / 2e3 / math.pi:.1f} to {omega[8] / 2e3 / math.pi:.0f} kHz; limit: 200 steps a period"
+    detail = (
+        f"nine modes, {omega[0] / 2e3 / math.pi:.1f} to {omega[8] / 2e3 / math.pi:.0f} kHz; limit: 200 steps a period"
+    )
     return [check("modes of the chain against the eigenproblem", 100.0 * worst, 0.1, "%", detail)]
 
 

@@ -99,9 +99,7 @@ class LinearConstraints:
         return np.asarray(self.strict, dtype=bool)
 
 
-def _check_rows(
-    matrix: FloatArray, lower: FloatArray, strict: BoolArray, labels: tuple[str, ...]
-) -> None:
+def _check_rows(matrix: FloatArray, lower: FloatArray, strict: BoolArray, labels: tuple[str, ...]) -> None:
     """Refuse rows that cannot be constraints."""
     rows = len(lower)
     if matrix.ndim != 2 or not len(matrix) == rows == len(strict) == len(labels):
@@ -113,9 +111,7 @@ def _check_rows(
         raise ConfigurationError("constraints: every coefficient and limit must be a finite number")
     if rows and not matrix.any(axis=1).all():
         row = int(np.argmin(matrix.any(axis=1)))
-        raise ConfigurationError(
-            f'constraint "{labels[row]}" depends on no free parameter: correct it or remove it'
-        )
+        raise ConfigurationError(f'constraint "{labels[row]}" depends on no free parameter: correct it or remove it')
 
 
 class Polytope(NamedTuple):
@@ -156,9 +152,7 @@ def deepest_point(polytope: Polytope) -> tuple[FloatArray, float]:
     return np.asarray(solution.x[:dimension], dtype=float), float(solution.x[dimension])
 
 
-def conflicting_rows(
-    constraints: LinearConstraints, lower: ArrayLike, upper: ArrayLike
-) -> tuple[int, ...]:
+def conflicting_rows(constraints: LinearConstraints, lower: ArrayLike, upper: ArrayLike) -> tuple[int, ...]:
     """Rows that cannot hold together within the bounds; empty if all can.
 
     The set is irreducible: dropping any one of its rows leaves room (deletion filter).
@@ -169,9 +163,7 @@ def conflicting_rows(
 
     def roomy(rows: list[int]) -> bool:
         chosen = rows + bounds
-        return deepest_point(Polytope(polytope.rows[chosen], polytope.floor[chosen]))[1] > (
-            LEAST_RADIUS
-        )
+        return deepest_point(Polytope(polytope.rows[chosen], polytope.floor[chosen]))[1] > (LEAST_RADIUS)
 
     kept = list(range(len(constraints)))
     if roomy(kept):

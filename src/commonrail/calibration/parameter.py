@@ -14,9 +14,7 @@ Mark = Literal["M", "C", "F", "E"]
 Scale = Literal["linear", "log"]
 
 
-def percent_bounds(
-    reference: float, a_min: float, a_max: float, name: str = "parameter"
-) -> tuple[float, float]:
+def percent_bounds(reference: float, a_min: float, a_max: float, name: str = "parameter") -> tuple[float, float]:
     """Bounds from percentages of a reference, Eq. (16).
 
     Parameters
@@ -108,6 +106,5 @@ class Parameter:
 
     def _refuse(self, why: str) -> None:
         raise ConfigurationError(
-            f"{self.name}: {why} (reference {self.reference:g}, bounds {self.lower:g} to "
-            f"{self.upper:g} {self.unit})"
+            f"{self.name}: {why} (reference {self.reference:g}, bounds {self.lower:g} to {self.upper:g} {self.unit})"
         )

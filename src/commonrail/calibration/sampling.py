@@ -149,9 +149,7 @@ def _step(walk: _Walk, unit: FloatArray, rng: np.random.Generator) -> FloatArray
     return np.asarray(unit + step[:, None] * direction)
 
 
-def _chord(
-    polytope: Polytope, unit: FloatArray, direction: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _chord(polytope: Polytope, unit: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Least and greatest step (n,), (n,) along `direction` (n, d) inside the polytope."""
     rows, floor = polytope
     slack = np.maximum(unit @ rows.T - floor, 0.0)

@@ -70,9 +70,7 @@ class Space:
             raise ConfigurationError("parameters: name at least one parameter to calibrate")
         repeated = sorted({name for name in self.names if self.names.count(name) > 1})
         if repeated:
-            raise ConfigurationError(
-                f"parameters: {', '.join(repeated)} given more than once, keep one of each"
-            )
+            raise ConfigurationError(f"parameters: {', '.join(repeated)} given more than once, keep one of each")
 
     def _conflict(self, conflict: tuple[int, ...]) -> str:
         """One sentence that names constraints in conflict and the bounds they meet."""
@@ -138,9 +136,7 @@ class Space:
         points = np.asarray(x, dtype=float)
         unit = (points - self.lower) / (self.upper - self.lower)
         if self.logarithmic.any():
-            ratio = np.maximum(points, np.finfo(float).tiny) / np.where(
-                self.logarithmic, self.lower, 1.0
-            )
+            ratio = np.maximum(points, np.finfo(float).tiny) / np.where(self.logarithmic, self.lower, 1.0)
             unit = np.where(self.logarithmic, np.log(ratio) / self._log_span, unit)
             inside = (points >= self.lower) & (points <= self.upper)
             unit = np.where(inside, np.clip(unit, 0.0, 1.0), unit)

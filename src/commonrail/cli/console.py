@@ -14,8 +14,9 @@ if TYPE_CHECKING:
 
     from commonrail.report.tables import Table
 
-__all__ = ["print_json", "print_pairs", "print_rows", "print_table", "say", "stderr_console"]
+__all__ = ["SIMULATING", "print_json", "print_pairs", "print_rows", "print_table", "say", "stderr_console"]
 
+SIMULATING = "simulating (the first use compiles the simulation, some ten seconds) ..."
 WIDTH_OF_A_FILE = 160  # columns where stdout is no terminal
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.cli.console import say
+from commonrail.cli.console import SIMULATING, say
 from commonrail.cli.options import BodyChoice, EngineChoice
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
@@ -58,7 +58,7 @@ def solve(injector: Injector, point: OperatingPoint, engine: EngineChoice, time_
         If the simulation failed.
     """
     if engine is EngineChoice.LANES:
-        say("simulating (the first use compiles the simulation, about 20 s) ...")
+        say(SIMULATING)
     solution = simulate(injector, point, engine.value, time_step)
     if solution.status.failed:
         raise SimulationError(f"{injector.name}: {solution.status.sentence}")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Outcome", "run_study"]
 
-COMPILING = "compiling the simulation if this is its first use (once, about 20 s)"
+COMPILING = "compiling the simulation if this is its first use (some ten seconds)"
 
 
 class Outcome(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.console import SIMULATING, print_json, print_table, say
 from commonrail.cli.options import Json, StudyFile
 from commonrail.errors import InputError
 
@@ -35,7 +35,7 @@ def validate(
 
     chosen = load_injector(_source(injector, run))
     loaded = load_study(study)
-    say("simulating (the first use compiles the simulation, about 20 s) ...")
+    say(SIMULATING)
     data = judge(loaded, chosen)
     if json:
         named = {"name": chosen.name, "title": chosen.title, "variant": chosen.variant.label}

@@ -1,6 +1,7 @@
 """The reference engine: the same equations by SciPy's LSODA, error-controlled, restarted at every switching.
 
-Slow and obvious; the lanes are judged by it. Pipes are resolved by `cells` finite volumes.
+Slow and obvious; the lanes are judged by it. Where LSODA shrinks its step to nothing behind a kink, DOP853 does the
+segment. Pipes are resolved by `cells` finite volumes.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class Resolution(NamedTuple):
     longest_step: float = 2e-6
 
 
-MOST_EVALUATIONS = 60_000  # of the right-hand side in one segment by LSODA; it takes 5,000 to 35,000
+CRAWL = (2000, 0.5e-6)  # LSODA is stuck if so many evaluations take it no further than this [s]; 40 a us are usual
 
 
 class _Crawling(Exception):
@@ -114,7 +115,7 @@ class _Model:
         self.rates = compiled_rates(variant)
         self.outside = np.zeros(7)
         self.variant = variant
-        self._evaluations = 0
+        self._evaluations, self._looked_at = 0, point.start
         self._last = self.start
 
     # --- time -------------------------------------------------------------------------------------
@@ -172,11 +173,11 @@ class _Model:
             "max_step": self.resolution.longest_step,
             "first_step": min(1e-10, stop - start),
         }
-        self._evaluations = 0
+        self._evaluations, self._looked_at = 0, start
         try:
             result = solve_ivp(self._rhs, (start, stop), y, "LSODA", lband=self._band, uband=self._band, **common)
         except _Crawling:
-            self._evaluations = -(10**9)  # DOP853 is explicit: many evaluations, but it never sticks
+            self._evaluations = 10**9  # DOP853 is explicit: many evaluations, but it never sticks
             result = solve_ivp(self._rhs, (start, stop), y, "DOP853", **common)
         if result.success and result.status == 0:
             self._last = result.y[:, -1].copy()
@@ -209,8 +210,10 @@ class _Model:
 
     def _rhs(self, t: float, y: Floats) -> Floats:
         self._evaluations += 1
-        if self._evaluations > MOST_EVALUATIONS:
-            raise _Crawling
+        if self._evaluations == CRAWL[0]:
+            if t - self._looked_at < CRAWL[1]:
+                raise _Crawling
+            self._evaluations, self._looked_at = 0, t
         dy = np.empty_like(y)
         self._set_outside(t)
         self.rates(y, self.outside, self.constants, self.cells, self.friction, dy)

@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """Outcome of one simulation. What `failed` costs +inf in a study; a needle still open costs +inf in a quantity map."""
+    """Outcome of one simulation. What `failed` costs +inf in a study; in a quantity map a needle still open does too."""
 
     OK = 0
     NOT_CLOSED_AT_START = 1

@@ -80,9 +80,7 @@ def parse_fuel(data: Mapping[str, Any], name: str, where: str) -> Fuel:
     density = _law(data, "density", "kg/m3", _DENSITY_KEYS[kind], where)
     isothermal = _law(data, "bulk_modulus", "MPa", _EQ2, where) if kind == "integrated" else None
     own_isentropic = kind == "eq2" or "isentropic_bulk_modulus" in data
-    isentropic = (
-        _law(data, "isentropic_bulk_modulus", "MPa", _EQ2, where) if own_isentropic else None
-    )
+    isentropic = _law(data, "isentropic_bulk_modulus", "MPa", _EQ2, where) if own_isentropic else None
     viscosity = _law(data, "kinematic_viscosity", "mm2/s", _EQ2[:3], where)
     vapour = _law(data, "vapour_pressure", "ln(Pa)", ("ln_pressure",), where)
     used = [law for law in (density, isothermal, isentropic, viscosity, vapour) if law is not None]

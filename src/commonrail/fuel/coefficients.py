@@ -78,9 +78,7 @@ def fuel_coefficients(fuel: Fuel, temperature: float) -> FuelCoefficients:
     return coefficients
 
 
-def polynomial_errors(
-    fuel: Fuel, temperature: float, coefficients: FuelCoefficients
-) -> PolynomialErrors:
+def polynomial_errors(fuel: Fuel, temperature: float, coefficients: FuelCoefficients) -> PolynomialErrors:
     """Measure polynomials against the laws they were made from, at 101 pressures of the range."""
     f = coefficients
     p = np.linspace(*fuel.pressure_range, 101)

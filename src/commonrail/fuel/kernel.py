@@ -82,9 +82,7 @@ def stiffness(f: FuelCoefficients, rho: float) -> float:
 def pressure_and_stiffness(f: FuelCoefficients, rho: float) -> PressureAndStiffness:
     """Return `pressure` and `stiffness` at a density [kg/m3], without a division."""
     x = rho * f.inverse_reference_density - 1.0
-    return PressureAndStiffness(
-        _pressure_of_strain(f, x), _slope_of_strain(f, x) * f.inverse_reference_density
-    )
+    return PressureAndStiffness(_pressure_of_strain(f, x), _slope_of_strain(f, x) * f.inverse_reference_density)
 
 
 @physics

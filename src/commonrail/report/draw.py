@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from html import escape
 from typing import Any
 
@@ -128,8 +129,17 @@ def _line(series: Series) -> dict[str, Any]:
     return {"color": colour, **_FAMILY_LINES.get(series.look, {"width": 1.6, "dash": series.look})}
 
 
+def _log_ticks(panel: Panel) -> list[float]:
+    """1, 2 and 5 times the powers of ten; plotly writes 20 and 200 both as "2"."""
+    values = [v for series in panel.series for v in series.y if v is not None and v > 0.0]
+    decades = range(math.floor(math.log10(min(values))), math.ceil(math.log10(max(values))) + 1)
+    return [digit * 10.0**decade for decade in decades for digit in (1, 2, 5)]
+
+
 def _y_axis(panel: Panel) -> dict[str, Any]:
+    ticks = {"tickvals": _log_ticks(panel)} if panel.logarithmic else {}
     return {
+        **ticks,
         "title": {"text": escape(panel.y_title), "standoff": 6},
         "type": "log" if panel.logarithmic else "linear",
         "gridcolor": GRID,

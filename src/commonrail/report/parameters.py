@@ -71,7 +71,7 @@ def _row(p: Record) -> ParameterRow:
         verdict=p.get("verdict") or MISSING,
         start=quantity(start, unit),
         best=quantity(best, unit),
-        error="" if error is None else f"± {quantity(error, unit, 2)}",
+        error="" if error is None else f"± {quantity(error, unit, 3)}",
         lower=quantity(p["lower"], unit, 3),
         upper=quantity(p["upper"], unit, 3),
         change=signed(100.0 * (best / start - 1.0) if start else None, 1),

@@ -244,7 +244,5 @@ def _check_start(space: Space, start: ArrayLike | None, members: int) -> FloatAr
         )
     refused = np.flatnonzero(~space.satisfies(points))
     if len(refused):
-        raise ConfigurationError(
-            f"start: row {refused[0] + 1} breaks the bounds or a constraint, correct or remove it"
-        )
+        raise ConfigurationError(f"start: row {refused[0] + 1} breaks the bounds or a constraint, correct or remove it")
     return points.astype(float)

@@ -70,8 +70,7 @@ class EvolutionSettings:
             raise ConfigurationError(f"crossover = {self.crossover:g} must lie between 0 and 1")
         if not 0.0 < self.factor[0] <= self.factor[1] <= 2.0:
             raise ConfigurationError(
-                f"factor = {self.factor[0]:g} to {self.factor[1]:g} must be an ascending range "
-                "above 0 and not above 2"
+                f"factor = {self.factor[0]:g} to {self.factor[1]:g} must be an ascending range above 0 and not above 2"
             )
         if self.redraws < 1:
             raise ConfigurationError(f"redraws = {self.redraws} must be 1 or more")

@@ -102,9 +102,7 @@ class LeastSquares:
     settings : LeastSquaresSettings, optional
     """
 
-    def __init__(
-        self, space: Space, residuals: Residuals, settings: LeastSquaresSettings | None = None
-    ) -> None:
+    def __init__(self, space: Space, residuals: Residuals, settings: LeastSquaresSettings | None = None) -> None:
         self.space = space
         self.residuals = residuals
         self.settings = settings or LeastSquaresSettings()
@@ -120,9 +118,7 @@ class LeastSquares:
         points = np.atleast_2d(np.asarray(starts, dtype=float))
         refused = np.flatnonzero(~self.space.satisfies(points))
         if len(refused):
-            raise ConfigurationError(
-                f"start {refused[0] + 1} breaks the bounds or a constraint, choose a feasible one"
-            )
+            raise ConfigurationError(f"start {refused[0] + 1} breaks the bounds or a constraint, choose a feasible one")
         ends = [self._polish(row, point) for row, point in enumerate(points)]
         return tuple(sorted(ends, key=lambda end: end.cost))
 
@@ -152,9 +148,7 @@ class LeastSquares:
         counts = (batch.candidates, batch.batches)
         return Polished(choice, cost, row, *counts, pulled_back, str(found.message))
 
-    def _better(
-        self, batch: _Batch, start: FloatArray, end: FloatArray
-    ) -> tuple[FloatArray, float]:
+    def _better(self, batch: _Batch, start: FloatArray, end: FloatArray) -> tuple[FloatArray, float]:
         """The cheaper of start and end, both feasible, and its cost."""
         values = batch.simulate(np.stack([start, end]))
         costs = np.where(np.isfinite(values).all(axis=1), self._cost(values), np.inf)

@@ -60,9 +60,7 @@ class Treated(NamedTuple):
         return np.asarray(self.violation == 0.0)
 
 
-def treat(
-    treatment: Treatment, space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw
-) -> Treated:
+def treat(treatment: Treatment, space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
     """Apply a treatment to raw trials.
 
     Parameters
