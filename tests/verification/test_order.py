@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.injector.definition import Injector
 from tests.tracing import sampled, traced
 
@@ -26,13 +26,12 @@ def errors(regulated: Injector) -> np.ndarray:
     return np.array([np.abs(rate(regulated, point, dt) - fine).sum() / fine.sum() for dt in STEPS])
 
 
-def test_order_lies_between_one_and_two(errors: np.ndarray, record_property: pytest.RecordProperty) -> None:
-    """Smooth stretches are second order; every contact met inside a step costs an error of first order."""
+def test_order_of_a_whole_injection_is_nearly_two(errors: np.ndarray) -> None:
+    """Smooth stretches are second order; a contact met inside a step errs by a share of it, at random."""
     slope = np.polyfit(np.log(STEPS), np.log(errors), 1)[0]
-    record_property("order", slope)
     print("L1 errors [%]:", 100 * errors, "order:", slope)
-    # below one: something is lagged by a step somewhere; above two it cannot be
-    assert 1.0 < slope < 2.3
+    # near one: something is lagged by a step somewhere; above two only as contacts happen to fall
+    assert 1.3 < slope < 2.5
 
 
 def test_every_halving_of_the_step_helps(errors: np.ndarray) -> None:
@@ -45,8 +44,6 @@ def test_the_default_step_is_good_to_a_thousandth(errors: np.ndarray) -> None:
 
 def test_a_wave_in_the_pipe_is_second_order(regulated: Injector) -> None:
     """Without needle and contacts: a smooth pulse of rail pressure rings in pipe and volume."""
-    from commonrail.engine.operating_point import Trace
-
     t = np.linspace(0.0, 200e-6, 801)
     pulse = Trace.of(t, 100e6 + 5e6 * np.sin(np.pi * t / 200e-6) ** 4)
     point = OperatingPoint(pulse, (), horizon=600e-6)

@@ -1,0 +1,78 @@
+"""Jobs: blocks of lanes, means of the inputs, the energisings' clocks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from commonrail.engine import plan
+from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
+from commonrail.errors import ConfigurationError
+from commonrail.injector.definition import Injector, parameter_paths
+from commonrail.injector.layout import LANES
+
+
+def test_blocks_hold_every_candidate_at_every_point() -> None:
+    blocks = plan.blocks(11, 3)
+    assert blocks.shape == (6, 1 + LANES)
+    for point in range(3):
+        here = blocks[blocks[:, 0] == point, 1:].ravel()
+        assert here.tolist() == [*range(11), *[10] * 5]
+
+
+def test_figures_come_back_in_the_candidates_order() -> None:
+    blocks = plan.blocks(11, 3)
+    figures = 100.0 * blocks[:, :1] + blocks[:, 1:]
+    expected = np.arange(11)[:, None] + 100.0 * np.arange(3)
+    assert np.array_equal(plan.by_candidate(figures, 11, 3), expected)
+
+
+def test_candidates_differ_in_the_named_columns_only(regulated: Injector) -> None:
+    names = ("valve.mass", "fuel.temperature")
+    theta = plan.candidate_matrix(regulated, names, np.array([[6e-3, 353.15], [5e-3, 313.15]]))
+    mass = parameter_paths().index("valve.mass")
+    assert theta[:, mass].tolist() == [6e-3, 5e-3]
+    known = len(parameter_paths())
+    assert np.array_equal(np.delete(theta[0, :known], mass), np.delete(theta[1, :known], mass))
+    # cold fuel is denser: the first fuel coefficient is the density at zero pressure
+    assert theta[1, known] > theta[0, known] + 20.0
+
+
+def test_inputs_are_means_over_a_step_and_clocks(regulated: Injector) -> None:
+    rail = Trace((0.0, 10e-6, 20e-6), (100e6, 110e6, 100e6))
+    point = OperatingPoint(rail, (Energising(2e-6, 3e-6), Energising(8e-6, 4e-6)), start=-4e-6, horizon=20e-6)
+    theta = plan.candidate_matrix(regulated, (), np.empty((1, 0)))
+    job = plan.make_job(regulated, theta, [point], 1e-6, True)
+    inputs = job.inputs[0]
+    begin = -4e-6 + 1e-6 * np.arange(20)
+    middle = np.interp(begin + 0.5e-6, rail.time, rail.value)
+    assert inputs[:, 0] == pytest.approx(middle, rel=1e-12)  # no knot lies inside a step
+    assert inputs[12, 4:] == pytest.approx([0.0, -4e-6], abs=1e-12)  # t = 8 us: the second begins
+    assert inputs[11, 4:] == pytest.approx([5e-6, 2e-6], abs=1e-12)
+    assert job.settings.tolist() == [[100e6, 5e6, 0.5e6]]
+    assert job.quiet[0] == round((12e-6 + 4e-6 + plan.LOOK_AFTER) / 1e-6)
+
+
+def test_the_ring_holds_the_longest_delay(regulated: Injector) -> None:
+    theta = plan.candidate_matrix(regulated, ("feed_pipe.length",), np.array([[0.1], [2.0]]))
+    job = plan.make_job(regulated, theta, [OperatingPoint(160e6, 1e-3)], 1e-6, True)
+    assert job.ring & (job.ring - 1) == 0
+    assert job.ring > 2.0 / plan.SLOWEST_WAVE / 1e-6
+
+
+def test_what_lies_outside_its_domain_is_told(regulated: Injector) -> None:
+    values = np.array([[1e-3, 1.0], [-1e-3, 1.0], [1e-3, np.nan], [1e-3, 1.5]])
+    inside = plan.admissible(("valve.mass", "control_chamber.z_hole_from_inlet"), values)
+    assert inside.tolist() == [True, False, False, False]
+
+
+def test_a_traced_drive_needs_its_trace(by_current: Injector) -> None:
+    theta = plan.candidate_matrix(by_current, (), np.empty((1, 0)))
+    with pytest.raises(ConfigurationError, match="current trace"):
+        plan.make_job(by_current, theta, [OperatingPoint(160e6, 1e-3)], 1e-6, True)
+
+
+def test_too_many_steps_are_refused(regulated: Injector) -> None:
+    theta = plan.candidate_matrix(regulated, (), np.empty((1, 0)))
+    with pytest.raises(ConfigurationError, match="steps"):
+        plan.make_job(regulated, theta, [OperatingPoint(160e6, 1e-3, horizon=1.0)], 1e-8, True)
