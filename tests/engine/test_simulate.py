@@ -24,13 +24,17 @@ def distance(one: Solution, other: Solution) -> float:
     return float(np.abs(one.mass_rate - other.mass_rate).sum() / other.mass_rate.sum())
 
 
+def openings(solution: Solution) -> int:
+    """How often the needle rises through 5 um; a closing needle rebounds by less."""
+    lift = solution.channels["needle_lift"]
+    return int(np.count_nonzero((lift[:-1] <= 5e-6) & (lift[1:] > 5e-6)))
+
+
 def test_two_energisings_make_two_injections(regulated: Injector) -> None:
     point = OperatingPoint(120e6, (Energising(0.0, 300e-6), Energising(1.6e-3, 500e-6)))
-    lift = simulate(regulated, point).channels["needle_lift"]
-    openings = np.flatnonzero((lift[:-1] <= 0.0) & (lift[1:] > 1e-9))
-    assert len(openings) == 2
-    first = simulate(regulated, OperatingPoint(120e6, 300e-6)).injected_mass
     both = simulate(regulated, point)
+    assert openings(both) == 2
+    first = simulate(regulated, OperatingPoint(120e6, 300e-6)).injected_mass
     middle = np.searchsorted(both.time, 1.6e-3)
     # the first does not know of the second
     assert both.injected[middle] == pytest.approx(first, rel=1e-9)
@@ -39,8 +43,7 @@ def test_two_energisings_make_two_injections(regulated: Injector) -> None:
 
 def test_a_short_dwell_joins_two_injections(regulated: Injector) -> None:
     point = OperatingPoint(120e6, (Energising(0.0, 500e-6), Energising(520e-6, 500e-6)))
-    lift = simulate(regulated, point).channels["needle_lift"]
-    assert np.count_nonzero((lift[:-1] <= 0.0) & (lift[1:] > 1e-9)) == 1
+    assert openings(simulate(regulated, point)) == 1
 
 
 def test_an_earlier_start_shifts_nothing(regulated: Injector) -> None:
@@ -58,7 +61,7 @@ def test_a_later_energising_shifts_the_injection(regulated: Injector) -> None:
     sealed = regulated.with_values({"plunger_needle.plunger_gap": 0.0, "plunger_needle.needle_gap": 0.0})
     now = simulate(sealed, OperatingPoint(160e6, 700e-6))
     later = simulate(sealed, OperatingPoint(160e6, (Energising(130.4e-6, 700e-6),)))
-    # by 130.4 steps, so switching falls elsewhere in a step: an error of the scheme, some 0.01 us
+    # by 130.4 steps, so switching falls elsewhere in a step: an error of the scheme
     assert later.opening - now.opening == pytest.approx(130.4e-6, abs=0.1e-6)
     assert later.closing - now.closing == pytest.approx(130.4e-6, abs=0.5e-6)
 
@@ -120,11 +123,12 @@ def test_stopping_when_closed_keeps_the_figures(regulated: Injector) -> None:
     assert stopped.closing == whole.closing
 
 
-def test_a_rigid_body_opens_late_and_closes_early(pwm: Injector, rigid: Injector) -> None:
-    """Fig. 6 of the paper: no elastic shortening to release, a needle that feels its loads at once."""
+def test_a_rigid_body_has_nothing_to_release(pwm: Injector, rigid: Injector) -> None:
+    """The shortened chain must first stretch, which fills the control chamber and delays the needle."""
     assert rigid.variant.body is Body.RIGID
     flexible, stiff = simulate(pwm, POINT), simulate(rigid, POINT)
-    assert stiff.opening > flexible.opening
+    # at 160 MPa the plunger's top moves 0.1 mm, 1.5 mm³ of a net outflow of some 20 mm³/ms
+    assert 50e-6 < flexible.opening - stiff.opening < 150e-6
     assert stiff.closing < flexible.closing
     assert stiff.injected_mass < flexible.injected_mass
 

@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.analysis.verification import PAPER_OPTIMUM, compare, comparisons, verify
+from commonrail.analysis.verification import (
+    ENERGISING,
+    HORIZON,
+    compare,
+    comparisons,
+    difference,
+    verify,
+)
+from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate
 from commonrail.injector.definition import Injector
 
 QUICK = range(6)  # two pressures × two stiffnesses, rigid body, rail volume
@@ -25,10 +35,6 @@ def test_engines_agree(pwm: Injector, index: int) -> None:
 
 def test_engines_differ_where_the_injector_does(pwm: Injector) -> None:
     """The comparison can see a stiffness: the paper's optimum is no rounding away from its theory."""
-    from commonrail.analysis.verification import ENERGISING, HORIZON, difference
-    from commonrail.engine.operating_point import OperatingPoint
-    from commonrail.engine.simulate import simulate
-
     point = OperatingPoint(160e6, ENERGISING, horizon=HORIZON)
     one, other = (simulate(i, point, sample_interval=3e-6) for i in (pwm, pwm.with_values(PAPER_OPTIMUM)))
     assert difference(one, other).rate > 1.0  # [%]

@@ -33,7 +33,7 @@ def test_polynomials_follow_the_laws_inside_the_range(name: str, temperature: fl
     assert evaluate(kernel.pressure, f, rho) == pytest.approx(INSIDE, abs=1e-5 * modulus.max())
     assert evaluate(kernel.stiffness, f, rho) * rho == pytest.approx(modulus, rel=0.002)
     viscosity = fuel.kinematic_viscosity(INSIDE, temperature)
-    assert evaluate(kernel.kinematic_viscosity, f, INSIDE) == pytest.approx(viscosity, rel=0.017)
+    assert evaluate(kernel.kinematic_viscosity, f, INSIDE) == pytest.approx(viscosity, rel=0.035)
     # half the errors of both moduli
     speed = fuel.sound_speed(INSIDE, temperature)
     assert evaluate(kernel.sound_speed, f, rho) == pytest.approx(speed, rel=0.0036)

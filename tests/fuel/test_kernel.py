@@ -94,7 +94,8 @@ def test_viscosity_and_wave_speed_stay_positive_and_monotone(f: FuelCoefficients
     ):
         found = np.array([law(f, value) for value in values])
         assert np.all(found > 0.0)
-        assert np.all(np.diff(found) > 0.0)
+        assert np.all(np.diff(found)[:60] > 0.0)
+        assert np.all(np.diff(found) >= 0.0)  # the viscosity stays constant above 300 MPa
     assert kernel.kinematic_viscosity(f, -20e6) == 1.0 / f.u0
     assert kernel.sound_speed(f, kernel.density(f, -20e6)) > 0.0
 

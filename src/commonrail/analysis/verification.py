@@ -34,6 +34,7 @@ CANDIDATES, BOX, SEED = 50, 0.6, 20160401  # random stiffnesses within ± 60 % a
 
 # limits of a step of 1 us: L1 of the rate and volume [%], instants [us]
 LIMITS = {"rate, L1": (0.1, "%"), "volume": (0.05, "%"), "opening": (0.5, "us"), "closing": (0.5, "us")}
+ROOM = {"rigid body": 2.0}  # times the limits: one mass meets its seat at full speed, no chain softens the blow
 
 
 class Task(NamedTuple):
@@ -130,11 +131,12 @@ def verify(
 
 
 def _worst(group: str, differences: Sequence[Difference]) -> Iterator[Check]:
+    room = max((times for name, times in ROOM.items() if group.startswith(name)), default=1.0)
     for (name, (limit, unit)), values in zip(LIMITS.items(), zip(*differences, strict=True), strict=True):
         size = np.abs(values)
         worst = float(np.max(size))  # NaN, where a needle did not close, fails
         detail = f"lanes at 1 us against the reference, median {np.median(size):.2g} {unit}, {len(size)} simulations"
-        yield check(f"{group}: {name}", worst, limit, unit, detail)
+        yield check(f"{group}: {name}", worst, room * limit, unit, detail)
 
 
 def _point(rail_pressure: float) -> OperatingPoint:

@@ -47,6 +47,8 @@ def guarded(verb: _Verb) -> _Verb:
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
             _end(f"{place}{error.strerror or error}.", UNUSABLE)
+        except MemoryError:
+            _end("not enough memory; take a shorter horizon or a longer time step.", UNUSABLE)
         except Exception as error:
             _end(
                 f"internal fault ({type(error).__name__}: {_short(error)}); please report it with "

@@ -25,7 +25,6 @@ __all__ = [
     "StudyFile",
     "Threads",
     "read_energisings",
-    "read_option",
     "with_overrides",
 ]
 
@@ -52,11 +51,6 @@ Threads = Annotated[
     int | None,
     typer.Option(min=1, help="Processors to use; all by default. The result does not depend on it."),
 ]
-
-
-def read_option(name: str, text: str | None, unit: str) -> float | None:
-    """Value of an option such as ``--rail-pressure 160MPa`` [SI], None where it was left out."""
-    return None if text is None else parse(text, unit, f"--{name}")
 
 
 def read_energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energising, ...] | float:

@@ -16,10 +16,10 @@ from commonrail.cli.options import (
     OutFile,
     PlotFile,
     read_energisings,
-    read_option,
     with_overrides,
 )
 from commonrail.cli.output import check_file, writing
+from commonrail.units import parse
 
 if TYPE_CHECKING:
     from commonrail.cli.course import Run
@@ -75,13 +75,13 @@ def simulate(
     check_file(out, "--out")
     check_file(plot, "--plot")
     point = OperatingPoint(
-        read_option("rail-pressure", rail_pressure, "Pa") or 0.0,
+        parse(rail_pressure, "Pa", "--rail-pressure"),
         read_energisings(energising_time, energising or []),
-        read_option("cylinder-pressure", cylinder_pressure, "Pa") or 0.0,
-        read_option("return-pressure", return_pressure, "Pa") or 0.0,
-        horizon=read_option("horizon", horizon, "s"),
+        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
+        parse(return_pressure, "Pa", "--return-pressure"),
+        horizon=None if horizon is None else parse(horizon, "s", "--horizon"),
     )
-    step = read_option("time-step", time_step, "s") or 0.0
+    step = parse(time_step, "s", "--time-step")
     chosen = course.with_body(with_overrides(load_injector(injector), set_ or []), variant)
     begin = time.perf_counter()
     solution = course.solve(chosen, point, engine, step)

@@ -105,7 +105,7 @@ class _Bar(AbstractContextManager["_Bar"]):
 
     def _line(self, p: Progress) -> None:
         every = max(p.generations // 10, 1)
-        if p.generation % every == 0 or p.generation == p.generations:
+        if p.generation in (1, p.generations) or p.generation % every == 0:
             self.console.print(f"{p.phase} {p.generation}/{p.generations}: {_figures(p)}")
 
 

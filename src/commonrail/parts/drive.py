@@ -87,14 +87,21 @@ def applied(c: solenoid.Coefficients, voltage: float, now: solenoid.Circuit) -> 
 def regulated(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
 ) -> Rate:
-    """Ideal regulator: v = R i* + G (i* − i) between −quench (after the end −boost) and +boost.
+    """Ideal regulator: v = R i* + G (i* − i) between −quench and +boost; after the end −boost until i = 0.
 
-    The current i* is a smooth function of the parameters, as a fit needs it.
+    Peak, hold and off weigh by their shares of the step, so a switching may fall anywhere inside it: the
+    current is a smooth function of the parameters, as a fit needs it.
     """
     plan = supply.schedule
-    target = plan.peak * p.peak_current + (plan.on - plan.peak) * p.hold_current
-    low = -p.boost_voltage * (1.0 - plan.on) - p.quench_voltage * plan.on
-    return _towards(c, target, p.regulator_gain, low, p.boost_voltage, now)
+    peak = _towards(c, p.peak_current, p.regulator_gain, -p.quench_voltage, p.boost_voltage, now)
+    hold = _towards(c, p.hold_current, p.regulator_gain, -p.quench_voltage, p.boost_voltage, now)
+    off = switched_off(p, c, now)
+    held, ended = plan.on - plan.peak, 1.0 - plan.on
+    return Rate(
+        plan.peak * peak.flux_rate + held * hold.flux_rate + ended * off.flux_rate,
+        plan.peak * peak.decay + held * hold.decay + ended * off.decay,
+        1.0,
+    )
 
 
 @physics

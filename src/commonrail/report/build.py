@@ -48,9 +48,9 @@ def write_report(folder: Path) -> Path:
         If the disk is full.
     """
     folder = Path(folder)
-    record, traces = read_run(folder)
-    check_record(record, str(folder))
     try:
+        record, traces = read_run(folder)
+        check_record(record, str(folder))
         page = report_html(record, traces, folder.name or "RUN")
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(

@@ -1,0 +1,196 @@
+"""The report of a run folder: complete, self-contained, safe to open."""
+
+from __future__ import annotations
+
+import errno
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail.errors import InputError, OutputError
+from commonrail.report.build import write_report
+from commonrail.report.draw import plotly_script
+from tests.report.conftest import WriteRun
+from tests.report.samples import SYNTHETIC, map_record, rate_record, rate_traces
+
+
+class Page(HTMLParser):
+    """Elements and visible text of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self._hidden = False
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self._hidden = tag in ("script", "style")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._hidden = False
+
+    def handle_data(self, data: str) -> None:
+        if not self._hidden:
+            self.text += " ".join(data.split()) + " "
+
+    def count(self, tag: str, **attributes: str) -> int:
+        """Number of elements of a tag with these attributes."""
+        return sum(t == tag and attributes.items() <= a.items() for t, a in self.tags)
+
+
+def page_of(folder: Path) -> Page:
+    """Page that the report of a run folder is."""
+    return Page(write_report(folder).read_text(encoding="utf-8"))
+
+
+def test_curves_convergence_and_parameters_are_there(rate_run: Path) -> None:
+    page = page_of(rate_run)
+    assert page.count("div", **{"class": "plotly-graph-div"}) == 4  # three curves, convergence
+    assert page.text.count("stiffness of cylinder") == 7
+    for words in ("Error J of the injection curves", "931.4", "402.2", "171.5", "Pinned down:"):
+        assert words in page.text
+
+
+def test_maps_errors_dead_times_and_convergence_are_there(map_run: Path) -> None:
+    page = page_of(map_run)
+    assert page.count("div", **{"class": "plotly-graph-div"}) == 7  # three for each of two maps
+    for words in ("148.31", "Dead times, µs: map (fit)", "Quantities, mm³: map at 80 MPa"):
+        assert words in page.text
+
+
+def test_how_it_came_about_is_there(rate_run: Path) -> None:
+    text = page_of(rate_run).text
+    for words in ("3,550 candidates proposed; 3,211 simulated; 4 failed", "numba 0.60.0"):
+        assert words in text
+    assert "commonrail calibrate STUDY.toml --seed 7" in text
+    assert "plunger_needle.k7 < plunger_needle.k2" in text  # the constraint
+
+
+def test_synthetic_data_are_announced(rate_run: Path) -> None:
+    page = page_of(rate_run)
+    assert page.count("div", **{"class": "banner"}) == 1
+    assert "Synthetic, not measured " + SYNTHETIC in page.text
+    assert "Synthetic data: EVI 160 MPa, EVI 120 MPa and EVI 80 MPa." in page.text
+
+
+def test_one_synthetic_set_among_measured_ones_is_announced(write_run: WriteRun) -> None:
+    record = map_record()
+    record["data"][1]["synthetic"] = "Interpolated."
+    text = page_of(write_run(record)).text
+    assert "Synthetic, not measured Interpolated. Synthetic data: map at 80 MPa." in text
+
+
+def test_measured_data_have_no_banner(map_run: Path) -> None:
+    assert page_of(map_run).count("div", **{"class": "banner"}) == 0
+
+
+def test_a_search_that_was_stopped_is_announced(write_run: WriteRun) -> None:
+    page = page_of(write_run(map_record() | {"status": "interrupted"}))
+    assert page.count("div", **{"class": "banner"}) == 1
+    assert "Stopped early" in page.text
+
+
+def test_nothing_is_loaded_from_anywhere(rate_run: Path) -> None:
+    text = write_report(rate_run).read_text(encoding="utf-8")
+    page = Page(text)
+    sources = {"src", "href", "data", "action", "poster", "srcset"}
+    assert [a for _, a in page.tags if sources & a.keys()] == []
+    # Plotly's own script names map servers; the page's policy forbids it to reach them.
+    own = text.replace(plotly_script(), "")
+    assert re.findall(r"https?://|@import|url\(", own) == []
+    policy = next(a["content"] for t, a in page.tags if t == "meta" and "http-equiv" in a)
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    assert "http" not in policy
+
+
+def test_plotly_is_embedded_once(rate_run: Path) -> None:
+    text = write_report(rate_run).read_text(encoding="utf-8")
+    assert text.count("plotly.js v") == plotly_script().count("plotly.js v")
+    assert len(text) < len(plotly_script()) + 600_000  # the curves are 3 × 520 samples
+
+
+EVIL = "<script>alert(1)</script>"
+
+
+def poison(value: Any) -> Any:
+    """The record with every free text replaced."""
+    kept = ("kind", "role", "status", "mark", "unit", "dead_time")
+    if isinstance(value, dict):
+        return {k: v if k in kept else poison(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [poison(v) for v in value]
+    return EVIL + value if isinstance(value, str) else value
+
+
+def test_no_text_of_the_record_becomes_markup(write_run: WriteRun) -> None:
+    record = poison(rate_record())
+    folder = write_run(record, rate_traces(record))
+    text = write_report(folder).read_text(encoding="utf-8")
+    assert EVIL not in text.replace(plotly_script(), "")
+    assert EVIL in Page(text).text  # shown as what it is
+
+
+def test_a_failed_start_still_has_a_report(write_run: WriteRun) -> None:
+    record = rate_record()
+    record["objective"]["start"] = None
+    for d in record["data"]:
+        for key in ("J", "J_relative", "volume"):
+            d[key] |= {"start": None, "rigid": None}
+    text = page_of(write_run(record, rate_traces(record))).text
+    assert "the start values fail to simulate" in text
+
+
+def test_without_generations_there_is_no_convergence(write_run: WriteRun) -> None:
+    record = map_record() | {"generations": [], "parameters": []}
+    assert page_of(write_run(record)).count("div", **{"class": "plotly-graph-div"}) == 6
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"kind": "other"}, "is not the result of commonrail calibrate"),
+        ({"schema": 2}, "has schema 2 and this version reads 1"),
+        ({"injector": {}}, "is incomplete"),
+        ({"data": [{"kind": "rate", "role": "fit"}]}, "is incomplete"),
+    ],
+)
+def test_a_result_that_cannot_be_read_says_why(write_run: WriteRun, change: dict[str, Any], words: str) -> None:
+    folder = write_run(rate_record() | change)
+    with pytest.raises(InputError, match=words) as caught:
+        write_report(folder)
+    assert str(folder) in str(caught.value)
+
+
+def test_a_missing_key_is_named(write_run: WriteRun) -> None:
+    record = map_record()
+    del record["seed"]
+    with pytest.raises(InputError, match='lacks "seed"; calibrate again'):
+        write_report(write_run(record))
+
+
+def test_a_curve_without_its_trace_is_refused(write_run: WriteRun) -> None:
+    with pytest.raises(InputError, match=r"incomplete .*EVI 160 MPa"):
+        write_report(write_run(rate_record()))
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="not a run folder"):
+        write_report(tmp_path)
+
+
+@pytest.mark.parametrize(("number", "kind"), [(errno.EACCES, InputError), (errno.ENOSPC, OutputError)])
+def test_a_report_that_cannot_be_written_says_so(
+    map_run: Path, monkeypatch: pytest.MonkeyPatch, number: int, kind: type[Exception]
+) -> None:
+    def refuse(*_: object, **__: object) -> int:
+        raise OSError(number, "no")
+
+    monkeypatch.setattr(Path, "write_text", refuse)
+    with pytest.raises(kind, match=r"report\.html: the report cannot be written \(no\)"):
+        write_report(map_run)

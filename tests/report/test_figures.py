@@ -1,0 +1,81 @@
+"""Figure data: the numbers that a figure shows, in its units."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from commonrail.report.figures import (
+    convergence_figure,
+    dead_time_figure,
+    figures_of,
+    map_error_figure,
+    map_figure,
+    rate_figure,
+)
+from tests.report.samples import map_record, rate_record
+
+TRACE = {
+    "time_s": np.array([1.5e-6, 4.5e-6]),
+    "measured": np.array([10e-6, 20e-6]),
+    "start": np.array([11e-6, np.nan]),
+    "best": np.array([10.5e-6, 19e-6]),
+}
+
+
+def test_a_rate_is_shown_in_its_units_with_its_error_below() -> None:
+    rate, error = rate_figure(rate_record()["data"][0], TRACE).panels
+    assert [series.look for series in rate.series] == ["measured", "start", "best"]
+    assert rate.series[0].x == pytest.approx((1.5, 4.5))  # us
+    assert rate.series[0].y == pytest.approx((10.0, 20.0))  # mm³/ms
+    assert error.series[1].y == pytest.approx((0.5, -1.0))  # calibrated − measured
+
+
+def test_what_is_not_finite_leaves_a_gap() -> None:
+    rate, error = rate_figure(rate_record()["data"][0], TRACE).panels
+    assert rate.series[1].y[1] is None
+    assert error.series[0].y[1] is None
+
+
+def test_a_map_has_one_family_for_each_rail_pressure() -> None:
+    (panel,) = map_figure(map_record()["data"][0]).panels
+    assert [s.label for s in panel.series if s.label] == ["40 MPa", "160 MPa"]
+    assert {s.family for s in panel.series} == {0, 1}
+    measured = panel.series[-1]
+    assert measured.mode == "markers"
+    assert measured.y[-1] == pytest.approx(148.31)
+
+
+def test_map_errors_are_relative_above_the_limit_and_absolute_below() -> None:
+    large, small = map_error_figure(map_record()["data"][0]).panels
+    # 40 MPa: four quantities above 3 mm³ (4.20 … 45.12), three below
+    assert len(large.series[0].y) == 4
+    assert len(small.series[0].y) == 3
+    assert small.series[0].y[0] == pytest.approx(0.24 * 0.15 + 0.1)  # as samples.py makes it
+    assert large.series[0].y[0] == pytest.approx(100.0 * (-0.15 / 4 + 0.1 / 4.20))
+
+
+def test_dead_times_stand_against_rail_pressure() -> None:
+    (panel,) = dead_time_figure(map_record()["data"][0]).panels
+    marks = panel.series[-1]
+    assert marks.x == pytest.approx((40.0, 160.0))
+    assert marks.y == pytest.approx((282.0, 228.0))
+
+
+@pytest.mark.parametrize(("worst", "logarithmic"), [(1000.0, True), (300.0, False)])
+def test_convergence_is_logarithmic_where_it_spans_much(worst: float, logarithmic: bool) -> None:
+    generations = [
+        {"generation": 0, "best": worst, "mean": None},
+        {"generation": 1, "best": 100.0, "mean": 150.0},
+    ]
+    (panel,) = convergence_figure(generations).panels
+    assert panel.logarithmic is logarithmic
+    assert panel.series[0].y == (None, 150.0)
+
+
+def test_a_map_without_dead_times_has_no_figure_of_them() -> None:
+    record = map_record()
+    count = len(figures_of(record, {}))
+    for d in record["data"]:
+        d["rows"] = [row for row in d["rows"] if not row["dead_time"]]
+    assert len(figures_of(record, {})) == count - 2

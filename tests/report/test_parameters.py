@@ -1,0 +1,32 @@
+"""Parameters against their bounds."""
+
+from __future__ import annotations
+
+from commonrail.report.parameters import parameter_rows
+from tests.report.samples import rate_record
+
+
+def test_positions_are_percentages_of_the_range() -> None:
+    record = rate_record()["parameters"][1]  # k2: 0.1 … 2 times the start value
+    (row,) = parameter_rows([record])
+    assert row.start_at == 47.37  # (1 − 0.1)/1.9
+    assert row.best_at == 48.54  # (8.26/8.08 − 0.1)/1.9
+    assert (row.lower, row.upper) == ("8.08 N/µm", "162 N/µm")
+    assert row.change == "+2.2"
+
+
+def test_a_start_value_outside_the_bounds_stays_on_the_bar() -> None:
+    record = rate_record()["parameters"][1] | {"reference": 1.0e7, "lower": 2.0e7}
+    assert parameter_rows([record])[0].start_at == 0.0
+
+
+def test_the_mark_is_written_in_words() -> None:
+    assert parameter_rows(rate_record()["parameters"])[0].mark == "fitted or derived"
+
+
+def test_a_parameter_without_identification_has_dashes() -> None:
+    record = rate_record()["parameters"][0]
+    for key in ("effect", "pinned", "standard_error", "verdict"):
+        del record[key]
+    (row,) = parameter_rows([record])
+    assert (row.effect, row.pinned, row.error, row.verdict) == ("–", "–", "", "–")

@@ -1,0 +1,22 @@
+"""The command lines in the report."""
+
+from __future__ import annotations
+
+from commonrail.report.rerun import rerun_lines
+from tests.report.samples import map_record, rate_record
+
+
+def test_the_seed_and_an_operating_point_of_the_data_are_in_the_lines() -> None:
+    commands = [command for _, command in rerun_lines(rate_record(), "run-1")]
+    assert commands[0] == "commonrail calibrate STUDY.toml --seed 7"
+    simulate = "commonrail simulate run-1/calibrated.toml"
+    assert f"{simulate} --rail-pressure 160MPa --energising-time 700us" in commands
+
+
+def test_a_map_gives_its_last_point() -> None:
+    commands = [command for _, command in rerun_lines(map_record(), "r")]
+    assert any("--rail-pressure 160MPa --energising-time 228us" in c for c in commands)
+
+
+def test_a_folder_with_a_space_is_quoted() -> None:
+    assert ("Make this report again", "commonrail report 'my run'") in rerun_lines(rate_record(), "my run")
