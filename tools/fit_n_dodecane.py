@@ -70,9 +70,7 @@ def fit(law: Law, wanted: Array, degrees: Sequence[int], start: Sequence[float])
     tau = laws.scaled_temperature(TEMPERATURES)
     columns = np.array(rows).T
     packed = np.concatenate([polyfit(tau, k, d) for k, d in zip(columns, degrees, strict=True)])
-    packed = _minimise(
-        lambda c: (law(at_temperatures(split(c, degrees))) / wanted - 1.0).ravel(), packed
-    )
+    packed = _minimise(lambda c: (law(at_temperatures(split(c, degrees))) / wanted - 1.0).ravel(), packed)
     return [_rounded(polynomial) for polynomial in split(packed, degrees)]
 
 
@@ -123,9 +121,7 @@ def main() -> None:
 
     k1, k3, k4 = at_temperatures(modulus["isothermal"])
     growth = np.exp(laws.log_compression(PRESSURES, k1, np.zeros_like(k1), k3, k4))
-    anchor = _rounded(
-        polyfit(laws.scaled_temperature(TEMPERATURES), (table["density"] / growth).mean(axis=1), 3)
-    )
+    anchor = _rounded(polyfit(laws.scaled_temperature(TEMPERATURES), (table["density"] / growth).mean(axis=1), 3))
     integrated = laws.coefficient(anchor, TEMPERATURES)[:, None] * growth
     report("integrated density", "at_zero_pressure", [anchor], integrated / table["density"] - 1.0)
 

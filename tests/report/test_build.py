@@ -26,6 +26,7 @@ class Page(HTMLParser):
         self.text = ""
         self._hidden = False
         self.feed(text)
+        self.text = " ".join(self.text.split())
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append((tag, dict(attrs)))
@@ -36,7 +37,7 @@ class Page(HTMLParser):
 
     def handle_data(self, data: str) -> None:
         if not self._hidden:
-            self.text += " ".join(data.split()) + " "
+            self.text += data
 
     def count(self, tag: str, **attributes: str) -> int:
         """Number of elements of a tag with these attributes."""

@@ -15,9 +15,9 @@ import numpy as np
 from commonrail.compile import physics
 from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.injector import setup
+from commonrail.injector.joints import RELAXED
 from commonrail.injector.layout import LANES, layout_of
 from commonrail.injector.model import Inputs, Parameters, Setting, Waves
-from commonrail.injector.step import RELAXED
 from commonrail.injector.variants import Variant, wiring
 
 PARAMETERS = layout_of(Parameters)

@@ -16,7 +16,7 @@ import numpy as np
 
 from commonrail.compile import kernel, physics
 from commonrail.flow.orifice import jet
-from commonrail.injector import step as fluid
+from commonrail.injector import joints
 from commonrail.injector.model import Coefficients
 from commonrail.injector.setup import ambient_density, seat_contact
 from commonrail.injector.variants import Body, Boundary, Drive, Variant, wiring
@@ -74,7 +74,7 @@ def drain_flow(c: Coefficients, pressure: float, density: float, lift: float, wa
     behind = wave
     flow = 0.0
     for _ in range(4):
-        d = fluid.drain_drive(c, pressure, behind, lift)
+        d = joints.drain_drive(c, pressure, behind, lift)
         out = jet(d.drive, density, c.control_chamber.a_offset)
         line = density * d.line_gain
         flow = (out.mass_flow * out.root + line * (behind - wave)) / (out.root + c.return_line.impedance * line)
@@ -196,7 +196,7 @@ def _make_rates(variant: Variant) -> Callable[..., None]:
         body = core + 12
         line = body + 2 * masses
         tops = lifts(y, body)
-        room = fluid.make_room(c, tops)
+        room = joints.make_room(c, tops)
         chamber = contents(c.fuel, y[core + 4], 1.0 / room.control)
         store = contents(c.fuel, y[core + 5], 1.0 / room.store)
         sac = contents(c.fuel, y[core + 6], 1.0 / room.sac)
@@ -204,7 +204,7 @@ def _make_rates(variant: Variant) -> Callable[..., None]:
         gain = needle_seat.gap_drive(c.needle_seat, tops.tip)
         seat = jet(gain * (store.pressure - sac.pressure), store.density, c.needle_seat.offset)
         reached = max(y[core + 7], tops.tip)
-        spray_drive, _ = fluid.nozzle_drive(c, sac.pressure, outside.cylinder, reached)
+        spray_drive, _ = joints.nozzle_drive(c, sac.pressure, outside.cylinder, reached)
         spray = jet(spray_drive, sac.density, c.nozzle.offset)
 
         wave = y[line] - c.return_line.impedance * y[line + 1] if cells[1] > 0 else outside.low
@@ -217,21 +217,21 @@ def _make_rates(variant: Variant) -> Callable[..., None]:
         for _ in range(6):
             inlet = inlet_law(c, outside, y[core + 11], y[0], z_flow)
             feed = tap * inlet + (1.0 - tap) * store.pressure
-            z_drive, _ = fluid.z_hole_drive(c, feed, chamber.pressure)
+            z_drive, _ = joints.z_hole_drive(c, feed, chamber.pressure)
             z_flow = jet(z_drive, ambient_density(c.source, feed), c.control_chamber.z_offset).mass_flow
             if tap == 0.0:
                 break
         guides = c.plunger_needle.guides
-        plunger_leak = fluid.guide_leak(c, guides.plunger_leak, chamber.pressure, outside.low).mass_flow
-        needle_leak = fluid.guide_leak(c, guides.needle_leak, store.pressure, outside.low).mass_flow
+        plunger_leak = joints.guide_leak(c, guides.plunger_leak, chamber.pressure, outside.low).mass_flow
+        needle_leak = joints.guide_leak(c, guides.needle_leak, store.pressure, outside.low).mass_flow
 
         coil = coil_rates(c, outside, coil_law, y[core], y[core + 1], y[core + 2])
         valve_gap = valve.gap_drive(c.valve, y[core + 2])
-        pressing = fluid.seat_pressure(c, valve_gap, chamber.pressure, drain.behind)
+        pressing = joints.seat_pressure(c, valve_gap, chamber.pressure, drain.behind)
         pull = solenoid.pull(c.solenoid, y[core + 1])
         force, damping = valve.forces(c.valve, y[core + 2], pull, pressing)
 
-        relaxed = tops.tip <= 0.0 and sac.pressure - outside.cylinder < fluid.RELAXED
+        relaxed = tops.tip <= 0.0 and sac.pressure - outside.cylinder < joints.RELAXED
         rising = tops.tip >= y[core + 7]
         dy[core] = coil.flux
         dy[core + 1] = coil.pulling

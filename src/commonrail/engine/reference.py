@@ -22,9 +22,9 @@ from commonrail.engine.status import Status
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.injector.joints import make_room
 from commonrail.injector.layout import LANES
 from commonrail.injector.model import Setting
-from commonrail.injector.step import make_room
 from commonrail.injector.variants import Body, Drive, wiring
 from commonrail.parts import drive, nozzle, solenoid
 from commonrail.parts.contents import contents

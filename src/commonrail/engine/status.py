@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """Outcome of one simulation. What `failed` costs +inf in a study; in a quantity map a needle still open does too."""
+    """Outcome of one simulation. What `failed` costs +inf in a study; so does a needle still open in a quantity map."""
 
     OK = 0
     NOT_CLOSED_AT_START = 1

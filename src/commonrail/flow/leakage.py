@@ -16,10 +16,10 @@ def gap_conductance(diameter: float, gap: float, length: float) -> float:
 
 
 @physics
-def leakage_slope(conductance: float, kinematic_viscosity: float) -> float:
+def leakage_slope(conductance: float, fluidity: float) -> float:
     """Mass flow per pressure difference [kg/(s Pa)].
 
-    Eq. (5) times the density: ρ π d g³/(12 η l) = conductance/ν, since η = ρ ν. The viscosity is that
-    of the gap's mean pressure.
+    Eq. (5) times the density: ρ π d g³/(12 η l) = conductance/ν, since η = ρ ν. `fluidity` is 1/ν [s/m²] at the
+    gap's mean pressure.
     """
-    return conductance / kinematic_viscosity
+    return conductance * fluidity

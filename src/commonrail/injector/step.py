@@ -14,11 +14,21 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from commonrail.compile import physics, reciprocals
-from commonrail.flow.orifice import Flow, choked, jet, orifice, series
+from commonrail.flow.orifice import jet
 from commonrail.flow.volume import mean_departure, relaxation
-from commonrail.fuel import kernel as fuel
+from commonrail.injector.joints import (
+    RELAXED,
+    Room,
+    drain_drive,
+    guide_leak,
+    make_room,
+    middle,
+    nozzle_drive,
+    seat_pressure,
+    z_hole_drive,
+)
 from commonrail.injector.model import Books, Coefficients, Inputs, State, Waves
-from commonrail.injector.setup import accumulation_volume, ambient_density, control_volume, seat_contact
+from commonrail.injector.setup import ambient_density, seat_contact
 from commonrail.parts import (
     accumulation,
     control_chamber,
@@ -27,7 +37,6 @@ from commonrail.parts import (
     needle_seat,
     nozzle,
     return_line,
-    sac,
     solenoid,
     valve,
 )
@@ -37,21 +46,6 @@ from commonrail.parts.plunger_needle import Loads, Motion, loads, next_velocity
 Law = Callable[..., Any]
 
 
-class Inlet(NamedTuple):
-    """Mean over the step at the pipe's inlet: pressure [Pa], flow into the pipe [kg/s]."""
-
-    pressure: float
-    flow: float
-
-
-class Room(NamedTuple):
-    """Volumes of control chamber, accumulation and SAC [m³]."""
-
-    control: float
-    store: float
-    sac: float
-
-
 class Way(NamedTuple):
     """Lifts and volumes at both ends of the step."""
 
@@ -59,14 +53,6 @@ class Way(NamedTuple):
     new: Motion
     before: Room
     after: Room
-
-
-class Drain(NamedTuple):
-    """Drive of A-hole and valve, and its gains in the pressure before [m⁴] and behind it."""
-
-    drive: float
-    gain: float
-    line_gain: float
 
 
 class SacFlows(NamedTuple):
@@ -96,16 +82,6 @@ class StoreFlows(NamedTuple):
 
 
 @physics
-def middle(a: float, b: float) -> float:
-    """Mean of two values."""
-    return 0.5 * (a + b)
-
-
-# A seated needle whose SAC has come this near to cylinder pressure has ended its injection [Pa].
-RELAXED = 1e5
-
-
-@physics
 def body_loads(c: Coefficients, s: State, low: float) -> Loads:
     """Pressure forces on plunger and needle at t_n."""
     return loads(
@@ -116,18 +92,6 @@ def body_loads(c: Coefficients, s: State, low: float) -> Loads:
         s.sac.pressure,
         low,
     )
-
-
-# --- valve and solenoid ---------------------------------------------------------------------------
-
-
-@physics
-def seat_pressure(c: Coefficients, gap: float, upstream: float, behind: float) -> float:
-    """Pressure [Pa] that opens the valve: what A-hole and seat, in series, leave in front of the seat."""
-    hole = c.control_chamber.a_drive
-    per_series, per_gap = reciprocals(hole + gap, max(gap, 1e-3 * hole))
-    cavitating = c.control_chamber.a_choked * (upstream - c.fuel.vapour_pressure) * per_gap
-    return min((upstream - behind) * hole * per_series, cavitating)
 
 
 @physics
@@ -156,28 +120,6 @@ def magnetise(
     share = c.delays.eddy_share
     lagged = s.solenoid.pulling_flux + share * (middle(s.solenoid.flux, flux) - s.solenoid.pulling_flux)
     return solenoid.State(flux, lagged if share < 1.0 else flux), rate.conducting
-
-
-# --- fluid ----------------------------------------------------------------------------------------
-
-
-@physics
-def make_room(c: Coefficients, lifts: Motion) -> Room:
-    """Volumes that the plunger–needle leaves to the fuel."""
-    return Room(
-        control_volume(c, lifts),
-        accumulation_volume(c, lifts),
-        sac.volume(c.sac, c.needle_seat.area, lifts.tip),
-    )
-
-
-@physics
-def nozzle_drive(c: Coefficients, pressure: float, cylinder: float, reached: float) -> tuple[float, float]:
-    """Drive and gain of the nozzle's outflow at a greatest lift `reached`, cavitation included."""
-    discharge = nozzle.discharge(c.nozzle, reached)
-    holes = c.nozzle.area_squared * discharge * discharge
-    vapour = c.nozzle.choked * (pressure - c.fuel.vapour_pressure)
-    return choked(holes * (pressure - cylinder), holes, vapour, c.nozzle.choked)
 
 
 @physics
@@ -209,31 +151,6 @@ def _not_past_cylinder(
     rest = ambient_density(c.cylinder, cylinder) * volume
     emptying = here.pressure >= cylinder and growth <= 0.0
     return max(mass, min(rest, here.mass)) if emptying else mass
-
-
-@physics
-def guide_leak(c: Coefficients, conductance: float, pressure: float, low: float) -> Flow:
-    """Leakage through a guide, Eq. (5), at the viscosity of its mean pressure."""
-    slope = conductance * fuel.fluidity(c.fuel, middle(pressure, low))
-    return Flow(slope * (pressure - low), slope)
-
-
-@physics
-def drain_drive(c: Coefficients, pressure: float, behind: float, lift: float) -> Drain:
-    """Drive of the flow through A-hole and valve in series, cavitation in the A-hole included."""
-    hole = c.control_chamber
-    gain = series(hole.a_drive, valve.gap_drive(c.valve, lift))
-    free = gain * (pressure - behind)
-    drive_, gain_ = choked(free, gain, hole.a_choked * (pressure - c.fuel.vapour_pressure), hole.a_choked)
-    return Drain(drive_, gain_, gain if drive_ == free else 0.0)
-
-
-@physics
-def z_hole_drive(c: Coefficients, feed: float, pressure: float) -> tuple[float, float]:
-    """Drive of the flow through the Z-hole and its gain in the chamber's pressure, cavitation included."""
-    hole = c.control_chamber
-    vapour = hole.z_choked * (feed - c.fuel.vapour_pressure)
-    return choked(hole.z_drive * (feed - pressure), hole.z_drive, vapour, 0.0)
 
 
 @physics
@@ -291,45 +208,6 @@ def fill_accumulation(
     pipe_flow = pipe - admittance * departure
     l_flow = leak.mass_flow + leak.slope * departure
     return StoreFlows(here.pressure + departure, pipe_flow, l_flow, here.mass + dt * (pipe_flow - outflow - l_flow))
-
-
-# --- boundaries at the rail -----------------------------------------------------------------------
-
-
-@physics
-def ideal_rail(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
-    """The inlet holds the measured rail pressure whatever flows."""
-    return Inlet(u.rail, (u.rail - wave) * c.feed_pipe.admittance)
-
-
-@physics
-def rail_volume(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
-    """Rail volume behind a throttle, then the pipe: throttle loss and pipe impedance solved together.
-
-    p_rail − p_inlet = q²/(2 ρ (c_d A)²) with p_inlet = wave + Z (q − q_Z) is a quadratic in q: the law
-    of `orifice` with an offset of ρ (c_d A)² Z.
-    """
-    z = c.feed_pipe.impedance
-    z_flow = c.control_chamber.z_from_inlet * s.control_chamber.z_flow
-    drive_ = c.rail.throttle * (s.rail.pressure - wave + z * z_flow)
-    total = orifice(drive_, c.rail.throttle, s.rail.density, s.rail.density * c.rail.throttle * z)
-    flow = total.mass_flow - z_flow
-    return Inlet(wave + z * flow, flow)
-
-
-@physics
-def draw_nothing(c: Coefficients, s: State, drawn: float) -> Contents:
-    """An ideal rail is inexhaustible."""
-    return s.rail
-
-
-@physics
-def draw_from_rail(c: Coefficients, s: State, drawn: float) -> Contents:
-    """Rail after `drawn` [kg] have left it; the pump delivers nothing during an injection."""
-    return contents(c.fuel, s.rail.mass - drawn, 1.0 / c.rail.volume)
-
-
-# --- the step -------------------------------------------------------------------------------------
 
 
 def make_step(advance: Law, motion: Law, drive_law: Law, inlet_law: Law, draw: Law) -> Law:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any, NamedTuple
 
-from commonrail.injector import step
+from commonrail.injector import boundary
 from commonrail.injector.layout import Layout, layout_of
 from commonrail.injector.model import Coefficients, State
 from commonrail.injector.step import make_step
@@ -79,8 +79,8 @@ def wiring(variant: Variant) -> Wiring:
             body.advance,
             body.motion,
             _DRIVES[variant.drive],
-            step.ideal_rail if ideal else step.rail_volume,
-            step.draw_nothing if ideal else step.draw_from_rail,
+            boundary.ideal_rail if ideal else boundary.rail_volume,
+            boundary.draw_nothing if ideal else boundary.draw_from_rail,
         ),
         layout_of(State, (("body", body.State),)),
         layout_of(Coefficients),

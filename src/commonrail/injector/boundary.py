@@ -1,0 +1,50 @@
+"""What feeds the pipe: an ideal rail that holds the measured pressure, or a rail volume behind a throttle."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from commonrail.compile import physics
+from commonrail.flow.orifice import orifice
+from commonrail.injector.model import Coefficients, Inputs, State
+from commonrail.parts.contents import Contents, contents
+
+
+class Inlet(NamedTuple):
+    """Mean over the step at the pipe's inlet: pressure [Pa], flow into the pipe [kg/s]."""
+
+    pressure: float
+    flow: float
+
+
+@physics
+def ideal_rail(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
+    """The inlet holds the measured rail pressure whatever flows."""
+    return Inlet(u.rail, (u.rail - wave) * c.feed_pipe.admittance)
+
+
+@physics
+def rail_volume(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
+    """Rail volume behind a throttle, then the pipe: throttle loss and pipe impedance solved together.
+
+    p_rail − p_inlet = q²/(2 ρ (c_d A)²) with p_inlet = wave + Z (q − q_Z) is a quadratic in q: the law
+    of `orifice` with an offset of ρ (c_d A)² Z.
+    """
+    z = c.feed_pipe.impedance
+    z_flow = c.control_chamber.z_from_inlet * s.control_chamber.z_flow
+    drive_ = c.rail.throttle * (s.rail.pressure - wave + z * z_flow)
+    total = orifice(drive_, c.rail.throttle, s.rail.density, s.rail.density * c.rail.throttle * z)
+    flow = total.mass_flow - z_flow
+    return Inlet(wave + z * flow, flow)
+
+
+@physics
+def draw_nothing(c: Coefficients, s: State, drawn: float) -> Contents:
+    """An ideal rail is inexhaustible."""
+    return s.rail
+
+
+@physics
+def draw_from_rail(c: Coefficients, s: State, drawn: float) -> Contents:
+    """Rail after `drawn` [kg] have left it; the pump delivers nothing during an injection."""
+    return contents(c.fuel, s.rail.mass - drawn, 1.0 / c.rail.volume)

@@ -1,0 +1,70 @@
+"""The command as a test calls it, and a small study that is calibrated once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from typer.testing import CliRunner
+
+from commonrail.cli.app import app
+from commonrail.files.scaffold import write_new
+
+
+class Done(NamedTuple):
+    """How a command ended."""
+
+    status: int
+    out: str
+    err: str
+
+    @property
+    def sentence(self) -> str:
+        """The one line that an error has."""
+        lines = [line for line in self.err.splitlines() if line.startswith("commonrail: ")]
+        assert len(lines) == 1, self.err
+        assert "Traceback" not in self.err
+        return lines[0].removeprefix("commonrail: ")
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The one JSON object on stdout."""
+        loaded: dict[str, Any] = json.loads(self.out, parse_constant=pytest.fail)
+        return loaded
+
+
+Command = Callable[..., Done]
+
+
+@pytest.fixture
+def command() -> Command:
+    """Run ``commonrail`` with arguments."""
+
+    def run(*arguments: object) -> Done:
+        result = CliRunner().invoke(app, [str(a) for a in arguments])
+        return Done(result.exit_code, result.stdout, result.stderr)
+
+    return run
+
+
+def small_study(folder: Path) -> Path:
+    """The study of ``commonrail new`` with a search of a second."""
+    write_new(folder)
+    study = folder / "study.toml"
+    text = study.read_text(encoding="utf-8")
+    small = {"members = 24": "members = 8", "generations = 30": "generations = 2"}
+    small["polish = 1"] = "polish = 0"
+    for old, new in small.items():
+        assert old in text
+        text = text.replace(old, new)
+    study.write_text(text, encoding="utf-8")
+    return study
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """Study file of a small study."""
+    return small_study(tmp_path / "small")

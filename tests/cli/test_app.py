@@ -1,0 +1,82 @@
+"""The command as a whole: help, version, usage, start-up."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tests.cli.conftest import Command
+
+VERBS = {
+    "simulate",
+    "calibrate",
+    "validate",
+    "report",
+    "verify",
+    "catalogue",
+    "new",
+    "virtual-bench",
+}
+HEAVY = ["jinja2", "numba", "numpy", "plotly", "pydantic", "scipy", "tomlkit"]
+
+
+def test_the_help_lists_every_verb_in_full(command: Command) -> None:
+    done = command("--help")
+    assert done.status == 0
+    listed = [line.split() for line in done.out.split("Commands:")[1].splitlines() if line.strip()]
+    assert {words[0] for words in listed} == VERBS
+    assert not any(words[-1].endswith("...") for words in listed)
+
+
+@pytest.mark.parametrize("verb", sorted(VERBS))
+def test_every_verb_has_an_example_and_json(command: Command, verb: str) -> None:
+    done = command(verb, "--help")
+    assert done.status == 0
+    assert f"commonrail {verb}" in done.out.split("Example")[1]
+    assert "--json" in done.out
+
+
+def test_the_version_is_printed(command: Command) -> None:
+    import commonrail
+
+    assert command("--version").out == f"commonrail {commonrail.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("simulat",), "simulate"),
+        (("simulate", "x", "--rail-presure", "1MPa"), "--rail-pressure"),
+        (("simulate", "x"), "--rail-pressure"),
+        (("catalogue", "fuel"), "fuels"),
+        (("calibrate", "x.toml", "--threads", "0"), "threads"),
+    ],
+)
+def test_wrong_usage_ends_with_2_and_names_what_is_meant(
+    command: Command, arguments: tuple[str, ...], words: str
+) -> None:
+    done = command(*arguments)
+    assert done.status == 2
+    assert done.out == ""
+    assert words in done.err
+
+
+def test_the_help_imports_nothing_heavy() -> None:
+    code = "import sys; from commonrail.cli.app import app; app(['--help'], standalone_mode=False);"
+    code += f"print('heavy:', *(name for name in {HEAVY} if name in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "heavy:"
+
+
+def test_the_help_comes_at_once() -> None:
+    def once() -> float:
+        begin = time.perf_counter()
+        code = "from commonrail.cli.app import main; main()"
+        subprocess.run([sys.executable, "-c", code, "--help"], capture_output=True, check=True)
+        return time.perf_counter() - begin
+
+    # The best of five, because other work on the machine only ever adds: 0.14 s when idle.
+    assert min(once() for _ in range(5)) < 0.4

@@ -1,0 +1,196 @@
+"""commonrail calibrate and the verbs that use its run folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail.calibration.run import Progress
+from commonrail.errors import StudyError
+from tests.cli.conftest import Command
+
+FILES = {"study.toml", "calibrated.toml", "result.json", "traces.csv", "report.html"}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """A small study, calibrated once by the command."""
+    from typer.testing import CliRunner
+
+    from commonrail.cli.app import app
+    from tests.cli.conftest import small_study
+
+    folder = tmp_path_factory.mktemp("calibrate")
+    study, run = small_study(folder / "small"), folder / "run"
+    arguments = ["calibrate", str(study), "--out", str(run), "--seed", "3", "--threads", "1"]
+    result = CliRunner().invoke(app, [*arguments, "--json"])
+    assert result.exit_code == 0, result.stderr
+    return {"study": study, "run": run, "out": result.stdout, "err": result.stderr}
+
+
+def test_the_run_folder_is_complete(finished: dict[str, Any]) -> None:
+    assert {path.name for path in finished["run"].iterdir()} == FILES
+
+
+def test_stdout_is_one_object_with_the_result(finished: dict[str, Any]) -> None:
+    record = json.loads(finished["out"])
+    own = json.loads((finished["run"] / "result.json").read_text(encoding="utf-8"))
+    assert record["result"] == own
+    assert record["report"] == str(finished["run"] / "report.html")
+    assert own["seed"] == 3  # the option, not the file
+
+
+def test_progress_goes_to_stderr(finished: dict[str, Any]) -> None:
+    assert "compiling the simulation" in finished["err"]
+    assert "evolution 3/3: best" in finished["err"]
+
+
+def test_the_calibrated_injector_can_be_simulated(command: Command, finished: dict[str, Any]) -> None:
+    point = ("--rail-pressure", "160MPa", "--energising-time", "700us", "--json")
+    record = command("simulate", finished["run"] / "calibrated.toml", *point).record
+    best = json.loads(finished["out"])["result"]["data"][0]["volume"]["best"]
+    # the study's window ends 1.6 ms after the start, when nothing flows any more
+    assert record["injected_volume"] == pytest.approx(best, rel=1e-3)
+
+
+def test_validating_the_run_gives_its_own_figures(command: Command, finished: dict[str, Any]) -> None:
+    done = command("validate", finished["study"], "--run", finished["run"], "--json")
+    own = json.loads(finished["out"])["result"]["data"][0]
+    (data,) = done.record["data"]
+    assert data["J"] == {"best": pytest.approx(own["J"]["best"], rel=1e-9)}
+
+
+def test_validating_prints_a_table_and_what_is_synthetic(command: Command, finished: dict[str, Any]) -> None:
+    done = command("validate", finished["study"], "--injector", finished["run"] / "calibrated.toml")
+    assert done.status == 0
+    assert "SYNTHETIC: " in done.out
+    assert "Error J of the injection curves" in done.out
+
+
+def test_the_report_can_be_made_again(command: Command, finished: dict[str, Any]) -> None:
+    report = finished["run"] / "report.html"
+    before = report.read_text(encoding="utf-8")
+    report.unlink()
+    assert command("report", finished["run"]).out == f"{report}\n"
+    assert report.read_text(encoding="utf-8") == before
+    assert command("report", finished["run"], "--json").record["report"] == str(report)
+
+
+def test_a_used_run_folder_is_not_touched(command: Command, finished: dict[str, Any]) -> None:
+    before = {p.name: p.stat().st_mtime_ns for p in finished["run"].iterdir()}
+    done = command("calibrate", finished["study"], "--out", finished["run"])
+    assert (done.status, done.out) == (2, "")
+    assert "name another folder with --out" in done.sentence
+    assert {p.name: p.stat().st_mtime_ns for p in finished["run"].iterdir()} == before
+
+
+def test_a_folder_that_cannot_be_made_is_refused(command: Command, study: Path) -> None:
+    done = command("calibrate", study, "--out", study / "run")
+    assert done.status == 2
+    assert "cannot be written" in done.sentence
+
+
+def test_without_out_runs_are_numbered(
+    command: Command, study: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: list[Path] = []
+
+    def note(_study: object, folder: Path, _threads: object) -> None:
+        asked.append(folder)
+        raise StudyError("enough.")
+
+    monkeypatch.setattr("commonrail.cli.study_run.run_study", note)
+    monkeypatch.chdir(tmp_path)
+    command("calibrate", study)
+    (tmp_path / "runs" / "small-1").mkdir(parents=True)
+    command("calibrate", study)
+    renamed = study.rename(study.with_name("second.toml"))
+    command("calibrate", renamed)
+    # a file called study.toml says less than its folder
+    assert [p.as_posix() for p in asked] == ["runs/small-1", "runs/small-2", "runs/second-1"]
+
+
+@pytest.mark.parametrize("error", [StudyError("nothing could be simulated."), ValueError("x")])
+def test_a_search_that_fails_leaves_no_folder(
+    command: Command, study: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, tmp_path: Path
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("commonrail.calibration.run.calibrate", fail)
+    done = command("calibrate", study, "--out", tmp_path / "run")
+    assert done.status == (2 if isinstance(error, StudyError) else 1)
+    assert done.sentence
+    assert not (tmp_path / "run").exists()
+
+
+def interrupt_at(number: int) -> Callable[..., Any]:
+    """A calibration during which Ctrl-C is pressed after so many generations."""
+    from commonrail.calibration.run import calibrate
+
+    def interrupted(study: Any, *, threads: int | None, progress: Callable[..., None]) -> Any:
+        def press(state: Progress) -> None:
+            progress(state)
+            if state.generation == number:
+                raise KeyboardInterrupt
+
+        return calibrate(study, threads=threads, progress=press)
+
+    return interrupted
+
+
+def test_ctrl_c_writes_the_best_so_far_and_ends_with_130(
+    command: Command, study: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("commonrail.calibration.run.calibrate", interrupt_at(2))
+    done = command("calibrate", study, "--out", tmp_path / "run", "--json")
+    assert done.status == 130
+    assert done.sentence == f"interrupted; the best values so far are in {tmp_path / 'run'}."
+    assert done.record["result"]["status"] == "interrupted"
+    assert len(done.record["result"]["generations"]) == 2
+    assert {path.name for path in (tmp_path / "run").iterdir()} == FILES
+
+
+def test_ctrl_c_during_the_last_judgement_still_writes_the_result(
+    command: Command, study: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("commonrail.analysis.identifiability.identify", interrupt)
+    done = command("calibrate", study, "--out", tmp_path / "run")
+    assert done.status == 0
+    assert "written without that judgement" in done.sentence
+    assert {path.name for path in (tmp_path / "run").iterdir()} == FILES
+
+
+def test_a_study_that_cannot_be_read_ends_with_2(command: Command, tmp_path: Path) -> None:
+    done = command("calibrate", tmp_path / "none.toml", "--out", tmp_path / "run")
+    assert done.status == 2
+    assert "none.toml" in done.sentence
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "Give either --injector FILE or --run RUN"),
+        (("--injector", "cri2-16", "--run", "."), "Give either --injector FILE or --run RUN"),
+        (("--run", "nowhere"), "nowhere: no calibrated.toml there"),
+        (("--injector", "nothing"), 'no injector "nothing"'),
+    ],
+)
+def test_validate_says_what_it_needs(command: Command, study: Path, options: tuple[str, ...], words: str) -> None:
+    done = command("validate", study, *options)
+    assert (done.status, done.out) == (2, "")
+    assert words in done.sentence
+
+
+def test_report_refuses_what_is_no_run_folder(command: Command, tmp_path: Path) -> None:
+    done = command("report", tmp_path)
+    assert done.status == 2
+    assert "not a run folder" in done.sentence

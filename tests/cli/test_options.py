@@ -1,0 +1,69 @@
+"""Values with units from options."""
+
+from __future__ import annotations
+
+import pytest
+
+from commonrail.cli.options import read_energisings, with_overrides
+from commonrail.engine.operating_point import Energising
+from commonrail.errors import ConfigurationError, InputError
+from commonrail.files.injector_file import load_injector
+
+
+def test_one_energising_is_a_duration() -> None:
+    assert read_energisings("700us", []) == 700e-6
+
+
+def test_several_energisings_have_starts() -> None:
+    found = read_energisings(None, ["0us:200us", "0.9ms : 700us"])
+    assert found == (Energising(0.0, 200e-6), Energising(900e-6, 700e-6))
+
+
+@pytest.mark.parametrize(
+    ("duration", "pulses", "words"),
+    [
+        (None, [], "Give --energising-time for one injection, or --energising"),
+        ("700us", ["0us:1us"], "Give --energising-time for one injection, or --energising"),
+        ("700", [], '--energising-time: "700" has no unit'),
+        ("700MPa", [], "--energising-time: .* is a pressure"),
+        (None, ["700us"], "--energising 700us: expected START:DURATION"),
+        (None, ["0:700us"], '--energising 0:700us: "0" has no unit'),
+        (None, ["0us:"], "--energising 0us:: "),
+    ],
+)
+def test_energisings_that_cannot_be_read_say_why(duration: str | None, pulses: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read_energisings(duration, pulses)
+
+
+@pytest.mark.parametrize("text", ["303N/um", "3.03e8", " 303 N/um "])
+def test_a_value_is_set_with_its_unit_or_in_si(text: str) -> None:
+    injector = with_overrides(load_injector("virtual-lino-2016"), [f"plunger_needle.k1={text}"])
+    assert injector.values["plunger_needle.k1"] == 3.03e8
+
+
+def test_an_offset_unit_is_a_point_on_its_scale() -> None:
+    injector = with_overrides(load_injector("virtual-lino-2016"), ["fuel.temperature=40 degC"])
+    assert injector.values["fuel.temperature"] == pytest.approx(313.15, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("plunger_needle.k1", "expected PATH=VALUE"),
+        ("=3", "expected PATH=VALUE"),
+        ("plunger_needle.k1=", "expected PATH=VALUE"),
+        ("plunger_needle.kk1=3", 'no such parameter .did you mean "plunger_needle.k1"'),
+        ("plunger_needle.k1=3m", "is a length; a stiffness is expected"),
+        ("plunger_needle.k1=soft", "does not start with a number"),
+    ],
+)
+def test_settings_that_cannot_be_read_say_why(setting: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        with_overrides(load_injector("virtual-lino-2016"), [setting])
+
+
+@pytest.mark.parametrize("value", ["-1", "nan", "inf"])
+def test_a_value_outside_its_domain_is_refused(value: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"plunger_needle\.k1 .*greater than zero"):
+        with_overrides(load_injector("virtual-lino-2016"), [f"plunger_needle.k1={value}"])

@@ -1,0 +1,66 @@
+"""Places that cannot be written to are refused before the work."""
+
+from __future__ import annotations
+
+import errno
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from commonrail.cli.output import check_file, check_folder, free_run_folder, writing
+from commonrail.errors import InputError, OutputError
+
+
+def refuse(*_: object, **__: object) -> None:
+    """What a folder without permission does."""
+    raise PermissionError(errno.EACCES, "Permission denied")
+
+
+def test_a_good_place_is_left_as_it_was(tmp_path: Path) -> None:
+    old = tmp_path / "old.csv"
+    old.write_text("1", encoding="utf-8")
+    check_file(old, "--out")
+    check_file(tmp_path / "new.csv", "--out")
+    check_file(None, "--out")
+    check_folder(tmp_path / "a" / "b")
+    assert [p.name for p in tmp_path.iterdir()] == ["old.csv"]
+    assert old.read_text(encoding="utf-8") == "1"
+
+
+def test_a_file_in_no_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--out: there is no folder .*nowhere"):
+        check_file(tmp_path / "nowhere" / "x.csv", "--out")
+
+
+def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--plot: .* is a folder"):
+        check_file(tmp_path, "--plot")
+
+
+def test_a_file_in_place_of_a_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="is a file; name a folder"):
+        check_folder(tmp_path / "file" / "new")
+
+
+def test_a_folder_without_permission_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
+    with pytest.raises(InputError, match=r"x\.csv cannot be written \(Permission denied\)"):
+        check_file(tmp_path / "x.csv", "--out")
+    with pytest.raises(InputError, match=r"cannot be written \(Permission denied\)"):
+        check_folder(tmp_path / "new")
+
+
+def test_a_full_disk_is_another_matter(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OutputError, match="No space left"),
+        writing(tmp_path),
+    ):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_the_first_free_run_folder_is_taken(tmp_path: Path) -> None:
+    (tmp_path / "s-1").mkdir()
+    (tmp_path / "s-3").mkdir()
+    assert free_run_folder("s", tmp_path) == tmp_path / "s-2"

@@ -1,0 +1,151 @@
+"""commonrail simulate."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import commonrail as cr
+from commonrail.engine.status import Status
+from tests.cli.conftest import Command
+
+POINT = ("--rail-pressure", "160MPa", "--energising-time", "700us")
+SIMULATE = ("simulate", "virtual-lino-2016", *POINT)
+
+
+def solution(**changes: float) -> cr.Solution:
+    """The same injection by the library."""
+    injector = cr.load_injector("virtual-lino-2016").with_values(changes)
+    return cr.simulate(injector, cr.OperatingPoint(160e6, 700e-6))
+
+
+def test_the_record_holds_the_figures_of_the_library(command: Command) -> None:
+    record = command(*SIMULATE, "--json").record
+    own = solution()
+    assert record["status"] == "OK"
+    assert record["injected_volume"] == own.injected_volume
+    assert record["returned_mass"] == own.returned_mass
+    assert record["peak_rate"] == max(own.rate)
+    assert record["closing_delay"] == own.closing - 700e-6
+    assert record["operating_point"]["rail_pressure"] == 160e6
+
+
+def test_the_table_is_for_a_person(command: Command) -> None:
+    done = command(*SIMULATE)
+    assert done.status == 0
+    assert f"{solution().injected_volume * 1e9:.2f} mm3" in done.out
+    assert "The simulation ended well." in done.out
+    assert "synthetic" in done.out  # the injector of the catalogue says so
+    assert "compiles" in done.err
+
+
+def test_a_parameter_can_be_changed(command: Command) -> None:
+    record = command(*SIMULATE, "--set", "plunger_needle.k1=303N/um", "--json").record
+    own = solution(**{"plunger_needle.k1": 3.03e8})
+    assert record["injected_volume"] == own.injected_volume
+
+
+def test_the_body_can_be_rigid(command: Command) -> None:
+    record = command(*SIMULATE, "--variant", "rigid", "--json").record
+    assert record["injector"]["variant"].startswith("rigid body")
+    assert record["injected_volume"] < 0.9 * solution().injected_volume
+
+
+def test_a_pilot_and_a_main_injection_inject_more_than_the_main_one(command: Command) -> None:
+    pulses = ("--energising", "0us:250us", "--energising", "900us:700us")
+    rail = ("--rail-pressure", "160MPa")
+    record = command("simulate", "virtual-lino-2016", *rail, *pulses, "--json").record
+    assert len(record["operating_point"]["energisings"]) == 2
+    assert record["injected_volume"] > solution().injected_volume
+    assert record["closing_delay"] == pytest.approx(record["closing"] - 1600e-6)
+
+
+def test_no_injection_has_no_opening(command: Command) -> None:
+    rail = ("--rail-pressure", "160MPa", "--energising-time", "0us")
+    record = command("simulate", "virtual-lino-2016", *rail, "--json").record
+    assert record["opening"] is None
+    assert record["closing_delay"] is None
+    assert "never" in command("simulate", "virtual-lino-2016", *rail).out
+
+
+def test_the_csv_has_units_and_adds_up(command: Command, tmp_path: Path) -> None:
+    path = tmp_path / "course.csv"
+    record = command(*SIMULATE, "--json", "--out", path).record
+    assert record["files"] == [str(path)]
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert lines[0].startswith("# simulated by commonrail, not measured")
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    volume = sum(float(row["rate [mm3/ms]"]) for row in rows) * 1e-3  # mm3/ms times 1 us
+    # nine digits a row
+    assert volume == pytest.approx(record["injected_volume"] * 1e9, rel=1e-8)
+    assert float(rows[-1]["injected [mg]"]) == pytest.approx(record["injected_mass"] * 1e6)
+    assert all("[" in name for name in rows[0])
+
+
+def test_the_csv_can_be_read_back_as_data(command: Command, tmp_path: Path) -> None:
+    from commonrail.files.tables import read_columns
+
+    path = tmp_path / "course.csv"
+    command(*SIMULATE, "--out", path)
+    columns = read_columns(path, {"time": "s", "rate": "m3/s"}, increasing="time").columns
+    assert columns["time"][0] == pytest.approx(1e-6)
+    assert max(columns["rate"]) == pytest.approx(max(solution().rate))
+
+
+def test_the_plot_is_a_page(command: Command, tmp_path: Path) -> None:
+    path = tmp_path / "course.html"
+    done = command(*SIMULATE, "--plot", path)
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert f"wrote {path}" in done.err
+
+
+def test_a_needle_that_is_still_open_is_told_and_figures_are_given(command: Command) -> None:
+    done = command(*SIMULATE, "--horizon", "500us", "--json")
+    assert done.status == 0
+    assert done.record["status"] == "STILL_INJECTING"
+    assert done.record["closing"] is None
+    assert done.sentence == Status.STILL_INJECTING.sentence
+
+
+def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
+    command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    failed = replace(solution(), status=Status.STEP_UNSTABLE)
+    monkeypatch.setattr("commonrail.cli.course.simulate", lambda *_: failed)
+    done = command(*SIMULATE, "--json", "--out", tmp_path / "x.csv")
+    assert (done.status, done.out) == (4, "")
+    assert done.sentence == f"virtual-lino-2016: {Status.STEP_UNSTABLE.sentence}"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("simulate", "nothing", *POINT), 'no injector "nothing"'),
+        (("simulate", "nothing.toml", *POINT), "nothing.toml"),
+        ((*SIMULATE, "--cylinder-pressure", "5"), "--cylinder-pressure: "),
+        ((*SIMULATE, "--return-pressure", "0MPa"), "The return pressure must lie between"),
+        ((*SIMULATE, "--horizon", "0us"), "The horizon must lie between"),
+        ((*SIMULATE, "--time-step", "1ms"), "The time step must lie between"),
+        ((*SIMULATE, "--energising", "0us:1us"), "Give --energising-time for one injection"),
+        ((*SIMULATE, "--out", "/nowhere/x.csv"), "--out: there is no folder"),
+        ((*SIMULATE, "--plot", "."), "--plot: . is a folder"),
+        ((*SIMULATE, "--set", "a.b=1"), "--set a.b: there is no such parameter"),
+    ],
+)
+def test_bad_input_ends_with_2_and_one_sentence(command: Command, arguments: tuple[str, ...], words: str) -> None:
+    done = command(*arguments)
+    assert (done.status, done.out) == (2, "")
+    assert words in done.sentence
+
+
+@pytest.mark.slow
+def test_the_reference_can_be_asked(command: Command) -> None:
+    record = command(*SIMULATE, "--engine", "reference", "--json").record
+    assert record["engine"] == "reference"
+    assert record["time_step"] is None
+    # the engines agree to a fraction of a percent; a wrong point or injector would not
+    assert record["injected_volume"] == pytest.approx(solution().injected_volume, rel=5e-3)

@@ -1,0 +1,121 @@
+"""The small verbs: catalogue, new, verify, virtual-bench."""
+
+from __future__ import annotations
+
+import errno
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail.analysis.closed_forms import check
+from commonrail.files.scaffold import TEMPLATES
+from commonrail.injector.definition import parameter_quantities
+from tests.cli.conftest import Command
+
+
+def test_the_catalogue_lists_all_three_kinds(command: Command) -> None:
+    record = command("catalogue", "--json").record
+    assert {"iso4113", "n-dodecane"} <= {fuel["name"] for fuel in record["fuels"]}
+    assert {"cri2-16", "virtual-lino-2016"} <= {i["name"] for i in record["injectors"]}
+    assert [p["name"] for p in record["parameters"]] == list(parameter_quantities())
+
+
+def test_the_catalogue_can_be_searched(command: Command) -> None:
+    done = command("catalogue", "parameters", "--search", "SPRING")
+    assert "valve.spring_preload" in done.out
+    assert "nozzle.holes" not in done.out
+
+
+def test_a_vain_search_says_so(command: Command) -> None:
+    done = command("catalogue", "--search", "zebra")
+    assert (done.status, done.out) == (0, "")
+    assert done.sentence == 'nothing contains "zebra".'
+
+
+def test_new_writes_its_files_and_names_the_next_step(command: Command, tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    done = command("new", folder)
+    assert done.status == 0
+    assert all((folder / name).is_file() for name in TEMPLATES)
+    assert done.out.splitlines()[-1] == f"next: commonrail calibrate {folder / 'study.toml'}"
+
+
+def test_new_as_json_lists_its_files(command: Command, tmp_path: Path) -> None:
+    record = command("new", tmp_path / "mine", "--json").record
+    assert len(record["files"]) == len(TEMPLATES)
+
+
+def test_new_overwrites_nothing(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").touch()
+    done = command("new", tmp_path)
+    assert done.status == 2
+    assert "name a new or empty folder" in done.sentence
+    assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize("verb", ["new", "virtual-bench"])
+def test_a_folder_that_cannot_be_written_ends_with_2(
+    command: Command, verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    done = command(verb, tmp_path / "x")
+    assert done.status == 2
+    assert "cannot be written (Permission denied)" in done.sentence
+
+
+def test_the_virtual_bench_passes_folder_and_seed_on(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(folder: Path, seed: int) -> list[Path]:
+        return [folder / f"seed-{seed}.csv"]
+
+    monkeypatch.setattr("commonrail.files.bench_data.write_bench_data", write)
+    done = command("virtual-bench", tmp_path, "--seed", "5", "--json")
+    assert done.record == {
+        "kind": "virtual-bench",
+        "seed": 5,
+        "files": [str(tmp_path / "seed-5.csv")],
+    }
+    assert command("virtual-bench", tmp_path).out == f"{tmp_path / 'seed-1.csv'}\n"
+
+
+GOOD, BAD = check("a", 0.1, 0.2, "%", "why"), check("b", math.nan, 0.2, "%", "why")
+
+
+def patch_checks(monkeypatch: pytest.MonkeyPatch, *checks: Any) -> None:
+    """Let the verification study find these."""
+
+    def verify(_injector: object, progress: Any, quick: bool) -> list[Any]:
+        progress("comparing")
+        assert quick
+        return list(checks)
+
+    monkeypatch.setattr("commonrail.analysis.verification.verify", verify)
+
+
+def test_verify_passes_with_0(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    patch_checks(monkeypatch, GOOD)
+    done = command("verify", "--quick")
+    assert done.status == 0
+    assert "passed" in done.out
+    assert done.err.splitlines() == ["comparing", "all 1 checks passed"]
+
+
+def test_verify_fails_with_1_and_names_the_check(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    patch_checks(monkeypatch, GOOD, BAD)
+    done = command("verify", "--quick")
+    assert done.status == 1
+    assert "FAILED" in done.out
+    assert done.sentence == "1 of 2 checks failed: b."
+
+
+def test_verify_as_json_has_null_for_what_is_not_finite(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    patch_checks(monkeypatch, GOOD, BAD)
+    record = command("verify", "--quick", "--json").record
+    assert record["passed"] is False
+    assert [c["value"] for c in record["checks"]] == [0.1, None]

@@ -1,0 +1,91 @@
+"""From drawing to state at rest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from commonrail.fuel.coefficients import fuel_coefficients
+from commonrail.injector import setup
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.injector.model import Coefficients, Setting
+from commonrail.injector.joints import make_room, seat_pressure
+from commonrail.parts import plunger_needle
+from commonrail.parts.plunger_needle import Motion
+
+AT = Setting(160e6, 5e6, 0.5e6, 1e-6)
+
+
+@pytest.fixture(scope="module")
+def c(regulated: Injector) -> Coefficients:
+    fuel = fuel_coefficients(regulated.fuel, regulated.values[FUEL_TEMPERATURE])
+    return setup.coefficients(regulated.parameters, fuel, AT)
+
+
+def test_delays_are_travel_times_in_steps(c: Coefficients, regulated: Injector) -> None:
+    fuel, temperature = regulated.fuel, regulated.values[FUEL_TEMPERATURE]
+    # the hot loop's polynomials: 1e-4
+    assert c.delays.feed == pytest.approx(0.12 / float(fuel.sound_speed(160e6, temperature)) / 1e-6, rel=3e-4)
+    assert c.delays.back == pytest.approx(1.0 / float(fuel.sound_speed(0.5e6, temperature)) / 1e-6, rel=3e-4)
+
+
+def test_eddy_share_is_that_of_an_exponential(regulated: Injector, c: Coefficients) -> None:
+    assert c.delays.eddy_share == 1.0
+    slow = regulated.with_values({"solenoid.eddy_lag": 20e-6}).parameters
+    lagging = setup.coefficients(slow, c.fuel, AT)
+    assert lagging.delays.eddy_share == pytest.approx(1.0 - math.exp(-1 / 20), rel=1e-12)
+
+
+def test_state_at_rest_has_the_pressures_it_is_given(c: Coefficients) -> None:
+    body = plunger_needle.at_rest(c.plunger_needle, setup.seat_contact(c), setup.static_loads(c, AT))
+    lifts = plunger_needle.motion(body)
+    s = setup.state_at_rest(c, AT, body, lifts)
+    assert lifts.tip < 0.0
+    for held in (s.control_chamber.fuel, s.accumulation.fuel, s.rail):
+        assert held.pressure == pytest.approx(160e6, rel=1e-11)  # rounding of a density
+    assert s.sac.pressure == pytest.approx(5e6, rel=1e-10)
+    # masses are those of the deformed chain's volumes
+    assert s.control_chamber.fuel.mass / s.control_chamber.fuel.density == pytest.approx(
+        18e-9 - math.pi / 4 * 4.3e-3**2 * lifts.top, rel=1e-12
+    )
+
+
+def test_valve_at_rest_balances_spring_pressure_and_seat(c: Coefficients) -> None:
+    lift = setup.valve_rest(c, AT)
+    area = math.pi / 4 * 0.5e-3**2
+    assert -1e8 * lift == pytest.approx(72.0 + 2e4 * lift - area * 159.5e6, rel=1e-9)
+
+
+def test_a_rising_needle_moves_fuel_from_room_to_room(c: Coefficients) -> None:
+    """Displaced volume of a rigid rise: plunger area from the control chamber, guide area to the needle's end."""
+    rise = 50e-6
+    before, after = make_room(c, Motion(0.0, 0.0, 0.0)), make_room(c, Motion(rise, rise, rise))
+    quarter = math.pi / 4
+    assert after.control - before.control == pytest.approx(-quarter * 4.3e-3**2 * rise, rel=1e-9)
+    gained = after.store - before.store + after.sac - before.sac
+    assert gained == pytest.approx(quarter * 4.0e-3**2 * rise, rel=1e-9)
+
+
+def test_pressure_in_front_of_the_valve_seat(c: Coefficients) -> None:
+    hole = c.control_chamber.a_drive
+    # shut: all of it; a gap as good as the hole: half; far open and cavitating: what the contraction leaves
+    assert seat_pressure(c, 0.0, 160e6, 0.5e6) == pytest.approx(159.5e6, rel=1e-12)
+    assert seat_pressure(c, hole, 2e6, 1e6) == pytest.approx(0.5e6, rel=1e-9)
+    open_ = seat_pressure(c, 50 * hole, 160e6, 0.5e6)
+    choked = c.control_chamber.a_choked * (160e6 - c.fuel.vapour_pressure) / (50 * hole)
+    assert open_ == pytest.approx(min(159.5e6 / 51, choked), rel=1e-9)
+
+
+def test_forces_of_the_closed_needle_follow_from_its_areas(c: Coefficients) -> None:
+    load = setup.static_loads(c, AT)
+    quarter = math.pi / 4 * 1e-6
+    total = (
+        -160e6 * quarter * 4.3**2
+        + 0.5e6 * quarter * (4.3**2 - 16.0)
+        - 30.0
+        + 160e6 * quarter * (16.0 - 4.0)
+        + 5e6 * quarter * 4.0
+    )
+    assert np.sum(load) == pytest.approx(total, rel=1e-9)
