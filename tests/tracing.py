@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.closed_forms import traced
+from commonrail.analysis.ringing import traced
 
 Floats = NDArray[np.float64]
 

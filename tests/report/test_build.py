@@ -59,7 +59,7 @@ def test_curves_convergence_and_parameters_are_there(rate_run: Path) -> None:
 
 def test_maps_errors_dead_times_and_convergence_are_there(map_run: Path) -> None:
     page = page_of(map_run)
-    assert page.count("div", **{"class": "plotly-graph-div"}) == 7  # three for each of two maps
+    assert page.count("div", **{"class": "plotly-graph-div"}) == 6  # two for each map, dead times of one, convergence
     for words in ("148.31", "Dead times, µs: map (fit)", "Quantities, mm³: map at 80 MPa"):
         assert words in page.text
 
@@ -149,7 +149,7 @@ def test_a_failed_start_still_has_a_report(write_run: WriteRun) -> None:
 
 def test_without_generations_there_is_no_convergence(write_run: WriteRun) -> None:
     record = map_record() | {"generations": [], "parameters": []}
-    assert page_of(write_run(record)).count("div", **{"class": "plotly-graph-div"}) == 6
+    assert page_of(write_run(record)).count("div", **{"class": "plotly-graph-div"}) == 5
 
 
 @pytest.mark.parametrize(

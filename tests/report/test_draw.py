@@ -22,7 +22,7 @@ def test_the_series_arrive_on_their_panels() -> None:
     figure = figures_of(record, rate_traces(record))[0]
     drawn = json.loads(draw(figure, 400).to_json())
     assert [trace["yaxis"] for trace in drawn["data"]] == ["y"] * 4 + ["y2"] * 3
-    assert [trace["name"] for trace in drawn["data"][:2]] == ["measured", "rigid body"]
+    assert [trace["name"] for trace in drawn["data"][:2]] == ["synthetic", "rigid body"]
 
 
 @pytest.mark.parametrize("looks", [("measured", "rigid", "start", "best")])

@@ -31,6 +31,13 @@ def test_a_rate_is_shown_in_its_units_with_its_error_below() -> None:
     assert error.series[1].y == pytest.approx((0.5, -1.0))  # calibrated − measured
 
 
+def test_a_synthetic_curve_is_not_called_measured() -> None:
+    data = rate_record()["data"][0]
+    assert rate_figure(data, TRACE).panels[0].series[0].label == "synthetic"
+    assert "measured" not in rate_figure(data, TRACE).caption
+    assert rate_figure(data | {"synthetic": ""}, TRACE).panels[0].series[0].label == "measured"
+
+
 def test_what_is_not_finite_leaves_a_gap() -> None:
     rate, error = rate_figure(rate_record()["data"][0], TRACE).panels
     assert rate.series[1].y[1] is None
@@ -78,4 +85,10 @@ def test_a_map_without_dead_times_has_no_figure_of_them() -> None:
     count = len(figures_of(record, {}))
     for d in record["data"]:
         d["rows"] = [row for row in d["rows"] if not row["dead_time"]]
-    assert len(figures_of(record, {})) == count - 2
+    assert len(figures_of(record, {})) == count - 1
+
+
+def test_a_single_dead_time_needs_no_figure() -> None:
+    titles = [figure.title for figure in figures_of(map_record(), {})]
+    assert "Dead times of map" in titles
+    assert "Dead times of map at 80 MPa" not in titles

@@ -20,6 +20,13 @@ def test_a_start_value_outside_the_bounds_stays_on_the_bar() -> None:
     assert parameter_rows([record])[0].start_at == 0.0
 
 
+def test_a_standard_error_beyond_the_range_is_not_given_as_a_number() -> None:
+    record = rate_record()["parameters"][1]
+    assert parameter_rows([record])[0].error == "± 2.48 N/µm"  # 3 % of 82.6
+    wide = record | {"standard_error": 2e8}  # the range is 154 N/µm
+    assert parameter_rows([wide])[0].error == "± more than its range"
+
+
 def test_the_mark_is_written_in_words() -> None:
     assert parameter_rows(rate_record()["parameters"])[0].mark == "fitted or derived"
 

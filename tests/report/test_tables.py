@@ -100,6 +100,14 @@ def test_only_tables_with_rows_are_made() -> None:
     assert not any("Dead times" in title for title in titles)
 
 
+def test_synthetic_values_are_not_called_measured() -> None:
+    data = map_record()["data"][0] | {"synthetic": "Interpolated."}
+    tables = [*tables_of([data]), volume_table(rate_record()["data"])]
+    for table in tables:
+        assert not any("measured" in text for text in (*table.columns, table.note))
+    assert "synthetic" in tables[1].columns
+
+
 def test_every_row_is_as_long_as_the_head() -> None:
     tables = tables_of(rate_record()["data"]) + tables_of(map_record()["data"])
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)

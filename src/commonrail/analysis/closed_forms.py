@@ -12,22 +12,19 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq
 
-from commonrail.engine import lanes, plan
+from commonrail.analysis.by_hand import RAIL, drain_by_hand, fluid, nozzle_by_hand, pipe_area
+from commonrail.analysis.ringing import chain_frequency, echo, frequency, traced
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
 from commonrail.engine.stability import chain_matrices
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body, Boundary, Drive, Variant
 from commonrail.parts import plunger_needle
-from commonrail.parts.plunger_needle import Loads, Nine, SeatContact, State
+from commonrail.parts.plunger_needle import SeatContact
 
-Floats = NDArray[np.float64]
-
-RAIL = 160e6  # [Pa]
 STEP = 1e-6  # [s]
 TIGHT = {
     "feed_pipe.friction_factor": 0.0,
@@ -54,15 +51,6 @@ def check(name: str, value: float, limit: float, unit: str, detail: str) -> Chec
     return Check(name, float(value), limit, unit, bool(abs(value) <= limit), detail)
 
 
-class Fluid(NamedTuple):
-    """Fuel at the rail pressure by its own laws: ρ [kg/m³], a [m/s], isothermal K [Pa], η [Pa s]."""
-
-    density: float
-    sound_speed: float
-    modulus: float
-    viscosity: float
-
-
 def joukowsky(injector: Injector) -> list[Check]:
     """A needle that opens at the end of a long pipe: Δp = ρ a Δu there, until the rail answers after 2 L/a."""
     length = 1.5
@@ -77,7 +65,7 @@ def joukowsky(injector: Injector) -> list[Check]:
     quiet = time < trip
     largest = float(np.max(np.abs(mean[quiet])))
     residual = float(np.max(np.abs(arriving[quiet]))) / largest
-    measured = _echo(time, arriving, leaving, trip)
+    measured = echo(time, arriving, leaving, trip)
     return [
         check(
             "Joukowsky: pressure drop against density x sound speed x velocity",
@@ -119,7 +107,7 @@ def pipe_period(injector: Injector) -> list[Check]:
 
         expected = brentq(excess, 1e-6, 0.5 * math.pi - 1e-12) * per_angle / (2.0 * math.pi)
         ringing = rows["accumulation.fuel.pressure"][200:] - (RAIL + 1e6)
-        measured = _frequency(ringing, STEP, 0.25 * per_angle)
+        measured = frequency(ringing, STEP, 0.25 * per_angle)
         checks.append(
             check(
                 f"pipe period {name}",
@@ -144,7 +132,7 @@ def chain_modes(injector: Injector) -> list[Check]:
     stiffness[8, 8] += seat.stiffness
     squares, shapes = eigh(stiffness, np.diag(nodes))
     omega = np.sqrt(squares)
-    found = [_ringing(c, seat, shapes[:, i], nodes, omega[i]) for i in range(9)]
+    found = [chain_frequency(c, seat, shapes[:, i], nodes, omega[i]) for i in range(9)]
     worst = float(np.max(np.abs(np.array(found) / omega - 1.0)))
     detail = (
         f"nine modes, {omega[0] / 2e3 / math.pi:.1f} to {omega[8] / 2e3 / math.pi:.0f} kHz; limit: 200 steps a period"
@@ -153,11 +141,17 @@ def chain_modes(injector: Injector) -> list[Check]:
 
 
 def steady_flow(injector: Injector) -> list[Check]:
-    """Held open for 4 ms behind a short pipe: seat and nozzle in series, Z-hole and A-hole with valve in series."""
-    case = _case(injector, {"feed_pipe.length": 0.01})
+    """Held open for 4 ms behind a short pipe: seat and nozzle in series; Z-hole, and A-hole with valve, in series."""
+    wide = _steady(injector, {}, "")
+    narrow = _steady(injector, {"valve.lift": 15e-6}, ", valve as the narrowest section")
+    return wide + narrow[1:]
+
+
+def _steady(injector: Injector, values: dict[str, float], name: str) -> list[Check]:
+    case = _case(injector, {"feed_pipe.length": 0.01} | values)
     rows = traced(case, OperatingPoint(RAIL, 4e-3, horizon=4e-3), STEP)
     late = slice(3000, None)
-    lift, valve_lift = (float(np.mean(rows[name][late])) for name in ("body.z.i9", "valve.lift"))
+    lift, valve_lift = (float(np.mean(rows[key][late])) for key in ("body.z.i9", "valve.lift"))
     span = rows["time"][-1] - rows["time"][3000]
     injected = (rows["nozzle.injected"][-1] - rows["nozzle.injected"][3000]) / span
     returned = (rows["books.returned"][-1] - rows["books.returned"][3000]) / span
@@ -165,11 +159,12 @@ def steady_flow(injector: Injector) -> list[Check]:
     nozzle_flow, _ = nozzle_by_hand(case, lift)
     drain_flow, drain_pressure = drain_by_hand(case, valve_lift)
     detail = f"needle {lift * 1e6:.0f} um open; limit: the chain still rings a little, fuel polynomials"
-    return [
-        check("steady flow of seat and nozzle", 100.0 * (injected / nozzle_flow - 1.0), 0.1, "%", detail),
-        check("steady flow of Z-hole, A-hole and valve", 100.0 * (returned / drain_flow - 1.0), 0.1, "%", detail),
-        check("steady control pressure", 100.0 * (chamber / drain_pressure - 1.0), 0.1, "%", detail),
-    ]
+    ratios = {
+        "steady flow of seat and nozzle": injected / nozzle_flow,
+        "steady flow of Z-hole, A-hole and valve": returned / drain_flow,
+        "steady control pressure": chamber / drain_pressure,
+    }
+    return [check(what + name, 100.0 * (ratio - 1.0), 0.1, "%", detail) for what, ratio in ratios.items()]
 
 
 def books(injector: Injector) -> list[Check]:
@@ -184,164 +179,11 @@ def books(injector: Injector) -> list[Check]:
     return [check("books of mass", worst, 1e-9, "1", detail)]
 
 
-ALL: tuple[Callable[[Injector], list[Check]], ...] = (joukowsky, pipe_period, chain_modes, steady_flow, books)
-
-
-# --- the same laws, written out once more ---------------------------------------------------------
-
-
-def nozzle_by_hand(injector: Injector, lift: float) -> tuple[float, float]:
-    """Mass flow [kg/s] and SAC pressure [Pa] at which seat and nozzle, held at a lift [m], pass the same."""
-    p, at = injector.parameters, fluid(injector)
-    half = 0.5 * p.needle_seat.cone_angle
-    way = lift * math.sin(half)
-    gap = p.needle_seat.discharge * math.pi * way * (p.needle_seat.diameter - way * math.cos(half))
-    holes = p.nozzle.holes * math.pi / 4.0 * p.nozzle.hole_diameter**2
-    discharge = _equation_9(injector, lift) * holes
-    choked = p.nozzle.contraction * holes
-    seat_offset = _offset(at, p.needle_seat.transition_reynolds, 0.5 * math.pi * p.needle_seat.diameter)
-    hole_width = p.nozzle.holes * math.pi / 4.0 * p.nozzle.hole_diameter
-    hole_offset = _offset(at, p.nozzle.transition_reynolds, hole_width)
-    temperature = injector.values[FUEL_TEMPERATURE]
-    vapour = float(injector.fuel.vapour_pressure(temperature))
-
-    def through_seat(sac: float) -> float:
-        return _turbulent(gap, RAIL - sac, at.density, seat_offset)
-
-    def excess(sac: float) -> float:
-        density = float(injector.fuel.density(sac, temperature))
-        full = min(discharge**2 * (sac - 5e6), choked**2 * (sac - vapour))
-        return through_seat(sac) - _turbulent(1.0, full, density, hole_offset)
-
-    sac = float(brentq(excess, 5.1e6, RAIL - 1e3))
-    return through_seat(sac), sac
-
-
-def drain_by_hand(injector: Injector, valve_lift: float) -> tuple[float, float]:
-    """Mass flow [kg/s] and control pressure [Pa] at which Z-hole, and A-hole with valve, pass the same."""
-    p, at, low = injector.parameters, fluid(injector), 0.5e6
-    hole = p.control_chamber
-    z_area, a_area = (math.pi / 4.0 * d**2 for d in (hole.z_hole_diameter, hole.a_hole_diameter))
-    ring = math.pi * p.valve.seat_diameter * valve_lift * math.sin(p.valve.seat_angle)
-    first, second = hole.a_hole_discharge * a_area, p.valve.seat_discharge * ring
-    both = 1.0 / math.sqrt(first**-2 + second**-2)
-    temperature = injector.values[FUEL_TEMPERATURE]
-    vapour = float(injector.fuel.vapour_pressure(temperature))
-    z_offset, a_offset = (
-        _offset(at, hole.transition_reynolds, math.pi / 4.0 * d) for d in (hole.z_hole_diameter, hole.a_hole_diameter)
-    )
-
-    def through_z(pressure: float) -> float:
-        drive = min(
-            (hole.z_hole_discharge * z_area) ** 2 * (RAIL - pressure),
-            (hole.z_hole_contraction * z_area) ** 2 * (RAIL - vapour),
-        )
-        return _turbulent(1.0, drive, at.density, z_offset)
-
-    def excess(pressure: float) -> float:
-        density = float(injector.fuel.density(pressure, temperature))
-        choked = (hole.a_hole_contraction * a_area) ** 2 * (pressure - vapour)
-        return through_z(pressure) - _turbulent(1.0, min(both**2 * (pressure - low), choked), density, a_offset)
-
-    pressure = float(brentq(excess, 1e6, RAIL - 1e3))
-    return through_z(pressure), pressure
-
-
-def _equation_9(injector: Injector, lift: float) -> float:
-    n = injector.parameters.nozzle
-    top = n.lift_maximum_slope * RAIL + n.lift_maximum_offset
-    knee = n.lift_transition_slope * RAIL + n.lift_transition_offset
-    if lift < knee:
-        return n.discharge_transition * math.sin(0.5 * math.pi * lift / knee)
-    share = min((lift - knee) / (top - knee), 1.0)
-    return n.discharge_transition + (n.discharge_maximum - n.discharge_transition) * share
-
-
-def _offset(at: Fluid, reynolds: float, width: float) -> float:
-    """Half the mass flow at the transition Reynolds number of a hole, [kg/s]."""
-    return 0.5 * at.viscosity * reynolds * width
-
-
-def _turbulent(effective: float, drop: float, density: float, offset: float) -> float:
-    """Eq. (4) with its laminar limit [kg/s]: c_d A [m²], Δp [Pa]."""
-    return math.sqrt(offset**2 + 2.0 * density * effective**2 * drop) - offset
-
-
-# --- cases and measurements -----------------------------------------------------------------------
-
-
 def _case(injector: Injector, values: dict[str, float]) -> Injector:
     wired = replace(injector, variant=Variant(Body.FLEXIBLE, Boundary.IDEAL, Drive.REGULATED))
     return wired.with_values(TIGHT | values)
 
 
-def fluid(injector: Injector) -> Fluid:
-    """The fuel at `RAIL` by the host's laws, not the hot loop's polynomials."""
-    temperature, fuel = injector.values[FUEL_TEMPERATURE], injector.fuel
-    density = float(fuel.density(RAIL, temperature))
-    return Fluid(
-        density,
-        float(fuel.sound_speed(RAIL, temperature)),
-        float(fuel.bulk_modulus(RAIL, temperature)),
-        density * float(fuel.kinematic_viscosity(RAIL, temperature)),
-    )
-
-
-def pipe_area(injector: Injector) -> float:
-    """Cross-section of the feed pipe [m²]."""
-    return math.pi / 4.0 * injector.values["feed_pipe.diameter"] ** 2
-
-
-def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Floats]:
-    """State after every step by dotted name, leaving waves, and "time" [s]: each (steps + 1,)."""
-    theta = plan.candidate_matrix(injector, (), np.empty((1, 0)))
-    job = plan.make_job(injector, theta, [point], dt, False)
-    _, trace = lanes.run_traced(job, injector.variant)
-    rows = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T.copy(), strict=True))
-    return rows | {"time": point.start + dt * np.arange(trace.shape[1])}
-
-
-def _echo(time: Floats, arriving: Floats, leaving: Floats, near: float) -> float:
-    """Delay [s] after which what left comes back with its sign changed."""
-
-    def miss(delay: float) -> float:
-        return float(np.sum((arriving + np.interp(time - delay, time, leaving, left=0.0)) ** 2))
-
-    coarse = np.linspace(0.8, 1.2, 401) * near
-    best = float(coarse[np.argmin([miss(delay) for delay in coarse])])
-    step = float(coarse[1] - coarse[0])
-    return float(minimize_scalar(miss, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-10}).x)
-
-
-def _frequency(signal: Floats, dt: float, near: float) -> float:
-    """Strongest frequency [1/s] between 0.3 and 1.3 times `near`, from a windowed Fourier integral."""
-    shaped, time = signal * np.hanning(len(signal)), dt * np.arange(len(signal))
-
-    def weakness(frequency: float) -> float:
-        return -float(abs(np.sum(shaped * np.exp(-2j * np.pi * frequency * time))))
-
-    coarse = np.linspace(0.3, 1.3, 501) * near
-    best = float(coarse[np.argmin([weakness(frequency) for frequency in coarse])])
-    return float(minimize_scalar(weakness, bounds=(0.99 * best, 1.01 * best), method="bounded").x)
-
-
-def _ringing(
-    c: plunger_needle.Coefficients, seat: SeatContact, shape: Floats, mass: Floats, omega: float, periods: int = 10
-) -> float:
-    """Angular frequency [1/s] of a small modal amplitude of the pressed chain, from its zero crossings."""
-    dt = 2.0 * math.pi / omega / 200.0
-    load = Loads(-2000.0, 0.0, 0.0, 0.0, 0.0)
-    rest = np.array(plunger_needle.at_rest(c, seat, load).z)
-    away = 1e-8 * shape / np.abs(shape).max()
-    before = Nine(*(0.5 * dt * omega**2 * away))
-    state = State(Nine(*(rest + away)), before, before)
-    course = np.empty(200 * periods)
-    for i in range(len(course)):
-        course[i] = (np.array(state.z) - rest) @ (mass * shape)
-        state = plunger_needle.advance(c, seat, state, load, dt)
-    at = np.flatnonzero(course[:-1] * course[1:] < 0.0)
-    crossings = at + course[at] / (course[at] - course[at + 1])
-    return float(math.pi * (len(crossings) - 1) / ((crossings[-1] - crossings[0]) * dt))
-
+ALL: tuple[Callable[[Injector], list[Check]], ...] = (joukowsky, pipe_period, chain_modes, steady_flow, books)
 
 __all__ = ["ALL", "Check", "books", "chain_modes", "check", "joukowsky", "pipe_period", "steady_flow"]

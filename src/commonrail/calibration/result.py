@@ -52,7 +52,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
             "variant": study.injector.variant.label,
         },
         "parameters": _parameters(calibration, identified),
-        "constraints": list(study.space.rows.labels),
+        "constraints": list(dict.fromkeys(study.space.rows.labels)),
         "objective": {"start": _number(calibration.start_cost), "best": _number(calibration.cost)},
         "data": data_records(study.data, calibration.scores),
         "evaluations": {
@@ -127,8 +127,11 @@ def _quantity_record(data: QuantityData, scores: Mapping[str, DataScore]) -> dic
 
 def _point_record(point: OperatingPoint) -> dict[str, Any]:
     pulses = point.pulses
+    rail, cylinder, low = point.initial_pressures()
     return {
-        "rail_pressure": point.at_start(point.rail_pressure),
+        "rail_pressure": rail,
+        "cylinder_pressure": cylinder,
+        "return_pressure": low,
         "energising_time": pulses[0].duration if pulses else 0.0,
     }
 

@@ -15,7 +15,7 @@ import numpy as np
 from commonrail.compile import physics
 from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.injector import setup
-from commonrail.injector.joints import RELAXED
+from commonrail.injector.joints import CLEAR_LIFT, RELAXED
 from commonrail.injector.layout import LANES, layout_of
 from commonrail.injector.model import Inputs, Parameters, Setting, Waves
 from commonrail.injector.variants import Variant, wiring
@@ -45,6 +45,7 @@ class Rows(NamedTuple):
     greatest: int
     opened: int
     shut: int
+    clear: int
     final: int
     done: int
     delays: int
@@ -82,11 +83,11 @@ def make_rows(variant: Variant) -> Rows:
         *body,
     )
     single = [note + i for i in (0, 1, 2, 3, 4)]
-    opened, shut, final = note + 5, note + 8, note + 11  # step, lift before, lift after; then four figures
+    opened, shut, clear, final = note + 5, note + 8, note + 11, note + 12  # step, lift before, lift after; four figures
     done, delays, end = final + 4, final + 5, final + 11  # delays: whole steps and rest, for each wave
     state_rows = [state + wired.state.row(name) for name in looked_at]
     delay_rows = [wired.coefficients.row(name) for name in ("delays.feed", "delays.back")]
-    groups = [state, leaving, leaving + 3, *single, opened, shut, final, done, delays, end]
+    groups = [state, leaving, leaving + 3, *single, opened, shut, clear, final, done, delays, end]
     return Rows._make(groups + state_rows + delay_rows)
 
 
@@ -169,16 +170,20 @@ def make_advance(variant: Variant, rows: Rows) -> Callable[..., Any]:
 
 @physics
 def note_crossing(work, rows, lane, k, old, new):  # type: ignore[no-untyped-def]
-    """Keep step and lifts of the first opening and of the last closing; the instant is worked out at the end."""
-    first = work[at(rows.opened, lane)] == 0.0
-    opens = old <= 0.0 < new and first
-    closes = new <= 0.0 < old
+    """Keep step and lifts of the opening and of the last closing; the instants are worked out at the end.
+
+    The needle is open once its tip has first risen by `CLEAR_LIFT`, and closes when it first meets the seat after
+    that: the ringing of a closed needle and bounces are neither.
+    """
+    opens = old <= CLEAR_LIFT < new and work[at(rows.greatest, lane)] <= CLEAR_LIFT
+    closes = new <= 0.0 < old and work[at(rows.clear, lane)] > 0.0
     work[at(rows.opened, lane)] = k + 1.0 if opens else work[at(rows.opened, lane)]
-    work[at(rows.opened + 1, lane)] = old if opens else work[at(rows.opened + 1, lane)]
-    work[at(rows.opened + 2, lane)] = new if opens else work[at(rows.opened + 2, lane)]
+    work[at(rows.opened + 1, lane)] = old - CLEAR_LIFT if opens else work[at(rows.opened + 1, lane)]
+    work[at(rows.opened + 2, lane)] = new - CLEAR_LIFT if opens else work[at(rows.opened + 2, lane)]
     work[at(rows.shut, lane)] = k + 1.0 if closes else work[at(rows.shut, lane)]
     work[at(rows.shut + 1, lane)] = old if closes else work[at(rows.shut + 1, lane)]
     work[at(rows.shut + 2, lane)] = new if closes else work[at(rows.shut + 2, lane)]
+    work[at(rows.clear, lane)] = 1.0 if new > CLEAR_LIFT else (0.0 if closes else work[at(rows.clear, lane)])
 
 
 @physics

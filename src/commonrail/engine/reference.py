@@ -22,7 +22,7 @@ from commonrail.engine.status import Status
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.joints import make_room
+from commonrail.injector.joints import CLEAR_LIFT, make_room
 from commonrail.injector.layout import LANES
 from commonrail.injector.model import Setting
 from commonrail.injector.variants import Body, Drive, wiring
@@ -124,7 +124,8 @@ class _Model:
         """States at `time`, instants of opening and last closing, and whether the end was reached."""
         states = np.full((len(time), len(self.start)), np.nan)
         states[0] = y = self.start
-        opening = closing = np.nan
+        clears: list[float] = []
+        falls: list[float] = []
         self.outside[5] = 2.0
         now = time[0]
         for segment in self._segments(time[0], time[-1]):
@@ -136,10 +137,9 @@ class _Model:
                 inside = time[(time > now) & (time <= segment.stop)]
                 result = self._solve(now, segment.stop, y, inside)
                 if not result.success:
-                    return states, opening, closing, False
-                for crossing in result.t_events[0]:
-                    opening = crossing if np.isnan(opening) else opening
-                closing = result.t_events[1][-1] if len(result.t_events[1]) else closing
+                    return states, *_instants(clears, falls), False
+                clears.extend(result.t_events[0])
+                falls.extend(result.t_events[1])
                 got = min(len(result.t), len(inside))
                 k = int(np.searchsorted(time, now, side="right"))
                 if got:
@@ -148,13 +148,10 @@ class _Model:
                 now, y = (result.t_events[2][-1], result.y_events[2][-1]) if switched else (segment.stop, self._last)
                 if switched:
                     self.outside[5] = drive.turned(self.outside[5])
-        return states, opening, closing, True
+        return states, *_instants(clears, falls), True
 
     def _solve(self, start: float, stop: float, y: Floats, inside: Floats) -> Any:
         tip = self._tip_index()
-
-        def opens(t: float, y: Floats) -> float:
-            return float(y[tip])
 
         def closes(t: float, y: Floats) -> float:
             return float(y[tip])
@@ -162,12 +159,15 @@ class _Model:
         def switches(t: float, y: Floats) -> float:
             return self._past_limit(t, y)
 
-        opens.direction, closes.direction = 1.0, -1.0  # type: ignore[attr-defined]
+        def clears(t: float, y: Floats) -> float:
+            return float(y[tip]) - CLEAR_LIFT
+
+        clears.direction, closes.direction = 1.0, -1.0  # type: ignore[attr-defined]
         switches.terminal, switches.direction = True, 1.0  # type: ignore[attr-defined]
         at = np.append(inside, stop) if not len(inside) or inside[-1] < stop else inside
         common = {
             "t_eval": at,
-            "events": [opens, closes, switches],
+            "events": [clears, closes, switches],
             "rtol": self.resolution.relative,
             "atol": self._scales() * self.resolution.relative,
             "max_step": self.resolution.longest_step,
@@ -317,6 +317,13 @@ class _Model:
         stored = core["control_mass"] + core["store_mass"] + core["sac_mass"]
         stored += per_cell * float(np.sum(gain[1 : 2 * self.cells[0] : 2]))
         return float((core["supplied"] - core["injected"] - core["returned"] - stored) / core["injected"])
+
+
+def _instants(clears: list[float], falls: list[float]) -> tuple[float, float]:
+    """Opening: the needle is first clear of its seat; closing: it first meets the seat after it was last clear."""
+    if not clears:
+        return float("nan"), float("nan")
+    return clears[0], min((t for t in falls if t > clears[-1]), default=float("nan"))
 
 
 def _value(course: Course, t: float) -> float:

@@ -31,7 +31,8 @@ class Solution:
     injected_mass, returned_mass : float
         Per stroke [kg].
     opening, closing : float
-        Instants at which the needle leaves and finally meets its seat [s]; NaN where it does not.
+        Instants at which the needle's tip first rises by 5 um, and at which it meets the seat after it was last above
+        that [s]: ringing and bounces do not count. NaN where there is none.
     reference_density : float
         Fuel at cylinder pressure of time zero and fuel temperature [kg/m³]: turns mass into the volume that a
         rate meter shows.

@@ -33,6 +33,10 @@ class Drain(NamedTuple):
     line_gain: float
 
 
+# A needle is open once its tip has risen this far; what stays below is ringing of the closed or just closed needle [m].
+CLEAR_LIFT = 5e-6
+
+
 @physics
 def middle(a: float, b: float) -> float:
     """Mean of two values."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.report.record import LABELS, Record, number, of_kind
+from commonrail.report.record import LABELS, Record, number, of_kind, origin_of
 from commonrail.report.text import pressure
 
 __all__ = [
@@ -90,13 +90,13 @@ def figures_of(record: Record, traces: Mapping[str, Mapping[str, Floats]]) -> li
     figures = [rate_figure(d, traces[d["name"]]) for d in of_kind(data, "rate")]
     for quantities in of_kind(data, "quantities"):
         figures += [map_figure(quantities), map_error_figure(quantities)]
-        if any(row["dead_time"] for row in quantities["rows"]):
+        if sum(row["dead_time"] for row in quantities["rows"]) > 1:
             figures.append(dead_time_figure(quantities))
     return figures
 
 
 def rate_figure(data: Record, trace: Mapping[str, Floats]) -> Figure:
-    """Injection curve, measured and simulated [mm³/ms], and the errors below, against time [us].
+    """Injection curve, data and simulation [mm³/ms], and the errors below, against time [us].
 
     Parameters
     ----------
@@ -108,13 +108,13 @@ def rate_figure(data: Record, trace: Mapping[str, Floats]) -> Figure:
     time = _points(trace["time_s"] * MICROSECOND)
     measured = trace["measured"]
     labels = [label for label in LABELS if label in trace]
-    curves = [Series("measured", "measured", time, _points(measured * MM3_PER_MS))]
+    curves = [Series(origin_of(data), "measured", time, _points(measured * MM3_PER_MS))]
     curves += [Series(LABELS[k], k, time, _points(trace[k] * MM3_PER_MS)) for k in labels]
     errors = [Series("", k, time, _points((trace[k] - measured) * MM3_PER_MS)) for k in labels]
     return Figure(
         f"{data['name']} ({data['role']}), {pressure(data['rail_pressure'])}",
         f"Rate of injection, energising time {data['energising_time'] * MICROSECOND:.0f} µs; below, "
-        "simulated − measured.",
+        f"simulated − {origin_of(data)}.",
         "time, µs",
         (
             Panel(RATE, tuple(curves), 0.66),
@@ -134,7 +134,7 @@ def map_figure(data: Record) -> Figure:
         series.append(Series(pressure(rail), "measured", x, measured, MARKERS, family))
     return Figure(
         f"{data['name']} ({data['role']})",
-        "Injected quantity: markers measured, solid lines calibrated, dotted lines start values.",
+        f"Injected quantity: markers {origin_of(data)}, solid lines calibrated, dotted lines start values.",
         ENERGISING,
         (Panel("quantity, mm³", tuple(series)),),
     )
@@ -155,7 +155,7 @@ def map_error_figure(data: Record) -> Figure:
     text = f"{limit * MM3:.3g} mm³"
     return Figure(
         f"Errors of {data['name']}",
-        f"Calibrated − measured: in percent above {text}, in mm³ up to it.",
+        f"Calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it.",
         ENERGISING,
         (
             Panel("error, %", tuple(large), 0.6, zero_line=True),
@@ -173,7 +173,8 @@ def dead_time_figure(data: Record) -> Figure:
         for k in ("start", "best")
         if any(number(row.get(k)) is not None for row in rows)
     ]
-    marks = Series("measured", "measured", x, _column(rows, "measured", MICROSECOND), MARKERS)
+    measured = _column(rows, "measured", MICROSECOND)
+    marks = Series(origin_of(data), "measured", x, measured, MARKERS)
     return Figure(
         f"Dead times of {data['name']}",
         "Energising time at which the injector delivers the stated small quantity.",

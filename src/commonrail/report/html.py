@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import functools
+import re
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from commonrail.report.draw import plotly_script
 
-__all__ = ["render"]
+__all__ = ["breakable", "render"]
 
 
 @functools.cache
@@ -24,7 +25,13 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["drawing"] = Markup
+    environment.filters["breakable"] = breakable
     return environment
+
+
+def breakable(name: str) -> Markup:
+    """A dotted name, escaped, that may be broken after its dots and underscores."""
+    return Markup(re.sub(r"([._])", r"\1<wbr>", str(escape(name))))
 
 
 def render(template: str, **values: Any) -> str:

@@ -63,7 +63,6 @@ def parameter_rows(parameters: Sequence[Record]) -> list[ParameterRow]:
 
 def _row(p: Record) -> ParameterRow:
     unit, start, best = p["unit"], p["reference"], p["best"]
-    error = number(p.get("standard_error"))
     return ParameterRow(
         name=p["name"],
         meaning=p["meaning"],
@@ -71,7 +70,7 @@ def _row(p: Record) -> ParameterRow:
         verdict=p.get("verdict") or MISSING,
         start=quantity(start, unit),
         best=quantity(best, unit),
-        error="" if error is None else f"± {quantity(error, unit, 3)}",
+        error=_error(p),
         lower=quantity(p["lower"], unit, 3),
         upper=quantity(p["upper"], unit, 3),
         change=signed(100.0 * (best / start - 1.0) if start else None, 1),
@@ -82,6 +81,14 @@ def _row(p: Record) -> ParameterRow:
         start_at=_percent(p, start),
         at_bound=bool(p.get("at_bound")),
     )
+
+
+def _error(p: Record) -> str:
+    error = number(p.get("standard_error"))
+    if error is None:
+        return ""
+    wide = error > p["upper"] - p["lower"]  # the linearised fit has no meaning there
+    return "± more than its range" if wide else f"± {quantity(error, p['unit'], 3)}"
 
 
 def _percent(p: Record, value: float) -> float:

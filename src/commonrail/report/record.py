@@ -17,6 +17,7 @@ __all__ = [
     "number",
     "of_kind",
     "of_role",
+    "origin_of",
 ]
 
 Record = Mapping[str, Any]
@@ -63,6 +64,11 @@ def of_role(data: Sequence[Record], role: str) -> list[Record]:
 def labels_of(data: Sequence[Record]) -> list[str]:
     """Labels for which at least one of the data sets has figures, in the order of `LABELS`."""
     return [label for label in LABELS if any(_has(d, label) for d in data)]
+
+
+def origin_of(data: Record) -> str:
+    """What to call the values of a data set: synthetic ones are never shown as measured."""
+    return "synthetic" if data.get("synthetic") else "measured"
 
 
 def number(value: Any) -> float | None:

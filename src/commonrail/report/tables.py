@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from commonrail.report.record import LABELS, Record, labels_of, number, of_kind
+from commonrail.report.record import LABELS, Record, labels_of, number, of_kind, origin_of
 from commonrail.report.text import fixed, megapascal, percent, signed, significant
 
 __all__ = [
@@ -79,8 +79,8 @@ def j_table(rates: Sequence[Record]) -> Table:
         cells += [percent(d["J_relative"].get("best")), megapascal(d["rail_pressure"])]
         rows.append((*cells, str(d["samples"])))
     note = (
-        "J is the sum over the samples of |simulated − measured rate|; its share is that of the "
-        "calibrated J in the sum of the measured rates."
+        "J is the sum over the samples of |simulated rate − data|; its share is that of the "
+        "calibrated J in the sum of the data's rates."
     )
     names = (LABELS[label] for label in labels)
     columns = ("data set", "role", *names, "share, %", "rail, MPa", "samples")
@@ -99,7 +99,8 @@ def volume_table(rates: Sequence[Record]) -> Table:
             cells += [fixed(volume, 2, MM3), _relative_error(volume, measured)]
         rows.append(tuple(cells))
     heads = [head for label in labels for head in (LABELS[label], "error, %")]
-    columns = ("data set", "role", "measured", *heads)
+    origins = {origin_of(d) for d in rates}
+    columns = ("data set", "role", origins.pop() if len(origins) == 1 else "data", *heads)
     return Table("Injected volume, mm³", columns, _cells(rows), "", 2)
 
 
@@ -143,9 +144,9 @@ def quantity_table(data: Record) -> Table:
         row_cells = [Cell(text) for text in (*cells, signed(error, 2))]
         rows.append((*row_cells, Cell(_relative_error(best, measured), size)))
     heads = [LABELS[label] for label in labels]
-    columns = ("rail, MPa", "energising time, µs", "measured", *heads, "error", "error, %")
+    columns = ("rail, MPa", "energising time, µs", origin_of(data), *heads, "error", "error, %")
     title = f"Quantities, mm³: {data['name']} ({data['role']})"
-    note = f"Errors are calibrated − measured. {QUANTITY_LEGEND}"
+    note = f"Errors are calibrated − {origin_of(data)}. {QUANTITY_LEGEND}"
     return Table(title, columns, tuple(rows), note, 0)
 
 
@@ -164,7 +165,7 @@ def dead_time_table(data: Record) -> Table:
         error_cell = Cell(signed(error, 1), _size(error, _DEAD_TIME_STEPS))
         rows.append((*map(Cell, cells), error_cell))
     heads = [LABELS[label] for label in labels]
-    columns = ("rail, MPa", "quantity, mm³", "measured", *heads, "error")
+    columns = ("rail, MPa", "quantity, mm³", origin_of(data), *heads, "error")
     title = f"Dead times, µs: {data['name']} ({data['role']})"
     note = f"Energising time at which the quantity is reached. {DEAD_TIME_LEGEND}"
     return Table(title, columns, tuple(rows), note, 0)
