@@ -27,6 +27,9 @@ from commonrail.injector.variants import Body
 Floats = NDArray[np.float64]
 
 
+HOP = 0.06  # standard deviation of a hop away from the best, as a share of each range
+
+
 class Progress(NamedTuple):
     """How far a calibration has come. `phase` is "evolution" or "refinement"; `seconds` since its start."""
 
@@ -126,23 +129,34 @@ class _Search:
             self._tell("evolution", len(self.history), 1 + self.study.method.evolution.generations)
 
     def refine(self) -> None:
-        """Least squares from diverse good members; kept only where the objective itself got better."""
+        """Least squares from good members that lie apart, then from near the best; kept where the objective got better."""
         method, space = self.study.method, self.study.space
         if not method.polish or not np.isfinite(self.best[1]):
             return
         population, costs = self.optimiser.population, self.optimiser.costs
         usable = np.isfinite(costs) & space.satisfies(population)
-        population, costs = population[usable], costs[usable]
-        count = min(method.polish, len(population))
-        chosen = diverse_members(space.to_unit(population), costs, count)
+        members = population[usable]
+        count = min(max(method.polish // 3, 1), len(members))
+        chosen = diverse_members(space.to_unit(members), costs[usable], count)
+        rng = np.random.default_rng([self.study.seed, count])
+        for i in range(method.polish):
+            self._refine_from(members[chosen[i]] if i < count else self._near_best(rng))
+            self._tell("refinement", i + 1, method.polish)
+
+    def _refine_from(self, start: Floats) -> None:
         # differences over 1 % of a range: a smaller step measures the ripple of bouncing valves and needles
-        settings = LeastSquaresSettings(iterations=method.polish_iterations, step=1e-2)
-        for i, row in enumerate(chosen):
-            ends = LeastSquares(space, self._residuals, settings).run(population[row])
-            cost = float(self.objective.costs(ends[0].x[None, :]).costs[0])
-            if cost < self.best[1]:
-                self.refined = (ends[0].x, cost)
-            self._tell("refinement", i + 1, count)
+        settings = LeastSquaresSettings(iterations=self.study.method.polish_iterations, step=1e-2)
+        end = LeastSquares(self.study.space, self._residuals, settings).run(start)[0]
+        cost = float(self.objective.costs(end.x[None, :]).costs[0])
+        if cost < self.best[1]:
+            self.refined = (end.x, cost)
+
+    def _near_best(self, rng: np.random.Generator) -> Floats:
+        """A feasible point some hops of the bounds' width away from the best."""
+        space, best = self.study.space, self.best[0]
+        hop = rng.normal(0.0, HOP, space.dimension)
+        there = space.from_unit(np.clip(space.to_unit(best) + hop, 0.0, 1.0))
+        return there if space.satisfies(there) else space.pull_back(best, there)
 
     def _residuals(self, values: Floats) -> Floats:
         residuals = self.objective.residuals(values)
