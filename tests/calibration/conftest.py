@@ -26,9 +26,7 @@ def paper_space() -> SpaceFactory:
             a_max = k1_max if k1_max is not None and index == 0 else percent
             lower, upper = percent_bounds(value, percent, a_max)
             parameters.append(
-                Parameter(
-                    f"k{index + 1}", value, lower, upper, "N/m", mark="F", source="Table 1, Eq. (8)"
-                )
+                Parameter(f"k{index + 1}", value, lower, upper, "N/m", mark="F", source="Table 1, Eq. (8)")
             )
         return Space(parameters, [ORDERING] if ordered else [])
 

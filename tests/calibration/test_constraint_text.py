@@ -109,9 +109,7 @@ def test_any_text_gives_rows_or_one_of_our_errors(text: str) -> None:
     st.sampled_from(["<", "<=", ">", ">="]),
     st.lists(st.floats(-10, 10), min_size=2, max_size=2),
 )
-def test_rows_mean_what_python_says(
-    left: list[int], right: list[int], relation: str, point: list[float]
-) -> None:
+def test_rows_mean_what_python_says(left: list[int], right: list[int], relation: str, point: list[float]) -> None:
     text = f"{left[0]}*a + {left[1]}*b {relation} {right[0]}*a - {abs(right[1])}"
     text = text.replace("+ -", "- ")
     a, b = point

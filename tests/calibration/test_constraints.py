@@ -42,9 +42,7 @@ def test_rows_are_scaled_to_the_bounds() -> None:
         (["a <= b", "b <= a"], (0, 1)),  # an equality leaves no room either
     ],
 )
-def test_conflicts_are_found_and_nothing_else_is_named(
-    lines: list[str], expected: tuple[int, ...]
-) -> None:
+def test_conflicts_are_found_and_nothing_else_is_named(lines: list[str], expected: tuple[int, ...]) -> None:
     rows = parse_constraints(lines, ["a", "b", "c"])
     assert conflicting_rows(rows, np.zeros(3), np.ones(3)) == expected
 
@@ -78,9 +76,7 @@ def cyclic(pairs: list[list[int]]) -> bool:
         ([[0.0, 0.0]], [1.0], "no free parameter"),
     ],
 )
-def test_malformed_rows_are_refused(
-    matrix: list[list[float]], lower: list[float], why: str
-) -> None:
+def test_malformed_rows_are_refused(matrix: list[list[float]], lower: list[float], why: str) -> None:
     with pytest.raises(ConfigurationError, match=why):
         LinearConstraints(np.array(matrix), np.array(lower))
 

@@ -49,13 +49,8 @@ def naive_search(space: Space, cost: Cost, settings: EvolutionSettings, seed: in
     rng = np.random.default_rng(seed)
     n, d = settings.members, space.dimension
     rnd = rng.random((n, d))
-    population = [
-        [space.lower[j] + rnd[i, j] * (space.upper[j] - space.lower[j]) for j in range(d)]
-        for i in range(n)
-    ]
-    costs = [
-        float(cost(np.array(x))) if space.satisfies(np.array(x)) else np.inf for x in population
-    ]
+    population = [[space.lower[j] + rnd[i, j] * (space.upper[j] - space.lower[j]) for j in range(d)] for i in range(n)]
+    costs = [float(cost(np.array(x))) if space.satisfies(np.array(x)) else np.inf for x in population]
     for _ in range(settings.generations):
         draws = draw(rng, np.arange(n), (n, d), settings.factor)
         following = []
@@ -80,15 +75,11 @@ def naive_search(space: Space, cost: Cost, settings: EvolutionSettings, seed: in
 @pytest.mark.parametrize("constraints", [(), ("a0 < a1 < a2",), ("a0 + 2*a1 <= 3", "a2 < a0")])
 def test_the_search_is_the_papers_member_by_member(constraints: tuple[str, ...]) -> None:
     space = box(3, constraints)
-    settings = EvolutionSettings(
-        12, 25, treatment=Treatment.REJECT, initial=InitialSampling.UNIFORM
-    )
+    settings = EvolutionSettings(12, 25, treatment=Treatment.REJECT, initial=InitialSampling.UNIFORM)
     optimiser = DifferentialEvolution(space, np.random.default_rng(8), settings)
     search(optimiser, sphere)
     # The search moves in unit coordinates, the twin in SI: rounding of 25 generations.
-    np.testing.assert_allclose(
-        optimiser.population, naive_search(space, sphere, settings, 8), atol=1e-12
-    )
+    np.testing.assert_allclose(optimiser.population, naive_search(space, sphere, settings, 8), atol=1e-12)
 
 
 def test_generations_and_slots_are_the_papers(paper_space) -> None:
@@ -131,9 +122,7 @@ def test_f_is_not_shared_within_a_member() -> None:
 
 
 def test_converges_on_a_sphere() -> None:
-    best = search(
-        DifferentialEvolution(box(5), np.random.default_rng(1), EvolutionSettings(40, 150)), sphere
-    )
+    best = search(DifferentialEvolution(box(5), np.random.default_rng(1), EvolutionSettings(40, 150)), sphere)
     # From 25 at a typical start; 150 generations leave well below 1e-6.
     assert best.cost < 1e-6
     assert best.cost == sphere(best.x)
@@ -190,9 +179,7 @@ def test_repair_simulates_every_slot_and_rejection_a_minority(paper_space, optim
 
 
 def test_rules_reach_feasible_members_from_a_start_without_any(paper_space, optimal) -> None:
-    settings = EvolutionSettings(
-        treatment=Treatment.FEASIBILITY_RULES, initial=InitialSampling.UNIFORM
-    )
+    settings = EvolutionSettings(treatment=Treatment.FEASIBILITY_RULES, initial=InitialSampling.UNIFORM)
     optimiser = DifferentialEvolution(paper_space(100.0, 150.0), np.random.default_rng(1), settings)
     assert not optimiser.ask().simulate.any()
     best = search(optimiser, lambda x: np.abs(x / optimal - 1.0).sum(axis=1))
@@ -298,27 +285,19 @@ def test_a_state_saved_before_the_first_trials_is_restored() -> None:
     ("other", "why"),
     [
         (
-            lambda: DifferentialEvolution(
-                box(3), np.random.default_rng(0), EvolutionSettings(6, 3)
-            ),
+            lambda: DifferentialEvolution(box(3), np.random.default_rng(0), EvolutionSettings(6, 3)),
             "settings",
         ),
         (
-            lambda: DifferentialEvolution(
-                box(3, reach=4.0), np.random.default_rng(0), EvolutionSettings(6, 2)
-            ),
+            lambda: DifferentialEvolution(box(3, reach=4.0), np.random.default_rng(0), EvolutionSettings(6, 2)),
             "lower",
         ),
         (
-            lambda: DifferentialEvolution(
-                box(2), np.random.default_rng(0), EvolutionSettings(6, 2)
-            ),
+            lambda: DifferentialEvolution(box(2), np.random.default_rng(0), EvolutionSettings(6, 2)),
             "names",
         ),
         (
-            lambda: DifferentialEvolution(
-                box(3), np.random.Generator(np.random.MT19937(0)), EvolutionSettings(6, 2)
-            ),
+            lambda: DifferentialEvolution(box(3), np.random.Generator(np.random.MT19937(0)), EvolutionSettings(6, 2)),
             "MT19937",
         ),
     ],

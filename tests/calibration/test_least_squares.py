@@ -196,9 +196,7 @@ def test_infeasible_starts_and_malformed_residuals_are_refused() -> None:
         LeastSquares(space(), lambda x: decay(x)[0]).run([[1.0, 1.0]])
 
 
-@pytest.mark.parametrize(
-    "changes", [{"step": 0.0}, {"step": 0.6}, {"iterations": 0}, {"residual_scale": float("nan")}]
-)
+@pytest.mark.parametrize("changes", [{"step": 0.0}, {"step": 0.6}, {"iterations": 0}, {"residual_scale": float("nan")}])
 def test_settings_out_of_range_are_refused(changes: dict[str, Any]) -> None:
     with pytest.raises(ConfigurationError, match=rf"^{next(iter(changes))} = "):
         LeastSquaresSettings(**changes)

@@ -10,9 +10,7 @@ from commonrail.calibration.optimisers.operators import Draws, crossover, draw, 
 PAPER_F = (0.4, 1.0)
 
 
-def naive_trial(
-    population: list[list[float]], i: int, draws: Draws, k: int, rate: float
-) -> list[float]:
+def naive_trial(population: list[list[float]], i: int, draws: Draws, k: int, rate: float) -> list[float]:
     """Eq. (18) and (19), one number after another."""
     r1, r2, r3 = (int(member) for member in draws.others[:, k])
     trial = []

@@ -46,9 +46,7 @@ def test_percent_bounds_take_the_papers_own_optimum_of_k1() -> None:
         (-1.0, 50.0, 50.0),
     ],
 )
-def test_percent_bounds_refuse_what_crosses_or_turns_negative(
-    reference: float, a_min: float, a_max: float
-) -> None:
+def test_percent_bounds_refuse_what_crosses_or_turns_negative(reference: float, a_min: float, a_max: float) -> None:
     with pytest.raises(ConfigurationError, match=r"^nozzle\.diameter: "):
         percent_bounds(reference, a_min, a_max, "nozzle.diameter")
 

@@ -42,9 +42,7 @@ def assert_same_moments(drawn: np.ndarray, expected: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize(("percent", "share"), [(100.0, 0.0030), (20.0, 0.11)])
-def test_share_of_the_box_that_keeps_the_ordering(
-    paper_space, percent: float, share: float
-) -> None:
+def test_share_of_the_box_that_keeps_the_ordering(paper_space, percent: float, share: float) -> None:
     space = paper_space(percent)
     x = sample_uniform(space, 400_000, np.random.default_rng(3))
     # Published to two digits; 1200 hits at 0.3 % leave 3 % of noise.
@@ -136,6 +134,4 @@ def test_without_constraints_the_draw_is_eq_17(paper_space) -> None:
     rnd = np.random.default_rng(9).random((6, 7))
     expected = space.lower + rnd * (space.upper - space.lower)
     # The same product and sum, in another order at most: one unit in the last place.
-    np.testing.assert_allclose(
-        sample_feasible(space, 6, np.random.default_rng(9)), expected, rtol=1e-15
-    )
+    np.testing.assert_allclose(sample_feasible(space, 6, np.random.default_rng(9)), expected, rtol=1e-15)

@@ -54,9 +54,7 @@ def test_repair_sorts_an_ordering_and_reflects_bounds() -> None:
 
 def test_repair_pulls_a_general_row_to_the_parent() -> None:
     space = box("ab", ["a + b <= 10"])
-    treated = treat(
-        Treatment.REPAIR, space, np.array([[0.2, 0.2]]), np.array([[0.8, 0.8]]), no_redraw
-    )
+    treated = treat(Treatment.REPAIR, space, np.array([[0.2, 0.2]]), np.array([[0.8, 0.8]]), no_redraw)
     # Along the diagonal the row ends at a = b = 5; it stops 1e-9 of the way short.
     np.testing.assert_allclose(treated.unit, [[0.5, 0.5]], atol=1e-9)
     assert space.satisfies(space.from_unit(treated.unit)).all()
@@ -70,9 +68,7 @@ def test_repair_of_equal_values_keeps_the_order_strict() -> None:
 
 def test_rules_reflect_bounds_and_grade_the_rest() -> None:
     trials = np.vstack([OUTSIDE, BROKEN])
-    treated = treat(
-        Treatment.FEASIBILITY_RULES, ORDERED, np.tile(PARENT, (2, 1)), trials, no_redraw
-    )
+    treated = treat(Treatment.FEASIBILITY_RULES, ORDERED, np.tile(PARENT, (2, 1)), trials, no_redraw)
     assert treated.simulate.tolist() == [True, False]
     # a exceeds b by 0.3 of the range of each; the row can vary by both ranges.
     assert treated.violation[1] == pytest.approx(0.15, rel=1e-6)
@@ -94,9 +90,7 @@ def test_resample_takes_the_first_feasible_redraw_and_repairs_the_rest() -> None
     assert treated.simulate.all()
 
 
-@pytest.mark.parametrize(
-    ("outside", "inside"), [(-0.25, 0.25), (1.25, 0.75), (0.4, 0.4), (2.0, 0.0), (-1.0, 1.0)]
-)
+@pytest.mark.parametrize(("outside", "inside"), [(-0.25, 0.25), (1.25, 0.75), (0.4, 0.4), (2.0, 0.0), (-1.0, 1.0)])
 def test_reflection(outside: float, inside: float) -> None:
     assert reflect(np.array([outside]))[0] == inside
 
@@ -113,9 +107,7 @@ def test_repaired_trials_are_always_feasible(treatment: Treatment, scale: str, s
     rng = np.random.default_rng(seed)
     parents = space.to_unit(sample_feasible(space, 30, rng))
     trials = rng.uniform(-1.0, 2.0, parents.shape)
-    treated = treat(
-        treatment, space, parents, trials, lambda rows: rng.uniform(-1, 2, (len(rows), 3, 4))
-    )
+    treated = treat(treatment, space, parents, trials, lambda rows: rng.uniform(-1, 2, (len(rows), 3, 4)))
     x = space.from_unit(treated.unit)
     a, b, c, d = x.T
     assert ((a < b) & (b < c) & (d < b)).all()

@@ -41,9 +41,7 @@ def test_polynomials_follow_the_laws_inside_the_range(name: str, temperature: fl
 
 
 @pytest.mark.parametrize(("name", "temperature"), CASES)
-def test_polynomials_follow_the_laws_in_overshoot_and_tension(
-    name: str, temperature: float
-) -> None:
+def test_polynomials_follow_the_laws_in_overshoot_and_tension(name: str, temperature: float) -> None:
     fuel, f = load_fuel(name), fuel_coefficients(load_fuel(name), temperature)
     rho = fuel.density(BEYOND, temperature)
     assert evaluate(kernel.density, f, BEYOND) == pytest.approx(rho, rel=3e-5)

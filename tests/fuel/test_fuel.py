@@ -27,12 +27,8 @@ def test_n_dodecane_matches_the_table_at_80_degrees(row: tuple[float, ...]) -> N
     # stated errors of the fits, plus half a unit of the table's last digit
     assert fuel.density(*state) == pytest.approx(rho, abs=0.05 + 1e-4 * rho)
     assert fuel.sound_speed(*state) == pytest.approx(speed, abs=0.5 + 0.0035 * speed)
-    assert fuel.bulk_modulus(*state) / 1e6 == pytest.approx(
-        isothermal, abs=0.5 + 0.006 * isothermal
-    )
-    assert fuel.isentropic_bulk_modulus(*state) / 1e6 == pytest.approx(
-        isentropic, abs=0.5 + 0.007 * isentropic
-    )
+    assert fuel.bulk_modulus(*state) / 1e6 == pytest.approx(isothermal, abs=0.5 + 0.006 * isothermal)
+    assert fuel.isentropic_bulk_modulus(*state) / 1e6 == pytest.approx(isentropic, abs=0.5 + 0.007 * isentropic)
     assert fuel.kinematic_viscosity(*state) * 1e6 == pytest.approx(viscosity, abs=0.05)
 
 
@@ -148,9 +144,7 @@ def test_properties_are_positive_and_monotone_inside_and_outside_the_range(name:
 
 def test_modulus_of_n_dodecane_is_larger_isentropic_than_isothermal() -> None:
     fuel = load_fuel("n-dodecane")
-    ratio = fuel.isentropic_bulk_modulus(EVERYWHERE, TEMPERATURES) / fuel.bulk_modulus(
-        EVERYWHERE, TEMPERATURES
-    )
+    ratio = fuel.isentropic_bulk_modulus(EVERYWHERE, TEMPERATURES) / fuel.bulk_modulus(EVERYWHERE, TEMPERATURES)
     assert np.all(ratio > 1.05)
     assert np.all(ratio < 1.25)
 

@@ -78,9 +78,7 @@ def test_density_inverts_pressure(f: FuelCoefficients) -> None:
 @every_fuel
 def test_pressure_rises_with_density_far_outside_the_range(f: FuelCoefficients) -> None:
     top = kernel.density(f, 400e6)
-    rho = np.concatenate(
-        [np.linspace(1.0, f.reference_density, 200), np.linspace(f.reference_density, top, 400)]
-    )
+    rho = np.concatenate([np.linspace(1.0, f.reference_density, 200), np.linspace(f.reference_density, top, 400)])
     assert all(kernel.stiffness(f, value) > 0.0 for value in rho)
     assert np.all(np.diff([kernel.pressure(f, value) for value in rho[200:]])[1:] > 0.0)
 

@@ -14,9 +14,7 @@ def arrays(*values: float) -> tuple[np.ndarray, ...]:
 
 
 # n-dodecane at 80 °C, CoolProp: p [MPa], rho [kg/m3], K_S [MPa], nu [mm2/s].
-N_DODECANE_80 = np.array(
-    [[0.1, 705.0, 814, 0.891], [80, 760.8, 1713, 1.758], [160, 794.8, 2508, 2.848]]
-)
+N_DODECANE_80 = np.array([[0.1, 705.0, 814, 0.891], [80, 760.8, 1713, 1.758], [160, 794.8, 2508, 2.848]])
 
 
 def test_published_fits_of_eq_2_reproduce_n_dodecane_at_80_degrees() -> None:
@@ -45,9 +43,7 @@ def test_slope_is_the_derivative(k: tuple[float, float, float]) -> None:
     above = laws.saturating_law(p + h, *arrays(0.0, *k))
     below = laws.saturating_law(p - h, *arrays(0.0, *k))
     # central difference: truncation 1e-10, rounding 1e-16/1e-5
-    assert laws.saturating_slope(p, *arrays(*k)) == pytest.approx(
-        (above - below) / (2 * h), rel=1e-8
-    )
+    assert laws.saturating_slope(p, *arrays(*k)) == pytest.approx((above - below) / (2 * h), rel=1e-8)
 
 
 def test_log_compression_has_the_closed_forms_of_constant_and_linear_modulus() -> None:
@@ -55,17 +51,13 @@ def test_log_compression_has_the_closed_forms_of_constant_and_linear_modulus() -
     constant = laws.log_compression(p, *arrays(1000.0, 0.0, 0.0, 1.0))
     assert constant == pytest.approx(p / 1000.0, rel=1e-14)
     linear = laws.log_compression(p, *arrays(1000.0, 0.0, 11.0, 1.0))
-    assert linear == pytest.approx(
-        np.log1p(0.011 * p) / 11.0, rel=1e-13
-    )  # Gauss error and rounding
+    assert linear == pytest.approx(np.log1p(0.011 * p) / 11.0, rel=1e-13)  # Gauss error and rounding
 
 
 @pytest.mark.parametrize("k", [(1050.0, 20.0, 12.5, 0.945), (679.5, 0.0, 14.06, 0.9246)])
 @pytest.mark.parametrize("p", [0.3, 160.0, 350.0])
 def test_log_compression_equals_adaptive_quadrature(k: tuple[float, ...], p: float) -> None:
-    wanted, _ = quad(
-        lambda q: 1.0 / laws.saturating_law(q, *arrays(*k)), 0, p, epsabs=0, epsrel=1e-12
-    )
+    wanted, _ = quad(lambda q: 1.0 / laws.saturating_law(q, *arrays(*k)), 0, p, epsabs=0, epsrel=1e-12)
     assert laws.log_compression(p, *arrays(*k)) == pytest.approx(wanted, rel=1e-11)
 
 

@@ -93,7 +93,8 @@ class Method:
     evolution : EvolutionSettings
         The paper's differential evolution, (17)–(20).
     polish : int
-        Diverse members of the last population that least squares then refines; 0 for none.
+        Least-squares refinements after the evolution: a third from diverse members of the last population, the rest
+        from hops near the best; 0 for none.
     polish_iterations : int
         Largest number of Jacobians of each refinement.
     """

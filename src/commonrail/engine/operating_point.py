@@ -79,7 +79,7 @@ class OperatingPoint:
     ----------
     rail_pressure : float or Trace
         [Pa].
-    energisings : sequence of Energising, or float
+    energisings : sequence of Energising or (start, duration), or float
         A number is one energising of that duration from t = 0.
     cylinder_pressure, return_pressure : float or Trace
         [Pa].
@@ -92,7 +92,7 @@ class OperatingPoint:
     """
 
     rail_pressure: Course
-    energisings: tuple[Energising, ...] | float
+    energisings: Sequence[tuple[float, float]] | float
     cylinder_pressure: Course = 5e6
     return_pressure: Course = 0.5e6
     drive: Trace | None = None
@@ -117,9 +117,9 @@ class OperatingPoint:
     @property
     def pulses(self) -> tuple[Energising, ...]:
         """Energisings in order."""
-        if isinstance(self.energisings, tuple):
-            return self.energisings
-        return (Energising(0.0, float(self.energisings)),)
+        if isinstance(self.energisings, int | float):
+            return (Energising(0.0, float(self.energisings)),)
+        return tuple(Energising(*pulse) for pulse in self.energisings)
 
     @property
     def duration(self) -> float:

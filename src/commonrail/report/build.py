@@ -51,7 +51,7 @@ def write_report(folder: Path) -> Path:
     try:
         record, traces = read_run(folder)
         check_record(record, str(folder))
-        page = report_html(record, traces, folder.name or "RUN")
+        page = report_html(record, traces, folder.as_posix() or "RUN")
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f"{folder}: result.json or traces.csv is incomplete ({type(error).__name__}: {error}); calibrate again."

@@ -16,7 +16,7 @@ _POINT |= {"return_pressure": "Pa"}
 def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
     """Purpose and command line, for the run folder of that name."""
     data = record["data"][0]
-    point = data if data["kind"] == "rate" else data["rows"][-1]
+    point = data if data["kind"] == "rate" else [r for r in data["rows"] if not r["dead_time"]][-1]
     options = [
         f"--{key.replace('_', '-')} {to_text(point[key], unit).replace(' ', '')}"
         for key, unit in _POINT.items()
