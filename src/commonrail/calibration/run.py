@@ -129,7 +129,7 @@ class _Search:
             self._tell("evolution", len(self.history), 1 + self.study.method.evolution.generations)
 
     def refine(self) -> None:
-        """Least squares from good members that lie apart, then from near the best; kept where the objective improved."""
+        """Least squares from good members that lie apart, then from near the best; kept where the objective falls."""
         method, space = self.study.method, self.study.space
         if not method.polish or not np.isfinite(self.best[1]):
             return
