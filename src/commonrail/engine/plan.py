@@ -53,9 +53,10 @@ def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats) -
 def admissible(names: Sequence[str], values: Floats) -> NDArray[np.bool_]:
     """Which candidates lie in the domain of their parameters: (candidates,)."""
     known = parameter_quantities()
-    columns = [[known[name].domain.admits(float(v)) for v in values[:, i]] for i, name in enumerate(names)]
     inside = np.all(np.isfinite(values), axis=1)
-    return np.asarray(inside & np.all(np.array(columns, bool).reshape(len(names), len(values)), axis=0))
+    for column, name in enumerate(names):
+        inside &= known[name].domain.admits(values[:, column])
+    return np.asarray(inside)
 
 
 def make_job(

@@ -17,15 +17,15 @@ class Domain(Enum):
     UNIT = "between 0 and 1"
     ANY = "any finite number"
 
-    def admits(self, value: float) -> bool:
-        """Whether `value` (SI) lies in the domain."""
+    def admits(self, value: Any) -> Any:
+        """Whether `value` (SI, a number or an array) lies in the domain; NaN never does."""
         if self is Domain.POSITIVE:
             return value > 0.0
         if self is Domain.NON_NEGATIVE:
             return value >= 0.0
         if self is Domain.UNIT:
-            return 0.0 <= value <= 1.0
-        return True
+            return (value >= 0.0) & (value <= 1.0)
+        return value == value
 
 
 class Q(NamedTuple):
