@@ -150,3 +150,16 @@ def test_samples_are_means_of_the_injected_mass(regulated: Injector) -> None:
 def test_a_senseless_step_is_refused(regulated: Injector, step: float) -> None:
     with pytest.raises(ConfigurationError, match="time step"):
         simulate(regulated, POINT, time_step=step)
+
+
+@pytest.mark.parametrize("interval", [float("nan"), float("inf"), 0.0, -1e-6, 1.0])
+def test_a_sample_interval_without_sense_is_refused(regulated: Injector, interval: float) -> None:
+    with pytest.raises(ConfigurationError, match="sample interval"):
+        simulate(regulated, OperatingPoint(160e6, 700e-6), "reference", sample_interval=interval)
+
+
+def test_no_points_and_no_threads_are_refused(regulated: Injector) -> None:
+    with pytest.raises(ConfigurationError, match="operating point"):
+        simulate_batch(regulated, [])
+    with pytest.raises(ConfigurationError, match="threads"):
+        simulate_batch(regulated, [OperatingPoint(160e6, 700e-6)], threads=0)

@@ -69,6 +69,11 @@ def simulate(
         If the settings contradict each other. A simulation that fails returns a `Solution` whose status says so.
     """
     check_step(time_step)
+    if sample_interval is not None and not 1e-9 <= sample_interval <= point.duration:
+        raise ConfigurationError(
+            f"The sample interval must lie between 1 ns and the simulated {point.duration * 1e3:g} ms, "
+            f"not {sample_interval:g} s."
+        )
     if Engine(engine) is Engine.REFERENCE:
         from commonrail.engine.reference import simulate_reference
 
@@ -129,6 +134,10 @@ def simulate_batch(
         End a simulation once its needle has closed for good.
     """
     check_step(time_step)
+    if threads is not None and not 1 <= threads <= 1024:
+        raise ConfigurationError(f"The number of threads must lie between 1 and 1024, not {threads}.")
+    if not len(points):
+        raise ConfigurationError("At least one operating point is needed.")
     candidates = np.empty((1, 0)) if values is None else np.atleast_2d(np.asarray(values, float))
     if candidates.shape[1] != len(names):
         raise ConfigurationError(f"{len(names)} names but {candidates.shape[1]} values a candidate were given.")
