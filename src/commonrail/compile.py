@@ -119,7 +119,7 @@ def cache_folder() -> Path | None:
     for place in (Path(platformdirs.user_cache_dir("commonrail", False)), Path(_private_temporary())):
         folder = place / f"kernels-{_physics_stamp()}"
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             tempfile.TemporaryFile(dir=folder).close()
         except OSError:
             continue
@@ -157,6 +157,15 @@ def _kernel_cache(loop: Callable[..., Any], name: str, laws: tuple[Callable[...,
 
     class KernelCache(Cache):
         _impl_class = Impl
+
+        def load_overload(self, sig: Any, target_context: Any) -> Any:
+            with contextlib.suppress(Exception):  # a damaged file: compile anew and write over it
+                return super().load_overload(sig, target_context)
+            return None
+
+        def save_overload(self, sig: Any, data: Any) -> None:
+            with contextlib.suppress(Exception):  # a full disk: go on without a cache
+                super().save_overload(sig, data)
 
         def _index_key(self, sig: Any, codegen: Any) -> Any:
             # the closure's cells (dispatchers) have no stable hash: the name stands for them

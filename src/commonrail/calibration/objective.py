@@ -14,6 +14,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.sampling import sampled_rates
 from commonrail.engine.simulate import reference_density, simulate_batch
 from commonrail.engine.status import Status
+from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 
 Floats = NDArray[np.float64]
@@ -148,6 +149,11 @@ def _misfit(injector: Injector, curves: Sequence[RateData], dt: float) -> Misfit
     bounds, target, weight = (np.zeros((len(curves), most)) for _ in range(3))
     for i, data in enumerate(curves):
         n = len(data.bounds)
+        first, last = data.point.start - 0.5 * dt, data.point.start + data.point.duration + 0.5 * dt
+        if n != len(data.rate) + 1 or not first <= data.bounds[0] < data.bounds[-1] <= last:
+            raise ConfigurationError(
+                f"{data.name}: the samples' bounds must lie inside the simulated time and be one more than the samples."
+            )
         bounds[i, :n] = (data.bounds - data.point.start) / dt
         target[i, 1:n] = data.rate * reference_density(injector, data.point)
         weight[i, 1:n] = 1.0

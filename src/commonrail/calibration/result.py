@@ -92,7 +92,7 @@ def _rate_record(data: RateData, scores: Mapping[str, DataScore]) -> dict[str, A
         "samples": len(data.rate),
         **_point_record(data.point),
         "J": {label: _number(s.j) for label, s in found.items()},
-        "J_relative": {label: _number(s.j / level) for label, s in found.items()},
+        "J_relative": {label: _number(s.j / level) if level else None for label, s in found.items()},
         "volume": {"measured": float(np.sum(data.rate * widths))}
         | {label: _number(float(np.sum(s.rate * widths))) for label, s in found.items()},
     }

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.calibration.interrupt import Wish, held_interrupts
 from commonrail.calibration.objective import Objective, of_role
 from commonrail.calibration.optimisers import (
     Counts,
@@ -93,8 +95,10 @@ class Calibration:
 class _Search:
     """State of a running calibration."""
 
-    def __init__(self, study: Study, threads: int | None, progress: Callable[[Progress], None] | None) -> None:
-        self.study, self.progress = study, progress
+    def __init__(
+        self, study: Study, threads: int | None, progress: Callable[[Progress], None] | None, wish: Wish
+    ) -> None:
+        self.study, self.progress, self.wish = study, progress, wish
         fit = of_role(study.data, Role.FIT)
         if not fit:
             raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
@@ -168,7 +172,9 @@ class _Search:
         if self.progress is not None:
             mean = self.history[-1].mean
             seconds = time.perf_counter() - self.start
-            self.progress(Progress(phase, generation, generations, self.best[1], mean, self.simulations, seconds))
+            with suppress(OSError, ValueError):  # a terminal that went away must not end the search
+                self.progress(Progress(phase, generation, generations, self.best[1], mean, self.simulations, seconds))
+        self.wish.heed()
 
 
 def calibrate(
@@ -189,7 +195,11 @@ def calibrate(
     StudyError
         If the study has no data to fit, or if not one candidate could be simulated.
     """
-    search = _Search(study, threads, progress)
+    with held_interrupts() as wish:
+        return _calibrate(_Search(study, threads, progress, wish), study, threads)
+
+
+def _calibrate(search: _Search, study: Study, threads: int | None) -> Calibration:
     status, reason = "finished", ""
     try:
         search.evolve()
@@ -200,6 +210,8 @@ def calibrate(
     seconds = time.perf_counter() - search.start
     x, cost = search.best
     if not np.isfinite(cost):
+        if status == "interrupted":
+            raise KeyboardInterrupt
         raise StudyError(
             f"{study.title}: not one of {search.optimiser.counts.simulated} candidates could be simulated; "
             "check the start values with `commonrail simulate`, then narrow the bounds."
@@ -216,16 +228,18 @@ def calibrate(
         search.optimiser.counts,
         status,
         reason,
-        scores_of(study, calibrated, threads),
+        scores_of(study, calibrated, threads, with_rigid=status == "finished"),
         seconds,
         search.simulations,
     )
 
 
-def scores_of(study: Study, calibrated: Injector, threads: int | None = None) -> dict[str, tuple[DataScore, ...]]:
+def scores_of(
+    study: Study, calibrated: Injector, threads: int | None = None, with_rigid: bool = True
+) -> dict[str, tuple[DataScore, ...]]:
     """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body."""
     injectors = {"start": study.injector, "best": calibrated}
-    if study.injector.variant.body is Body.FLEXIBLE and any(isinstance(d, RateData) for d in study.data):
+    if with_rigid and study.injector.variant.body is Body.FLEXIBLE and any(isinstance(d, RateData) for d in study.data):
         rigid = study.injector.variant._replace(body=Body.RIGID)
         injectors["rigid"] = replace(study.injector, variant=rigid)
     return {label: score_all(study.data, injector, study.time_step, threads) for label, injector in injectors.items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -22,7 +23,8 @@ WIDTH_OF_A_FILE = 160  # columns where stdout is no terminal
 
 def say(text: str) -> None:
     """Print a line for the person, on stderr."""
-    typer.echo(text, err=True)
+    with suppress(OSError, ValueError, AttributeError):  # nobody listens any more: the work goes on
+        typer.echo(text, err=True)
 
 
 def print_json(record: Mapping[str, Any]) -> None:

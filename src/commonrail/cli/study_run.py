@@ -42,22 +42,24 @@ def run_study(study: Study, folder: Path, threads: int | None) -> Outcome:
     StudyError
         If the study cannot be run; the empty folder is taken away again.
     """
+    from commonrail.calibration.interrupt import held_interrupts
     from commonrail.calibration.run import calibrate
     from commonrail.files.run_folder import create_run_folder, read_run, write_run
     from commonrail.report.build import write_report
 
     create_run_folder(folder)
-    try:
-        with _Bar(study.title) as bar:
-            calibration = calibrate(study, threads=threads, progress=bar.show)
-        identified = _identified(calibration, threads)
-        with writing(folder):
-            write_run(folder, calibration, identified)
-    except BaseException:
-        with suppress(OSError):
-            folder.rmdir()  # only if nothing was written
-        raise
-    return Outcome(folder, write_report(folder), read_run(folder)[0])
+    with held_interrupts():  # once the search has ended, its result is written whatever keys are pressed
+        try:
+            with _Bar(study.title) as bar:
+                calibration = calibrate(study, threads=threads, progress=bar.show)
+            identified = _identified(calibration, threads)
+            with writing(folder):
+                write_run(folder, calibration, identified)
+        except BaseException:
+            with suppress(OSError):
+                folder.rmdir()  # only if nothing was written
+            raise
+        return Outcome(folder, write_report(folder), read_run(folder)[0])
 
 
 def _identified(calibration: Calibration, threads: int | None) -> Mapping[str, Mapping[str, Any]]:

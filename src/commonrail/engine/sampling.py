@@ -34,5 +34,5 @@ def sampled_rates(
     time = point.start + time_step * np.arange(trace.shape[1])
     masses = np.array([np.interp(bounds, time, mass) for mass in injected])
     rates = np.diff(masses, axis=1) / np.diff(bounds)
-    sound = plan.by_candidate(outcome.sound, len(theta), 1)[:, 0] > 0.0
+    sound = plan.by_candidate(outcome.sound * outcome.closed_at_start, len(theta), 1)[:, 0] > 0.0
     return np.where(sound[:, None], rates, np.nan)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping
+from itertools import dropwhile
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,7 @@ def read_run(folder: Path) -> tuple[dict[str, Any], dict[str, dict[str, Floats]]
     try:
         record: dict[str, Any] = json.loads((folder / "result.json").read_text(encoding="utf-8"))
         with (folder / "traces.csv").open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+            rows = list(csv.DictReader(dropwhile(lambda line: line.startswith("#"), stream)))
     except (OSError, ValueError) as error:
         raise InputError(f"{folder}: not a run folder of commonrail calibrate ({error}).") from error
     traces: dict[str, dict[str, list[float]]] = {}
@@ -86,7 +87,7 @@ def read_run(folder: Path) -> tuple[dict[str, Any], dict[str, dict[str, Floats]]
 def _write_traces(path: Path, calibration: Calibration) -> None:
     with path.open("w", encoding="utf-8", newline="") as stream:
         synthetic = calibration.study.synthetic
-        stream.write(f"# Injection curves of: {calibration.study.title}\n")
+        stream.write(f"# Injection curves of: {' '.join(calibration.study.title.split())}\n")
         stream.write(f"# {'SYNTHETIC: ' + ' '.join(synthetic.split()) if synthetic else 'measured data'}\n")
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(["data", "time [us]", *(f"{label} [mm3/ms]" for label in _COLUMNS)])

@@ -1,0 +1,50 @@
+"""Ctrl-C and the batch system's stop signal as a wish that is looked at between generations."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+
+class Wish:
+    """Whether the user has asked to stop."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def heed(self) -> None:
+        """Raise KeyboardInterrupt, here and now, if a stop was asked for."""
+        if self.asked:
+            raise KeyboardInterrupt
+
+
+_WISH = Wish()
+
+
+@contextmanager
+def held_interrupts() -> Iterator[Wish]:
+    """While inside, SIGINT, SIGTERM and SIGHUP only leave a wish: what is being computed or written is finished.
+
+    Outside the main thread, where signals cannot be caught, nothing changes. Inside another such block the outer one's
+    wish goes on.
+    """
+    names = ("SIGINT", "SIGTERM", "SIGHUP")
+    signals = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is _ask:
+        yield _WISH
+        return
+    _WISH.asked = False
+    before = {number: signal.signal(number, _ask) for number in signals}
+    try:
+        yield _WISH
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        _WISH.asked = False
+
+
+def _ask(number: int, frame: Any) -> None:
+    _WISH.asked = True

@@ -1,0 +1,40 @@
+"""Ctrl-C as a wish."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+
+from commonrail.calibration.interrupt import held_interrupts
+
+
+def test_a_signal_is_a_wish_that_is_heeded_when_asked() -> None:
+    reached = False
+    with held_interrupts() as wish:
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+        reached = True
+        assert wish.asked
+        with pytest.raises(KeyboardInterrupt):
+            wish.heed()
+    assert reached
+
+
+def test_an_inner_block_shares_the_outer_wish_and_leaves_its_handler() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with held_interrupts() as outer:
+        with held_interrupts() as inner:
+            os.kill(os.getpid(), signal.SIGTERM)
+            assert inner is outer
+        assert outer.asked
+        os.kill(os.getpid(), signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_new_block_begins_without_a_wish() -> None:
+    with held_interrupts():
+        os.kill(os.getpid(), signal.SIGINT)
+    with held_interrupts() as wish:
+        wish.heed()
