@@ -28,8 +28,9 @@ def shown(monkeypatch: pytest.MonkeyPatch, terminal: bool) -> str:
     return stream.getvalue()
 
 
-def test_a_file_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    lines = shown(monkeypatch, terminal=False).splitlines()
+def test_a_file_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    shown(monkeypatch, terminal=False)
+    lines = capsys.readouterr().err.splitlines()
     assert lines[:2] == ["[b]A study", study_run.COMPILING + " ..."]
     assert lines[2] == "evolution 1/30: best 400, mean 900, 100 injections/s"
     assert lines[-1] == "refinement 1/1: best 12.34, mean 30, 100 injections/s"

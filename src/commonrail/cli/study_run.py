@@ -82,14 +82,14 @@ class _Bar(AbstractContextManager["_Bar"]):
         self.show: Callable[[Progress], None] = self._line
 
     def __enter__(self) -> _Bar:
-        self.console.print(self.title)
+        say(self.title)
         if self.console.is_terminal:
             self.bar = _rich_bar(self.console)
             self.bar.start()
             self.task = self.bar.add_task(COMPILING, total=None, figures="")
             self.show = self._advance
         else:
-            self.console.print(COMPILING + " ...")
+            say(COMPILING + " ...")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -108,7 +108,7 @@ class _Bar(AbstractContextManager["_Bar"]):
     def _line(self, p: Progress) -> None:
         every = max(p.generations // 10, 1)
         if p.generation in (1, p.generations) or p.generation % every == 0:
-            self.console.print(f"{p.phase} {p.generation}/{p.generations}: {_figures(p)}")
+            say(f"{p.phase} {p.generation}/{p.generations}: {_figures(p)}")
 
 
 def _figures(p: Progress) -> str:
