@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError, OutputError
 from commonrail.files.run_folder import read_run
+from commonrail.report.chart import Figure
 from commonrail.report.draw import figure_html
-from commonrail.report.figures import Figure, convergence_figure, figures_of
+from commonrail.report.figures import convergence_figure, figures_of
 from commonrail.report.headline import headline, parameter_lines
 from commonrail.report.html import render
 from commonrail.report.parameters import parameter_rows

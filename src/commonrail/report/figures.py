@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.report.chart import BOTH, MARKERS, Figure, Panel, Points, Series
 from commonrail.report.record import LABELS, Record, number, of_kind, origin_of
 from commonrail.report.text import pressure
 
 __all__ = [
-    "Figure",
-    "Panel",
-    "Series",
     "convergence_figure",
     "dead_time_figure",
     "figures_of",
@@ -24,64 +21,13 @@ __all__ = [
 ]
 
 Floats = NDArray[np.float64]
-Points = tuple[float | None, ...]
-
 MM3 = 1e9  # of 1 m³
 MM3_PER_MS = 1e6  # of 1 m³/s
 MICROSECOND = 1e6  # of 1 s
 MPA = 1e-6  # of 1 Pa
 
-LINES, MARKERS, BOTH = "lines", "markers", "lines+markers"
-
 RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
 ENERGISING = "energising time, µs"
-
-
-@dataclass(frozen=True)
-class Series:
-    """One line or one set of markers.
-
-    Attributes
-    ----------
-    label : str
-        Text of the legend; an empty one keeps the series out of it.
-    look : str
-        "measured", "rigid", "start", "best", "mean", or a dash: "solid", "dash", "dot", "dashdot".
-    x, y : tuple of float, same length
-        None leaves a gap.
-    mode : str
-        "lines", "markers" or "lines+markers".
-    family : int or None
-        Series of one family share a colour, a marker and an entry of the legend.
-    """
-
-    label: str
-    look: str
-    x: Points
-    y: Points
-    mode: str = LINES
-    family: int | None = None
-
-
-@dataclass(frozen=True)
-class Panel:
-    """A pair of axes: what the vertical one says, its series, and its share of the height."""
-
-    y_title: str
-    series: tuple[Series, ...]
-    share: float = 1.0
-    logarithmic: bool = False
-    zero_line: bool = False
-
-
-@dataclass(frozen=True)
-class Figure:
-    """Panels above one another over a common horizontal axis."""
-
-    title: str
-    caption: str
-    x_title: str
-    panels: tuple[Panel, ...]
 
 
 def figures_of(record: Record, traces: Mapping[str, Mapping[str, Floats]]) -> list[Figure]:

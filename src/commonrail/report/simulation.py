@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.engine.solution import Solution
+from commonrail.report.chart import Figure, Panel, Points, Series
 from commonrail.report.draw import figure_html
-from commonrail.report.figures import RATE, Figure, Panel, Points, Series
+from commonrail.report.figures import RATE
 from commonrail.report.html import render
 
 __all__ = ["course_figure", "simulation_figure"]

@@ -1,0 +1,58 @@
+"""What a figure is, as plain numbers: panels of series over a common axis. `draw` turns it into a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["BOTH", "LINES", "MARKERS", "Figure", "Panel", "Points", "Series"]
+
+Points = tuple[float | None, ...]
+
+LINES, MARKERS, BOTH = "lines", "markers", "lines+markers"
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line or one set of markers.
+
+    Attributes
+    ----------
+    label : str
+        Text of the legend; an empty one keeps the series out of it.
+    look : str
+        "measured", "rigid", "start", "best", "mean", or a dash: "solid", "dash", "dot", "dashdot".
+    x, y : tuple of float, same length
+        None leaves a gap.
+    mode : str
+        "lines", "markers" or "lines+markers".
+    family : int or None
+        Series of one family share a colour, a marker and an entry of the legend.
+    """
+
+    label: str
+    look: str
+    x: Points
+    y: Points
+    mode: str = LINES
+    family: int | None = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A pair of axes: what the vertical one says, its series, and its share of the height."""
+
+    y_title: str
+    series: tuple[Series, ...]
+    share: float = 1.0
+    logarithmic: bool = False
+    zero_line: bool = False
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Panels above one another over a common horizontal axis."""
+
+    title: str
+    caption: str
+    x_title: str
+    panels: tuple[Panel, ...]
