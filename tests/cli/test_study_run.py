@@ -7,7 +7,7 @@ import io
 import pytest
 
 from commonrail.calibration.run import Progress
-from commonrail.cli import study_run
+from commonrail.cli import progress, study_run
 
 STATES = [
     *(Progress("evolution", g, 30, 400.0 / g, 900.0 / g, 50 * g, 0.5 * g) for g in range(1, 31)),
@@ -21,20 +21,20 @@ def shown(monkeypatch: pytest.MonkeyPatch, terminal: bool) -> str:
 
     stream = io.StringIO()
     console = Console(file=stream, force_terminal=terminal, width=120, markup=False)
-    monkeypatch.setattr(study_run, "stderr_console", lambda: console)
-    with study_run._Bar("[b]A study") as bar:
+    monkeypatch.setattr(progress, "stderr_console", lambda: console)
+    with progress.Bar("[b]A study") as bar:
         for state in STATES:
-            bar.show(state)
+            bar.show(study_run._stage(state))
     return stream.getvalue()
 
 
 def test_a_file_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     shown(monkeypatch, terminal=False)
     lines = capsys.readouterr().err.splitlines()
-    assert lines[:2] == ["[b]A study", study_run.COMPILING + " ..."]
+    assert lines[:2] == ["[b]A study", progress.COMPILING + " ..."]
     assert lines[2] == "evolution 1/30: best 400, mean 900, 100 injections/s"
     assert lines[-1] == "refinement 1/1: best 12.34, mean 30, 100 injections/s"
-    assert len(lines) == 2 + 11 + 1  # the first generation, then every third; the refinement
+    assert len(lines) == 2 + 11 + 1  # the first generation, then every tenth part; the refinement
 
 
 def test_a_terminal_gets_a_bar_with_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:

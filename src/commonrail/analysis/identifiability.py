@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from commonrail.calibration.objective import Objective, of_role
 from commonrail.calibration.run import Calibration
+from commonrail.calibration.space import Space
 from commonrail.calibration.study import Role
 
 Floats = NDArray[np.float64]
@@ -18,7 +19,14 @@ WIDE = 0.05  # a standard error above this share of the range does not pin a par
 
 
 def identify(calibration: Calibration, threads: int | None = None) -> dict[str, dict[str, Any]]:
-    """What the fitted data say of each free parameter.
+    """What the fitted data say of each free parameter; see `identify_at`."""
+    study = calibration.study
+    objective = Objective(study.injector, study.space.names, of_role(study.data, Role.FIT), study.time_step, threads)
+    return identify_at(study.space, objective, np.array([calibration.best[name] for name in study.space.names]))
+
+
+def identify_at(space: Space, objective: Objective, best: Floats) -> dict[str, dict[str, Any]]:
+    """What the data of an objective say of each free parameter at a point (d,), SI.
 
     From the Jacobian J of the residuals with respect to the position in the bounds, and the residual's own
     size s² = |r|²/(N − d): a parameter moved alone has the standard error s/|J_i|, and s/|J_i⊥| once the
@@ -31,10 +39,7 @@ def identify(calibration: Calibration, threads: int | None = None) -> dict[str, 
         Per parameter: "effect" and "pinned", the root-sum-square change of the residuals for a move of 1 % of the
         range, alone and after readjustment; "standard_error" [SI]; "verdict".
     """
-    study = calibration.study
-    space = study.space
-    objective = Objective(study.injector, space.names, of_role(study.data, Role.FIT), study.time_step, threads)
-    best = space.to_unit(np.array([calibration.best[name] for name in space.names]))
+    best = space.to_unit(best)
     low, high = (
         np.clip(best - STEP * np.eye(space.dimension), 0.0, 1.0),
         np.clip(best + STEP * np.eye(space.dimension), 0.0, 1.0),

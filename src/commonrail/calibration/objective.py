@@ -29,6 +29,11 @@ class Scores(NamedTuple):
     simulations: int
 
 
+def curve_j(rate: Floats, data: RateData) -> float:
+    """J of an injection curve: Σ |rate − measured rate| over its samples [mm³/ms]; NaN for a failed simulation."""
+    return float(np.sum(np.abs(rate - data.rate)) * MM3_PER_MS)
+
+
 def quantity_residuals(data: QuantityData, quantity: Floats) -> Floats:
     """(Q − Q_measured)/(absolute + relative · Q_measured), (candidates, points)."""
     return np.asarray((quantity - data.quantity) / (data.absolute + data.relative * data.quantity))

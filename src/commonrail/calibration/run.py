@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -18,6 +18,7 @@ from commonrail.calibration.optimisers import (
     DifferentialEvolution,
     LeastSquares,
     LeastSquaresSettings,
+    Optimiser,
     diverse_members,
 )
 from commonrail.calibration.score import DataScore, score_data
@@ -50,6 +51,26 @@ class Generation(NamedTuple):
     generation: int
     best: float
     mean: float
+
+    @classmethod
+    def of(cls, generation: int, optimiser: Optimiser) -> Generation:
+        """Of a search as it stands."""
+        finite = optimiser.costs[np.isfinite(optimiser.costs)]
+        return cls(generation, optimiser.best.cost, float(finite.mean()) if len(finite) else float("inf"))
+
+
+def generations(optimiser: Optimiser, objective: Objective) -> Iterator[int]:
+    """Run a search to its end; after each generation yield the number of injections that it took."""
+    while not optimiser.finished:
+        trials = optimiser.ask()
+        costs = np.full(len(trials.x), np.inf)
+        simulations = 0
+        if trials.simulate.any():
+            scores = objective.costs(trials.x[trials.simulate])
+            costs[trials.simulate] = scores.costs
+            simulations = scores.simulations
+        optimiser.tell(costs)
+        yield simulations
 
 
 @dataclass(frozen=True)
@@ -119,17 +140,9 @@ class _Search:
 
     def evolve(self) -> None:
         """Differential evolution to its end."""
-        while not self.optimiser.finished:
-            trials = self.optimiser.ask()
-            costs = np.full(len(trials.x), np.inf)
-            if trials.simulate.any():
-                scores = self.objective.costs(trials.x[trials.simulate])
-                costs[trials.simulate] = scores.costs
-                self.simulations += scores.simulations
-            self.optimiser.tell(costs)
-            finite = self.optimiser.costs[np.isfinite(self.optimiser.costs)]
-            mean = float(finite.mean()) if len(finite) else float("inf")
-            self.history.append(Generation(len(self.history), self.best[1], mean))
+        for simulations in generations(self.optimiser, self.objective):
+            self.simulations += simulations
+            self.history.append(Generation.of(len(self.history), self.optimiser))
             self._tell("evolution", len(self.history), 1 + self.study.method.evolution.generations)
 
     def refine(self) -> None:

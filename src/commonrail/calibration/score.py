@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.calibration.objective import MM3_PER_MS, Objective, dead_times
+from commonrail.calibration.objective import Objective, curve_j, dead_times
 from commonrail.calibration.study import QuantityData, RateData
 from commonrail.injector.definition import Injector
 
@@ -50,7 +50,7 @@ def score_data(
     itself = np.empty((1, 0))
     if isinstance(data, RateData):
         rate = objective.rates(data, itself)[0]
-        return RateScore(rate, float(np.sum(np.abs(rate - data.rate)) * MM3_PER_MS))
+        return RateScore(rate, curve_j(rate, data))
     quantity = objective.quantities(data, itself)[0]
     found = dead_times(injector, data, time_step, threads)
     error = quantity - data.quantity

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from commonrail.cli.console import say, stderr_console
+from commonrail.cli.console import say
 from commonrail.cli.output import writing
+from commonrail.cli.progress import Bar, Stage
 
 if TYPE_CHECKING:
     from commonrail.calibration.run import Calibration, Progress
     from commonrail.calibration.study import Study
 
 __all__ = ["Outcome", "run_study"]
-
-COMPILING = "compiling the simulation if this is its first use (some ten seconds)"
 
 
 class Outcome(NamedTuple):
@@ -50,8 +49,8 @@ def run_study(study: Study, folder: Path, threads: int | None) -> Outcome:
     create_run_folder(folder)
     with held_interrupts():  # once the search has ended, its result is written whatever keys are pressed
         try:
-            with _Bar(study.title) as bar:
-                calibration = calibrate(study, threads=threads, progress=bar.show)
+            with Bar(study.title) as bar:
+                calibration = calibrate(study, threads=threads, progress=lambda p: bar.show(_stage(p)))
             identified = _identified(calibration, threads)
             with writing(folder):
                 write_run(folder, calibration, identified)
@@ -73,58 +72,10 @@ def _identified(calibration: Calibration, threads: int | None) -> Mapping[str, M
         return {}
 
 
-class _Bar(AbstractContextManager["_Bar"]):
-    """Progress on stderr: a bar in a terminal, a line now and then in a file."""
-
-    def __init__(self, title: str) -> None:
-        self.console = stderr_console()
-        self.title = title
-        self.show: Callable[[Progress], None] = self._line
-
-    def __enter__(self) -> _Bar:
-        say(self.title)
-        if self.console.is_terminal:
-            self.bar = _rich_bar(self.console)
-            self.bar.start()
-            self.task = self.bar.add_task(COMPILING, total=None, figures="")
-            self.show = self._advance
-        else:
-            say(COMPILING + " ...")
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.console.is_terminal:
-            self.bar.stop()
-
-    def _advance(self, p: Progress) -> None:
-        self.bar.update(
-            self.task,
-            description=p.phase,
-            completed=p.generation,
-            total=p.generations,
-            figures=_figures(p),
-        )
-
-    def _line(self, p: Progress) -> None:
-        every = max(p.generations // 10, 1)
-        if p.generation in (1, p.generations) or p.generation % every == 0:
-            say(f"{p.phase} {p.generation}/{p.generations}: {_figures(p)}")
+def _stage(p: Progress) -> Stage:
+    return Stage(p.phase, p.generation, p.generations, _figures(p))
 
 
 def _figures(p: Progress) -> str:
     speed = p.simulated / p.seconds if p.seconds > 0.0 else 0.0
     return f"best {p.best:.4g}, mean {p.mean:.4g}, {speed:.0f} injections/s"
-
-
-def _rich_bar(console: Any) -> Any:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
-
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[figures]}"),
-        Remaining(),
-        console=console,
-    )

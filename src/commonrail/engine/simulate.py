@@ -151,10 +151,10 @@ def simulate_batch(
     status = _status(injector, theta, outcome, time_step, len(theta), len(points))
     status[~inside] = Status.NOT_FINITE
 
-    def figure(values: Floats, blank: bool = True) -> Floats:
-        table = plan.by_candidate(values, len(theta), len(points))
-        failed = ~np.isin(status, (Status.OK, Status.STILL_INJECTING))
-        return np.where(failed & blank, np.nan, table)
+    failed = (status != Status.OK) & (status != Status.STILL_INJECTING)
+
+    def figure(values: Floats) -> Floats:
+        return np.where(failed, np.nan, plan.by_candidate(values, len(theta), len(points)))
 
     begin = np.array([point.start for point in points])
     return Batch(

@@ -1,0 +1,74 @@
+"""Progress of long work on stderr: a bar in a terminal, a line now and then in a file."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from typing import Any, NamedTuple
+
+from commonrail.cli.console import say, stderr_console
+
+__all__ = ["COMPILING", "Bar", "Stage"]
+
+COMPILING = "compiling the simulation if this is its first use (some ten seconds)"
+
+
+class Stage(NamedTuple):
+    """How far the work is: what is being done, steps done and in all, and figures for the person."""
+
+    phase: str
+    done: int
+    total: int
+    figures: str
+
+
+class Bar(AbstractContextManager["Bar"]):
+    """Progress of one piece of work.
+
+    Parameters
+    ----------
+    title : str
+        Said at the start.
+    """
+
+    def __init__(self, title: str) -> None:
+        self.console = stderr_console()
+        self.title = title
+        self._said = (-1, "")
+
+    def __enter__(self) -> Bar:
+        say(self.title)
+        if self.console.is_terminal:
+            self.bar = _rich_bar(self.console)
+            self.bar.start()
+            self.task = self.bar.add_task(COMPILING, total=None, figures="")
+        else:
+            say(COMPILING + " ...")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.console.is_terminal:
+            self.bar.stop()
+
+    def show(self, s: Stage) -> None:
+        """Show a stage; in a file at its first step and at every tenth part of it."""
+        if self.console.is_terminal:
+            self.bar.update(self.task, description=s.phase, completed=s.done, total=s.total, figures=s.figures)
+            return
+        part = (10 * s.done // max(s.total, 1), s.phase)
+        if s.done > 0 and part != self._said:
+            self._said = part
+            say(f"{s.phase} {s.done}/{s.total}: {s.figures}")
+
+
+def _rich_bar(console: Any) -> Any:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[figures]}"),
+        Remaining(),
+        console=console,
+    )
