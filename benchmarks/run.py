@@ -22,18 +22,17 @@ from rich.table import Table
 from scipy.optimize import differential_evolution
 
 from benchmarks.peers import scipy_solution, sundials_solution
-from commonrail.analysis.virtual_bench import PAPER_OPTIMUM, bench_curves
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.optimisers import EvolutionSettings
-from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.run import calibrate
-from commonrail.calibration.space import Space
-from commonrail.calibration.study import Method, RateData, Role, Study
+from commonrail.calibration.study import Method, Study
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch, usable_threads
 from commonrail.engine.solution import Solution
 from commonrail.files.injector_file import load_injector
+from commonrail.files.truth_file import load_truth
+from commonrail.reproduction import paper
+from commonrail.reproduction.repetition import Bench, measure
 
 POINT = OperatingPoint(160e6, 700e-6, horizon=1.56e-3)
 INTERVAL = 3e-6
@@ -91,7 +90,7 @@ def one_simulation() -> list[dict[str, Any]]:
 def population() -> list[dict[str, Any]]:
     """512 candidates at one point."""
     injector = load_injector("virtual-lino-2016")
-    names = list(PAPER_OPTIMUM)
+    names = list(paper.NAMES)
     rng = np.random.default_rng(1)
     centre = np.array([injector.values[n] for n in names])
     rows = []
@@ -109,21 +108,9 @@ def population() -> list[dict[str, Any]]:
 
 def paper_study() -> Study:
     """The paper's problem: seven stiffnesses, (70, 50), one pressure, on virtual data."""
-    injector = load_injector("virtual-lino-2016")
-    (curve,) = bench_curves(injector, (160e6,), 700e-6, seed=1)
-    bounds = np.concatenate(([0.0], curve.time))
-    data = RateData("160 MPa", Role.FIT, POINT, bounds, curve.rate, 1.0, "virtual test bench", "synthetic")
-    parameters = []
-    for name in PAPER_OPTIMUM:
-        reference = injector.values[name]
-        lower, upper = percent_bounds(reference, 90.0, 200.0, name)
-        parameters.append(Parameter(name, reference, lower, upper, "N/m", mark="F", source="Table 1"))
-    order = [
-        f"plunger_needle.{a} < plunger_needle.{b}"
-        for a, b in zip(["7", "2", "3", "5", "4", "1"], ["2", "3", "5", "4", "1", "6"], strict=True)
-    ]
-    order = [line.replace("needle.", "needle.k") for line in order]
-    return Study("paper", injector, (data,), Space(tuple(parameters), order), Method(EvolutionSettings()), 1, 1e-6)
+    bench = Bench(load_truth("virtual-lino-2016"), load_injector("virtual-lino-2016"), 1e-6)
+    data = measure(bench, 1)[:1]
+    return Study("paper", bench.injector, data, paper.space(bench.injector), Method(paper.BEST.settings), 1, 1e-6)
 
 
 def calibrations() -> list[dict[str, Any]]:

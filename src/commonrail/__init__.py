@@ -10,6 +10,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from commonrail.analysis.truth import Truth
+    from commonrail.calibration.comparison import Comparison, compare
     from commonrail.calibration.run import Calibration, Progress, calibrate, validate
     from commonrail.calibration.study import QuantityData, RateData, Study
     from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
@@ -27,17 +29,22 @@ if TYPE_CHECKING:
     from commonrail.files.injector_file import dump_injector, injector_catalogue, load_injector
     from commonrail.files.run_folder import create_run_folder, read_run, write_run
     from commonrail.files.study_file import load_study
+    from commonrail.files.truth_file import load_truth
     from commonrail.fuel.catalogue import load_fuel
     from commonrail.fuel.fuel import Fuel
     from commonrail.injector.definition import Injector, parameter_quantities
     from commonrail.injector.variants import Variant
     from commonrail.report.build import write_report
     from commonrail.report.simulation import simulation_figure
+    from commonrail.reproduction.repetition import Bench
+    from commonrail.reproduction.run import Reproduction, reproduce
 
     __version__: str
 
 # Module that holds each public name; the imports above say the same to a type checker.
 _HOMES = {
+    "analysis.truth": ("Truth",),
+    "calibration.comparison": ("Comparison", "compare"),
     "calibration.run": ("Calibration", "Progress", "calibrate", "validate"),
     "calibration.study": ("QuantityData", "RateData", "Study"),
     "engine.operating_point": ("Energising", "OperatingPoint", "Trace"),
@@ -55,19 +62,24 @@ _HOMES = {
     "files.injector_file": ("dump_injector", "injector_catalogue", "load_injector"),
     "files.run_folder": ("create_run_folder", "read_run", "write_run"),
     "files.study_file": ("load_study",),
+    "files.truth_file": ("load_truth",),
     "fuel.catalogue": ("load_fuel",),
     "fuel.fuel": ("Fuel",),
     "injector.definition": ("Injector", "parameter_quantities"),
     "injector.variants": ("Variant",),
     "report.build": ("write_report",),
     "report.simulation": ("simulation_figure",),
+    "reproduction.repetition": ("Bench",),
+    "reproduction.run": ("Reproduction", "reproduce"),
 }
 _MODULES = {name: f"commonrail.{home}" for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Batch",
+    "Bench",
     "Calibration",
     "CommonrailError",
+    "Comparison",
     "ConfigurationError",
     "Energising",
     "Fuel",
@@ -78,23 +90,28 @@ __all__ = [
     "Progress",
     "QuantityData",
     "RateData",
+    "Reproduction",
     "SimulationError",
     "Solution",
     "Status",
     "Study",
     "StudyError",
     "Trace",
+    "Truth",
     "Variant",
     "__version__",
     "calibrate",
+    "compare",
     "create_run_folder",
     "dump_injector",
     "injector_catalogue",
     "load_fuel",
     "load_injector",
     "load_study",
+    "load_truth",
     "parameter_quantities",
     "read_run",
+    "reproduce",
     "simulate",
     "simulate_batch",
     "simulation_figure",

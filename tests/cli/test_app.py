@@ -13,6 +13,7 @@ VERBS = {
     "simulate",
     "calibrate",
     "validate",
+    "compare",
     "report",
     "verify",
     "catalogue",

@@ -71,7 +71,7 @@ def test_a_folder_that_cannot_be_written_ends_with_2(
 def test_the_virtual_bench_passes_folder_and_seed_on(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def write(folder: Path, seed: int) -> list[Path]:
+    def write(folder: Path, seed: int, truth: object) -> list[Path]:
         return [folder / f"seed-{seed}.csv"]
 
     monkeypatch.setattr("commonrail.files.bench_data.write_bench_data", write)
@@ -79,6 +79,7 @@ def test_the_virtual_bench_passes_folder_and_seed_on(
     assert done.record == {
         "kind": "virtual-bench",
         "seed": 5,
+        "truth": "virtual-lino-2016",
         "files": [str(tmp_path / "seed-5.csv")],
     }
     assert command("virtual-bench", tmp_path).out == f"{tmp_path / 'seed-1.csv'}\n"

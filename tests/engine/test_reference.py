@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.analysis.verification import difference
-from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
@@ -43,6 +43,36 @@ def test_it_has_converged(regulated: Injector, fine: Solution) -> None:
     # a tenth of what the lanes are judged by
     assert found.rate < 0.02  # [%]
     assert abs(found.volume) < 0.01  # [%]
+
+
+def test_an_ideal_rail_is_the_inlet(fine: Solution) -> None:
+    np.testing.assert_array_equal(fine.channels["inlet_pressure"], np.full(len(fine.time), 120e6))
+    np.testing.assert_array_equal(fine.channels["rail_pressure"], fine.channels["inlet_pressure"])
+
+
+def test_a_measured_rail_pressure_is_the_inlet(regulated: Injector) -> None:
+    trace = Trace((20e-6, 60e-6), (120e6, 118e6))
+    found = simulate_reference(regulated, OperatingPoint(trace, 0.0, horizon=90e-6), 10e-6, Resolution((20, 10)))
+    # the values of the trace itself, to rounding
+    expected = 1e6 * np.array([120, 120, 120, 119.5, 119, 118.5, 118, 118, 118, 118])
+    np.testing.assert_allclose(found.channels["inlet_pressure"], expected, rtol=1e-12)
+
+
+def test_a_throttle_takes_its_loss_between_rail_and_inlet(volume: Injector) -> None:
+    """Eq. (4) at the injection's height, with the flow that the books of the rail state."""
+    at = Resolution((60, 30))
+    found = simulate_reference(volume, POINT, 1e-6, at)
+    rail, inlet = found.channels["rail_pressure"], found.channels["inlet_pressure"]
+    assert rail[0] == inlet[0] == pytest.approx(120e6, rel=1e-12)
+    fuel, warm = volume.fuel, volume.values["fuel.temperature"]
+    density = np.array([float(fuel.density(p, warm)) for p in rail])
+    flow = -np.gradient(density, found.time) * volume.values["rail.volume"]
+    area = 0.25 * np.pi * volume.values["rail.throttle_diameter"] ** 2 * volume.values["rail.throttle_discharge"]
+    loss = flow * np.abs(flow) / (2.0 * density * area**2)
+    strong = loss > 0.2 * np.max(loss)
+    assert np.max(loss) > 0.1e6
+    # the slope by differences 1 us apart, which smooths the pipe's ripple of cell by cell
+    assert (rail - inlet)[strong] == pytest.approx(loss[strong], abs=0.03 * np.max(loss))
 
 
 def test_guide_friction_delays_the_needle(regulated: Injector, fine: Solution) -> None:

@@ -7,8 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from commonrail.analysis.virtual_bench import bench_curve
 from commonrail.calibration.study import QuantityData, RateData, Role
+from commonrail.engine.operating_point import Trace
+from commonrail.files.bench_data import ENERGISING_TIME
+from commonrail.files.injector_file import load_injector
 from commonrail.files.study_file import load_study
+from commonrail.files.truth_file import load_truth
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
 
@@ -66,12 +71,31 @@ def test_papers_study_is_the_papers() -> None:
         assert len(data.rate) == 520
         assert data.bounds[0] == pytest.approx(0.0, abs=1e-12)
         assert data.bounds[-1] == pytest.approx(1.56e-3, rel=1e-12)
+        # a measured course about the pressure asked for: it falls with the injection and scatters by 0.3 MPa
+        assert isinstance(data.point.rail_pressure, Trace)
+        assert len(data.point.rail_pressure.value) == 520
+        asked = float(data.name.removesuffix(" MPa")) * 1e6
+        assert data.point.at_start(data.point.rail_pressure) == pytest.approx(asked, abs=1.5e6)
+
+
+@pytest.mark.parametrize("rail", [160e6, 120e6, 80e6])
+def test_papers_curves_are_those_of_the_bench(rail: float) -> None:
+    """Files and code belong together: the default truth, seed 1."""
+    truth = load_truth("virtual-lino-2016")
+    curve = bench_curve(truth, load_injector(truth.injector), rail, ENERGISING_TIME, 1)
+    (data,) = (d for d in load_study(CASES / "paper" / "study.toml").data if d.name == f"{rail * 1e-6:.0f} MPa")
+    assert isinstance(data, RateData)
+    assert isinstance(data.point.rail_pressure, Trace)
+    # one step of the sensors: another processor may round the last bit, and the sensor then the other way
+    np.testing.assert_allclose(data.rate, curve.rate, rtol=0, atol=1.01 * truth.rate_meter.resolution)
+    np.testing.assert_allclose(data.point.rail_pressure.value, curve.rail, rtol=0, atol=1.01e4)
 
 
 def test_papers_curves_say_that_they_are_synthetic() -> None:
     for rail in (160, 120, 80):
         text = (CASES / "paper" / "data" / f"evi_{rail}MPa.csv").read_text(encoding="utf-8")
         assert text.startswith("# SYNTHETIC")
+        assert "# truth virtual-lino-2016 (" in text
 
 
 def test_papers_bounds_and_ordering_hold_its_optimum() -> None:

@@ -159,6 +159,10 @@ def test_without_generations_there_is_no_convergence(write_run: WriteRun) -> Non
         ({"schema": 2}, "has schema 2 and this version reads 1"),
         ({"injector": {}}, "is incomplete"),
         ({"data": [{"kind": "rate", "role": "fit"}]}, "is incomplete"),
+        ({"data": []}, r"is incomplete \(IndexError"),
+        ({"labels": []}, "is incomplete"),
+        ({"labels": {"start": "start values"}}, "is incomplete"),  # the calibrated one is missing
+        ({"seconds": {}, "software": []}, "is incomplete"),
     ],
 )
 def test_a_result_that_cannot_be_read_says_why(write_run: WriteRun, change: dict[str, Any], words: str) -> None:
@@ -178,6 +182,35 @@ def test_a_missing_key_is_named(write_run: WriteRun) -> None:
 def test_a_curve_without_its_trace_is_refused(write_run: WriteRun) -> None:
     with pytest.raises(InputError, match=r"incomplete .*EVI 160 MPa"):
         write_report(write_run(rate_record()))
+
+
+def test_a_text_that_is_missing_in_a_data_set_is_a_sentence(write_run: WriteRun) -> None:
+    record = map_record()
+    del record["data"][0]["source"]
+    with pytest.raises(InputError, match=r"is incomplete \(UndefinedError: .*source"):
+        write_report(write_run(record))
+
+
+def test_a_curve_that_is_no_number_is_named_with_its_line(rate_run: Path) -> None:
+    traces = rate_run / "traces.csv"
+    lines = traces.read_text(encoding="utf-8").splitlines()
+    lines[4] = lines[4].rpartition(",")[0] + ",abc"
+    traces.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(InputError, match=r'traces\.csv, line 5, column "best \[mm3/ms\]": "abc"'):
+        write_report(rate_run)
+
+
+def test_a_result_nested_too_deep_is_refused(rate_run: Path) -> None:
+    (rate_run / "result.json").write_text("[" * 100_000, encoding="utf-8")
+    with pytest.raises(InputError, match="not a run folder"):
+        write_report(rate_run)
+
+
+def test_texts_of_the_record_stand_for_its_labels(write_run: WriteRun) -> None:
+    record = rate_record() | {"labels": {"rigid": "one mass", "start": "drawing", "best": "fitted"}}
+    text = page_of(write_run(record, rate_traces(record))).text
+    assert "one mass drawing fitted share, %" in text
+    assert "start values" not in text.replace("with the start values", "")
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:

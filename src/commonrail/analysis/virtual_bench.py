@@ -1,21 +1,27 @@
 """Virtual test bench: injection curves of a declared, hidden truth, in place of data that were never published.
 
-The truth is richer than any model that is fitted to it: the paper's optimal stiffnesses, guide friction on
-every mass, a finer pipe, and a rate meter with limited bandwidth, noise and resolution. It runs on the
-reference engine, so a fit never meets its own discretisation. Everything it gives is synthetic.
+The truth is richer than any model that is fitted to it (`truth`), and it runs on the reference engine, so a fit
+never meets its own discretisation. A curve is one shot: rail pressure, energising time and boost voltage deviate from
+what was asked for, and rate and inlet pressure are seen through sensors. The fit sees the two sensors' signals and
+the energising time that was asked for. Everything the bench gives is synthetic.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.analysis.truth import Truth
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.reference import Resolution, simulate_reference
+from commonrail.engine.reference import simulate_reference
+from commonrail.engine.solution import Solution
+from commonrail.errors import SimulationError
 from commonrail.injector.definition import Injector
+from commonrail.units import to_text
+
+__all__ = ["INTERVAL", "PAPER_OPTIMUM", "SAMPLES", "Curve", "Truth", "bench_curve"]
 
 Floats = NDArray[np.float64]
 
@@ -30,109 +36,89 @@ PAPER_OPTIMUM = {
     "plunger_needle.k7": 6.44e7,
 }
 
-
-@dataclass(frozen=True)
-class RateMeter:
-    """Observer of the rate: second-order low-pass, Gaussian noise, resolution. All [E].
-
-    Attributes
-    ----------
-    bandwidth : float
-        Corner frequency [Hz].
-    noise : float
-        Standard deviation [m³/s].
-    resolution : float
-        Step of the digital signal [m³/s].
-    """
-
-    bandwidth: float = 60e3
-    noise: float = 0.30e-6
-    resolution: float = 0.01e-6
-
-    def observe(self, rate: Floats, interval: float, rng: np.random.Generator) -> Floats:
-        """What the meter shows for samples `interval` [s] apart."""
-        shown = _low_pass(rate, interval, self.bandwidth) + rng.normal(0.0, self.noise, len(rate))
-        return np.asarray(np.round(shown / self.resolution) * self.resolution)
-
-
-@dataclass(frozen=True)
-class Truth:
-    """The declared truth of the bench.
-
-    Attributes
-    ----------
-    values : dict of str to float
-        Parameters that differ from the injector that is fitted [SI].
-    coulomb, viscous : tuple of 9 floats
-        Guide friction on masses 1…9 [N], [N s/m]; larger on cylinders 1, 4 and 6, where clearances are small.
-    cells : (int, int)
-        Finite volumes of feed pipe and return line.
-    meter : RateMeter
-    """
-
-    values: dict[str, float] = field(default_factory=lambda: dict(PAPER_OPTIMUM))
-    coulomb: tuple[float, ...] = (1.5, 0.5, 0.3, 1.0, 1.0, 0.3, 1.5, 1.0, 0.0)
-    viscous: tuple[float, ...] = (1.0, 0.3, 0.2, 0.6, 0.6, 0.2, 1.0, 0.6, 0.0)
-    cells: tuple[int, int] = (480, 120)
-    meter: RateMeter = RateMeter()
+SAMPLES, INTERVAL = 520, 3e-6  # Sec. 5: 520 samples; their spacing [s] is ours
 
 
 class Curve(NamedTuple):
-    """One injection curve of the bench: ends of the sample intervals [s] and shown rate [m³/s]."""
+    """One injection curve of the bench.
+
+    Attributes
+    ----------
+    rail_pressure : float
+        Asked for [Pa].
+    time : (520,)
+        Ends of the samples [s].
+    rate : (520,)
+        Shown by the rate meter, means over the samples [m³/s].
+    trace_time : (520,)
+        [s].
+    rail : (520,)
+        Pressure at the injector's inlet, shown by its sensor at `trace_time` [Pa].
+    """
 
     rail_pressure: float
     time: Floats
     rate: Floats
+    trace_time: Floats
+    rail: Floats
 
 
-def bench_curves(
-    injector: Injector,
-    rail_pressures: tuple[float, ...],
-    energising_time: float,
-    seed: int,
-    truth: Truth | None = None,
-    samples: int = 520,
-    interval: float = 3e-6,
-) -> list[Curve]:
-    """Injection curves of the truth behind an injector.
+class _Draws(NamedTuple):
+    """Random streams of one shot: deviations of the operation, the rate meter, the rail sensor."""
+
+    operation: np.random.Generator
+    rate_meter: np.random.Generator
+    rail_sensor: np.random.Generator
+
+
+def bench_curve(truth: Truth, injector: Injector, rail_pressure: float, energising_time: float, seed: int) -> Curve:
+    """One shot on the bench.
+
+    The same arguments give the same curve, whatever else is drawn and on however many threads.
 
     Parameters
     ----------
+    truth : Truth
     injector : Injector
-        What a fit starts from; `truth.values` replace some of its values.
-    rail_pressures : tuple of float
-        [Pa]; each curve draws its noise from its own stream of `seed`.
+        Which the truth alters, and from which a fit starts.
+    rail_pressure : float
+        Asked for [Pa]; with `seed`, the key of the random numbers.
     energising_time : float
-        [s].
+        Asked for [s].
     seed : int
-    truth : Truth, optional
-    samples : int
-    interval : float
-        [s].
+        Of scatter and noise.
+
+    Raises
+    ------
+    ConfigurationError
+        If the truth does not fit the injector, or a deviation leaves no sensible operating point.
+    SimulationError
+        If the truth cannot be simulated.
     """
-    truth = truth or Truth()
-    hidden = injector.with_values(truth.values)
-    friction = np.column_stack((truth.coulomb, truth.viscous))
-    resolution = Resolution(truth.cells)
-    curves = []
-    for rail, child in zip(rail_pressures, np.random.SeedSequence(seed).spawn(len(rail_pressures)), strict=True):
-        point = OperatingPoint(rail, energising_time, horizon=samples * interval)
-        solution = simulate_reference(hidden, point, interval, resolution, friction)
-        shown = truth.meter.observe(solution.rate, interval, np.random.default_rng(child))
-        curves.append(Curve(rail, solution.time[1:], shown))
-    return curves
+    key = np.random.SeedSequence((seed, round(rail_pressure)))
+    draws = _Draws(*map(np.random.default_rng, key.spawn(3)))
+    shot = _shoot(truth, injector, rail_pressure, energising_time, draws.operation)
+    rate = truth.rate_meter.of_means(shot.rate, INTERVAL, draws.rate_meter)
+    rail = truth.rail_sensor.of_values(shot.channels["inlet_pressure"], INTERVAL, draws.rail_sensor)
+    return Curve(rail_pressure, shot.time[1:], rate, shot.time[1:], rail[1:])
 
 
-def _low_pass(signal: Floats, interval: float, corner: float) -> Floats:
-    """Two first-order low-passes in a row, each exact for a signal constant over a sample."""
-    keep = np.exp(-2.0 * np.pi * corner * interval)
-    out = signal
-    for _ in range(2):
-        state, passed = 0.0, np.empty_like(out)
-        for k, value in enumerate(out):
-            # mean over the interval of the filter's answer to a constant input
-            decay = (1.0 - keep) / (2.0 * np.pi * corner * interval)
-            passed[k] = value + (state - value) * decay
-            state = value + (state - value) * keep
-        out = passed
-    return out
+def _shoot(
+    truth: Truth, injector: Injector, rail_pressure: float, energising_time: float, rng: np.random.Generator
+) -> Solution:
+    """The injection as it is, with its own deviations."""
+    scatter, (rail, duration, boost) = truth.scatter, rng.standard_normal(3)
+    hidden = truth.hidden(injector)
+    boosted = hidden.values["drive.boost_voltage"] + scatter.boost_voltage * boost
+    point = OperatingPoint(
+        rail_pressure + scatter.rail_pressure * rail,
+        energising_time + scatter.energising_time * duration,
+        horizon=SAMPLES * INTERVAL,
+    )
+    friction = np.column_stack((truth.friction.coulomb, truth.friction.viscous))
+    shot = simulate_reference(
+        hidden.with_values({"drive.boost_voltage": boosted}), point, INTERVAL, truth.resolution, friction
+    )
+    if shot.status.failed:
+        raise SimulationError(f"{truth.name} at {to_text(rail_pressure, 'Pa')}: {shot.status.sentence}")
+    return shot

@@ -16,7 +16,12 @@ from commonrail.calibration.study import QuantityData, RateData
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.injector.definition import parameter_quantities
 
+__all__ = ["LABELS", "SCHEMA", "data_records", "result_record", "software_record"]
+
 SCHEMA = 1
+
+# What a calibration compares, in the order in which a reader meets it; the paper says rigid, theoretical, optimised.
+LABELS = {"rigid": "rigid body", "start": "start values", "best": "calibrated"}
 
 
 def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -33,12 +38,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
     return {
         "schema": SCHEMA,
         "kind": "calibration",
-        "software": {
-            "commonrail": version("commonrail"),
-            "python": platform.python_version(),
-            "numpy": version("numpy"),
-            "numba": version("numba"),
-        },
+        "software": software_record(),
         "title": study.title,
         "note": study.note,
         "synthetic": study.synthetic,
@@ -53,6 +53,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         },
         "parameters": _parameters(calibration, identified),
         "constraints": list(dict.fromkeys(study.space.rows.labels)),
+        "labels": {label: text for label, text in LABELS.items() if label in calibration.scores},
         "objective": {"start": _number(calibration.start_cost), "best": _number(calibration.cost)},
         "data": data_records(study.data, calibration.scores),
         "evaluations": {
@@ -67,6 +68,12 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         "seconds": calibration.seconds,
         "simulations_per_second": calibration.simulations / max(calibration.seconds, 1e-9),
     }
+
+
+def software_record() -> dict[str, str]:
+    """Versions of what the numbers depend on."""
+    packages = {name: version(name) for name in ("commonrail", "numpy", "numba")}
+    return {"commonrail": packages.pop("commonrail"), "python": platform.python_version(), **packages}
 
 
 def data_records(

@@ -8,6 +8,7 @@ import typer
 
 from commonrail.cli.calibrate import calibrate
 from commonrail.cli.catalogue import catalogue
+from commonrail.cli.compare import compare
 from commonrail.cli.guard import guarded, show_traceback
 from commonrail.cli.new import new
 from commonrail.cli.report import report
@@ -27,7 +28,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-for _verb in (simulate, calibrate, validate, report, verify, catalogue, new, virtual_bench):
+for _verb in (simulate, calibrate, validate, compare, report, verify, catalogue, new, virtual_bench):
     app.command(_verb.__name__.replace("_", "-"))(guarded(_verb))
 
 

@@ -14,7 +14,7 @@ __all__ = ["report"]
 
 
 def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate or compare.")],
     *,
     json: Json = False,
 ) -> None:

@@ -28,6 +28,7 @@ def validate(
       commonrail validate cases/paper/study.toml --run runs/paper-1
       commonrail validate cases/cri2-16/study.toml --injector cri2-16
     """
+    from commonrail.calibration.comparison import check_drive
     from commonrail.calibration.run import validate as judge
     from commonrail.files.injector_file import load_injector
     from commonrail.files.study_file import load_study
@@ -35,17 +36,19 @@ def validate(
 
     chosen = load_injector(_source(injector, run))
     loaded = load_study(study)
+    check_drive(chosen, loaded, chosen.name)
     say(SIMULATING)
     data = judge(loaded, chosen)
+    labels = {"best": "calibrated" if run else chosen.name}
     if json:
         named = {"name": chosen.name, "title": chosen.title, "variant": chosen.variant.label}
         record = {"schema": 1, "kind": "validation", "title": loaded.title, "injector": named}
-        print_json(record | {"data": data})
+        print_json(record | {"labels": labels, "data": data})
         return
     typer.echo(f"{chosen.title} on the data of: {loaded.title}")
     if loaded.synthetic:
         typer.echo(f"SYNTHETIC: {loaded.synthetic}")
-    for table in tables_of(data):
+    for table in tables_of(data, labels):
         print_table(table)
 
 

@@ -1,4 +1,4 @@
-"""commonrail virtual-bench: make the synthetic curves of the paper's case."""
+"""commonrail virtual-bench: make the synthetic curves of the paper's case, and show what is behind them."""
 
 from __future__ import annotations
 
@@ -7,35 +7,83 @@ from typing import Annotated
 
 import typer
 
-from commonrail.cli.console import print_json, say
+from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.options import Json
 from commonrail.cli.output import check_folder
 
 __all__ = ["virtual_bench"]
 
+TRUTH = "virtual-lino-2016"
+
 
 def virtual_bench(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the case.")],
+    folder: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder of the case.")] = None,
     *,
-    seed: Annotated[int, typer.Option(min=0, help="Of the rate meter's noise.")] = 1,
+    truth: Annotated[
+        str, typer.Option(metavar="TRUTH", help="Name of a truth of the bench, or a TOML file of one.")
+    ] = TRUTH,
+    seed: Annotated[int, typer.Option(min=0, help="Of scatter and noise.")] = 1,
+    list_: Annotated[bool, typer.Option("--list", help="List the truths that ship with commonrail.")] = False,
+    show: Annotated[bool, typer.Option("--show", help="Print the truth's file, to copy and change.")] = False,
     json: Json = False,
 ) -> None:
     """Make the synthetic curves of the paper's case.
 
-    The paper's measurements are not published. Curves of a hidden, richer injector, seen through a
-    rate meter, stand in for them in DIR/data.
+    The paper's measurements are not published. Curves of a hidden, richer injector, seen through
+    sensors, stand in for them in DIR/data. The hidden injector, its scatter and the sensors are the
+    declared truth of the bench.
 
     \b
-    Example:
+    Examples:
       commonrail virtual-bench cases/paper --seed 1
+      commonrail virtual-bench --show > my-truth.toml
+      commonrail virtual-bench my-case --truth my-truth.toml
     """
+    if list_ + show + (folder is not None) != 1:
+        raise typer.BadParameter("Give one of DIR, --list and --show.")
+    if list_:
+        _list(json)
+    elif show:
+        _show(truth, json)
+    else:
+        assert folder is not None
+        _write(folder, truth, seed, json)
+
+
+def _list(json: bool) -> None:
+    from commonrail.files.truth_file import load_truth, truth_catalogue
+
+    truths = [load_truth(name) for name in truth_catalogue()]
+    if json:
+        entries = [{"name": t.name, "title": t.title, "injector": t.injector} for t in truths]
+        print_json({"kind": "truths", "truths": entries})
+        return
+    print_rows(["name", "title", "injector"], [[t.name, t.title, t.injector] for t in truths], "truths", texts=3)
+
+
+def _show(source: str, json: bool) -> None:
+    from commonrail.files.truth_file import load_truth
+
+    truth = load_truth(source)
+    if json:
+        facts = [{"name": name, "text": text} for name, text in truth.facts()]
+        print_json({"kind": "truth", "name": truth.name, "title": truth.title, "facts": facts, "text": truth.text})
+        return
+    typer.echo(truth.text, nl=False)
+
+
+def _write(folder: Path, source: str, seed: int, json: bool) -> None:
     from commonrail.files.bench_data import write_bench_data
+    from commonrail.files.truth_file import load_truth
 
     check_folder(folder)
-    say("simulating the test bench with the reference engine; this takes minutes ...")
-    written = write_bench_data(folder, seed)
+    truth = load_truth(source)
+    say("simulating the test bench with the reference engine; the first time its loop is compiled ...")
+    written = write_bench_data(folder, seed, truth)
     if json:
-        print_json({"kind": "virtual-bench", "seed": seed, "files": [str(p) for p in written]})
+        print_json(
+            {"kind": "virtual-bench", "truth": truth.name, "seed": seed, "files": [str(path) for path in written]}
+        )
         return
     for path in written:
         typer.echo(str(path))

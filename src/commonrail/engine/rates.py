@@ -61,6 +61,13 @@ class Drain(NamedTuple):
     behind: float
 
 
+class Feed(NamedTuple):
+    """Pressure at the feed pipe's inlet [Pa] and flow through the Z-hole [kg/s]."""
+
+    inlet: float
+    z_flow: float
+
+
 class Coil(NamedTuple):
     """dφ/dt [V] and dφ_f/dt [V]."""
 
@@ -104,6 +111,35 @@ def inlet_throttled(c: Coefficients, outside: Outside, rail_mass: float, flow: f
     rail = contents(c.fuel, rail_mass, 1.0 / c.rail.volume)
     total = flow + c.control_chamber.z_from_inlet * z_flow
     return rail.pressure - total * abs(total) / (2.0 * rail.density * c.rail.throttle)
+
+
+@physics
+def feed(c: Coefficients, outside: Outside, law: Any, rail_mass: float, flow: float, store: float, low: float) -> Feed:
+    """Inlet and Z-hole of a chamber at pressure `low`, fed from the inlet or from the accumulation at `store` [Pa].
+
+    The Z-hole's flow needs the inlet's pressure, which (rail volume) needs that flow: six rounds converge.
+    """
+    z_flow = 0.0
+    inlet = outside.rail
+    tap = c.control_chamber.z_from_inlet
+    for _ in range(6):
+        inlet = law(c, outside, rail_mass, flow, z_flow)
+        source = tap * inlet + (1.0 - tap) * store
+        z_drive, _ = joints.z_hole_drive(c, source, low)
+        z_flow = jet(z_drive, ambient_density(c.source, source), c.control_chamber.z_offset).mass_flow
+        if tap == 0.0:
+            break
+    return Feed(inlet, z_flow)
+
+
+@physics
+def past_limit(c: Coefficients, peak: float, conducting: float, flux: float, lift: float) -> float:
+    """Positive once the PWM's current has passed the limit at which it switches; relative to its band."""
+    in_peak = peak > 0.5
+    mean = c.drive.peak_current if in_peak else c.drive.hold_current
+    band = c.drive.peak_band if in_peak else c.drive.hold_band
+    over = (solenoid.circuit(c.solenoid, flux, c.valve.lift - lift).current - mean) / band
+    return (over if conducting > 0.5 else -over) - 0.5
 
 
 @physics
@@ -172,13 +208,24 @@ def friction_force(coulomb: float, viscous: float, speed: float) -> float:
 @functools.cache
 def compiled_rates(variant: Variant) -> Callable[..., None]:
     """Function (y, outside, constants, cells, friction, dy) of a variant, compiled."""
-    return kernel(_make_rates(variant), f"rates: {variant.label}")  # type: ignore[no-any-return]
+    return kernel(make_rates(variant), f"rates: {variant.label}")  # type: ignore[no-any-return]
 
 
-def _make_rates(variant: Variant) -> Callable[..., None]:
+def inlet_law(variant: Variant) -> Callable[..., float]:
+    """Law of the pressure at the feed pipe's inlet."""
+    return inlet_ideal if variant.boundary is Boundary.IDEAL else inlet_throttled
+
+
+def tip_index(variant: Variant) -> int:
+    """Where the needle's tip stands after the first entry of the core."""
+    return len(CORE) + (16 if variant.body is Body.FLEXIBLE else 0)
+
+
+def make_rates(variant: Variant) -> Callable[..., None]:
+    """Function (y, outside, constants, cells, friction, dy) of a variant."""
     load = wiring(variant).coefficients.load
     flexible = variant.body is Body.FLEXIBLE
-    inlet_law = inlet_ideal if variant.boundary is Boundary.IDEAL else inlet_throttled
+    inlet = inlet_law(variant)
     coil_law = {
         Drive.REGULATED: regulated,
         Drive.PWM: switched,
@@ -210,17 +257,7 @@ def _make_rates(variant: Variant) -> Callable[..., None]:
         wave = y[line] - c.return_line.impedance * y[line + 1] if cells[1] > 0 else outside.low
         drain = drain_flow(c, chamber.pressure, chamber.density, y[core + 2], wave)
 
-        # the Z-hole's flow needs the inlet's pressure, which (rail volume) needs that flow: six rounds converge
-        z_flow = 0.0
-        inlet = outside.rail
-        tap = c.control_chamber.z_from_inlet
-        for _ in range(6):
-            inlet = inlet_law(c, outside, y[core + 11], y[0], z_flow)
-            feed = tap * inlet + (1.0 - tap) * store.pressure
-            z_drive, _ = joints.z_hole_drive(c, feed, chamber.pressure)
-            z_flow = jet(z_drive, ambient_density(c.source, feed), c.control_chamber.z_offset).mass_flow
-            if tap == 0.0:
-                break
+        entry = feed(c, outside, inlet, y[core + 11], y[0], store.pressure, chamber.pressure)
         guides = c.plunger_needle.guides
         plunger_leak = joints.guide_leak(c, guides.plunger_leak, chamber.pressure, outside.low).mass_flow
         needle_leak = joints.guide_leak(c, guides.needle_leak, store.pressure, outside.low).mass_flow
@@ -237,12 +274,13 @@ def _make_rates(variant: Variant) -> Callable[..., None]:
         dy[core + 1] = coil.pulling
         dy[core + 2] = y[core + 3]
         dy[core + 3] = c.valve.per_mass * (force - damping * y[core + 3])
-        dy[core + 4] = z_flow - drain.flow - plunger_leak
-        dy[core + 5] = y[2 * cells[0]] - seat.mass_flow - (1.0 - tap) * z_flow - needle_leak
+        dy[core + 4] = entry.z_flow - drain.flow - plunger_leak
+        tap = c.control_chamber.z_from_inlet
+        dy[core + 5] = y[2 * cells[0]] - seat.mass_flow - (1.0 - tap) * entry.z_flow - needle_leak
         dy[core + 6] = seat.mass_flow - spray.mass_flow
         dy[core + 8] = spray.mass_flow
         dy[core + 9] = drain.flow + plunger_leak + needle_leak
-        dy[core + 10] = y[0] + tap * z_flow
+        dy[core + 10] = y[0] + tap * entry.z_flow
         dy[core + 11] = -dy[core + 10]
         load_ = plunger_needle.loads(
             guides, c.needle_seat.area, chamber.pressure, store.pressure, sac.pressure, outside.low
@@ -250,7 +288,7 @@ def _make_rates(variant: Variant) -> Callable[..., None]:
         body_rates(c, y, dy, body, load_, friction)
         speed = dy[line - 2]
         dy[core + 7] = -y[core + 7] / RESET_TIME if relaxed else (max(speed, 0.0) if rising else 0.0)
-        pipe_rates(y, dy, 0, cells[0], c, inlet, store.pressure)
+        pipe_rates(y, dy, 0, cells[0], c, entry.inlet, store.pressure)
         return_rates(y, dy, line, cells[1], c, drain.flow, outside.low)
 
     return rates
@@ -311,4 +349,14 @@ def start_vector(variant: Variant, c: Coefficients, state: Any, cells: tuple[int
     return np.concatenate((pipe, core, body, line))
 
 
-__all__ = ["CORE", "compiled_rates", "start_vector"]
+__all__ = [
+    "CORE",
+    "Outside",
+    "compiled_rates",
+    "feed",
+    "inlet_law",
+    "make_rates",
+    "past_limit",
+    "start_vector",
+    "tip_index",
+]

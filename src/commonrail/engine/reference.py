@@ -1,31 +1,33 @@
 """The reference engine: the same equations by SciPy's LSODA, error-controlled, restarted at every switching.
 
 Slow and obvious; the lanes are judged by it. Where LSODA shrinks its step to nothing behind a kink, DOP853 does the
-segment. Pipes are resolved by `cells` finite volumes.
+segment. Pipes are resolved by `cells` finite volumes. On request the explicit march of `explicit` solves instead.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from itertools import pairwise
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from commonrail.engine.operating_point import Course, OperatingPoint, Trace
-from commonrail.engine.rates import CORE, compiled_rates, start_vector
+from commonrail.engine.explicit import Problem, march
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.rates import CORE, Outside, compiled_rates, feed, inlet_law, past_limit, start_vector, tip_index
 from commonrail.engine.simulate import reference_density
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
+from commonrail.engine.timetable import courses, segments, value_at
+from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.joints import CLEAR_LIFT, make_room
 from commonrail.injector.layout import LANES
 from commonrail.injector.model import Setting
-from commonrail.injector.variants import Body, Drive, wiring
+from commonrail.injector.variants import Body, Boundary, Drive, wiring
 from commonrail.parts import drive, nozzle, solenoid
 from commonrail.parts.contents import contents
 from commonrail.parts.plunger_needle import Motion
@@ -37,12 +39,15 @@ class Resolution(NamedTuple):
     """How finely the reference resolves.
 
     `cells` of the feed pipe and of the return line; `relative` tolerance of LSODA, its absolute tolerances are
-    `relative` times a typical value of each state; `longest_step` [s].
+    `relative` times a typical value of each state; `longest_step` [s]. The method "explicit" has a fixed `step` [s]
+    instead of both; if the SAC answers faster than it, the result is wrong and may be finite, so look at half the step.
     """
 
     cells: tuple[int, int] = (240, 120)
     relative: float = 1e-8
     longest_step: float = 2e-6
+    method: Literal["lsoda", "explicit"] = "lsoda"
+    step: float = 5e-8
 
 
 CRAWL = (2000, 0.5e-6)  # LSODA is stuck if so many evaluations take it no further than this [s]; 40 a us are usual
@@ -50,15 +55,6 @@ CRAWL = (2000, 0.5e-6)  # LSODA is stuck if so many evaluations take it no furth
 
 class _Crawling(Exception):
     """LSODA has shrunk its step to nothing, as it sometimes does behind a kink."""
-
-
-class _Segment(NamedTuple):
-    """A stretch of time in which the drive's schedule does not change."""
-
-    start: float
-    stop: float
-    on: float
-    peak: float
 
 
 def simulate_reference(
@@ -80,12 +76,31 @@ def simulate_reference(
     friction : (9, 2), optional
         Coulomb force [N] and viscous coefficient [N s/m] of the guides on each mass (flexible body only); not part
         of the paper's model, used by the virtual test bench.
+
+    Raises
+    ------
+    ConfigurationError
+        If the resolution makes no sense. A simulation that fails returns a `Solution` whose status says so.
     """
-    model = _Model(injector, point, resolution or Resolution(), friction)
+    resolution = resolution or Resolution()
+    _check(resolution)
+    model = _Model(injector, point, resolution, friction)
     samples = max(round(point.duration / sample_interval), 1)
     time: Floats = np.asarray(point.start + sample_interval * np.arange(samples + 1), float)
-    states, opening, closing, finished = model.run(time)
-    return model.solution(time, states, opening, closing, finished)
+    if resolution.method == "explicit":
+        return model.solution(time, *march(model.problem, time, resolution.step))
+    return model.solution(time, *model.run(time))
+
+
+def _check(resolution: Resolution) -> None:
+    if resolution.method not in ("lsoda", "explicit"):
+        raise ConfigurationError(f'The reference\'s method must be "lsoda" or "explicit", not "{resolution.method}".')
+    if min(resolution.cells) < 1:
+        raise ConfigurationError(f"Each pipe needs at least one cell, and {min(resolution.cells)} are asked for.")
+    if not 1e-10 <= resolution.step <= 1e-7:
+        raise ConfigurationError(
+            f"The step of the explicit method must lie between 0.1 ns and 100 ns, not {resolution.step * 1e9:g} ns."
+        )
 
 
 class _Model:
@@ -118,6 +133,11 @@ class _Model:
         self._evaluations, self._looked_at = 0, point.start
         self._last = self.start
 
+    @property
+    def problem(self) -> Problem:
+        """What the explicit march solves."""
+        return Problem(self.variant, self.point, self.c, self.constants, self.cells, self.friction, self.start)
+
     # --- time -------------------------------------------------------------------------------------
 
     def run(self, time: Floats) -> tuple[Floats, float, float, bool]:
@@ -128,12 +148,13 @@ class _Model:
         falls: list[float] = []
         self.outside[5] = 2.0
         now = time[0]
-        for segment in self._segments(time[0], time[-1]):
+        for segment in segments(self.point, self.c.drive.peak_duration, time[0], time[-1]):
             self.outside[3:5] = segment.on, segment.peak
             if not segment.on:
                 self.outside[5] = 2.0
             while now < segment.stop - 1e-15:
-                self._flip_if_past_limit(now, y)
+                if self._past_limit(y) > 1e-9:
+                    self.outside[5] = drive.turned(self.outside[5])
                 inside = time[(time > now) & (time <= segment.stop)]
                 result = self._solve(now, segment.stop, y, inside)
                 if not result.success:
@@ -151,13 +172,13 @@ class _Model:
         return states, *_instants(clears, falls), True
 
     def _solve(self, start: float, stop: float, y: Floats, inside: Floats) -> Any:
-        tip = self._tip_index()
+        tip = self.core + tip_index(self.variant)
 
         def closes(t: float, y: Floats) -> float:
             return float(y[tip])
 
         def switches(t: float, y: Floats) -> float:
-            return self._past_limit(t, y)
+            return self._past_limit(y)
 
         def clears(t: float, y: Floats) -> float:
             return float(y[tip]) - CLEAR_LIFT
@@ -192,20 +213,6 @@ class _Model:
         """
         return len(CORE) + (18 if self.variant.body is Body.FLEXIBLE else 2) + 2
 
-    def _segments(self, start: float, stop: float) -> Sequence[_Segment]:
-        peak = self.c.drive.peak_duration
-        edges = {start, stop}
-        for pulse in self.point.pulses:
-            edges |= {pulse.start, pulse.start + pulse.duration, pulse.start + min(peak, pulse.duration)}
-        inside = sorted(e for e in edges if start <= e <= stop)
-        return [_Segment(a, b, *self._schedule(0.5 * (a + b))) for a, b in pairwise(inside)]
-
-    def _schedule(self, t: float) -> tuple[float, float]:
-        for pulse in self.point.pulses:
-            if pulse.start <= t < pulse.start + pulse.duration:
-                return 1.0, float(t < pulse.start + self.c.drive.peak_duration)
-        return 0.0, 0.0
-
     # --- right-hand side --------------------------------------------------------------------------
 
     def _rhs(self, t: float, y: Floats) -> Floats:
@@ -220,27 +227,13 @@ class _Model:
         return dy
 
     def _set_outside(self, t: float) -> None:
-        point = self.point
-        for i, course in enumerate((point.rail_pressure, point.cylinder_pressure, point.return_pressure)):
-            self.outside[i] = _value(course, t)
-        self.outside[6] = _value(point.drive, t) if point.drive is not None else 0.0
+        at_time = [value_at(course, t) for course in courses(self.point)]
+        self.outside[:3], self.outside[6] = at_time[:3], at_time[3]
 
-    def _past_limit(self, t: float, y: Floats) -> float:
-        """Positive once the PWM's current has passed the limit at which it switches; relative to the band."""
+    def _past_limit(self, y: Floats) -> float:
         if self.variant.drive is not Drive.PWM or not self.outside[3]:
             return -1.0
-        p, in_peak = self.c.drive, self.outside[4] > 0.5
-        mean, band = (p.peak_current, p.peak_band) if in_peak else (p.hold_current, p.hold_band)
-        gap = self.c.valve.lift - y[self.core + 2]
-        current = solenoid.circuit(self.c.solenoid, float(y[self.core]), float(gap)).current
-        return (current - mean) / band - 0.5 if self.outside[5] > 0.5 else (mean - current) / band - 0.5
-
-    def _flip_if_past_limit(self, t: float, y: Floats) -> None:
-        if self._past_limit(t, y) > 1e-9:
-            self.outside[5] = drive.turned(self.outside[5])
-
-    def _tip_index(self) -> int:
-        return self.core + len(CORE) + (16 if self.variant.body is Body.FLEXIBLE else 0)
+        return past_limit(self.c, self.outside[4], self.outside[5], float(y[self.core]), float(y[self.core + 2]))
 
     def _scales(self) -> Floats:
         """Typical size of each state, for absolute tolerances."""
@@ -295,19 +288,35 @@ class _Model:
             return np.array([contents(self.c.fuel, m, 1.0 / v).pressure for m, v in zip(masses, rooms, strict=True)])
 
         gap = self.c.valve.lift - core[:, 2]
+        control = pressure("control_mass", lambda m: make_room(self.c, m).control)
+        store = pressure("store_mass", lambda m: make_room(self.c, m).store)
         return {
             "needle_lift": tip,
             "plunger_lift": top,
             "valve_lift": core[:, 2],
-            "control_pressure": pressure("control_mass", lambda m: make_room(self.c, m).control),
-            "accumulation_pressure": pressure("store_mass", lambda m: make_room(self.c, m).store),
+            "control_pressure": control,
+            "accumulation_pressure": store,
             "sac_pressure": pressure("sac_mass", lambda m: make_room(self.c, m).sac),
+            **self._supply(time, states, store, control),
             "coil_current": np.array(
                 [solenoid.circuit(self.c.solenoid, f, g).current for f, g in zip(core[:, 0], gap, strict=True)]
             ),
             "magnetic_force": np.array([solenoid.pull(self.c.solenoid, f) for f in core[:, 1]]),
             "discharge_coefficient": np.array([nozzle.discharge(self.c.nozzle, z) for z in core[:, 7]]),
         }
+
+    def _supply(self, time: Floats, states: Floats, store: Floats, control: Floats) -> dict[str, Floats]:
+        """Pressure in the rail and at the feed pipe's inlet, which differ where the rail is a volume."""
+        law = inlet_law(self.variant)
+        rail = np.array([value_at(self.point.rail_pressure, t) for t in time])
+        masses = states[:, self.core + CORE.index("rail_mass")]
+        inlet = [
+            feed(self.c, Outside(p, *[0.0] * 6), law, mass, flow, high, low).inlet
+            for p, mass, flow, high, low in zip(rail, masses, states[:, 0], store, control, strict=True)
+        ]
+        if self.variant.boundary is Boundary.VOLUME:
+            rail = np.array([contents(self.c.fuel, m, 1.0 / self.c.rail.volume).pressure for m in masses])
+        return {"rail_pressure": rail, "inlet_pressure": np.array(inlet)}
 
     def _balance(self, states: Floats) -> float:
         """(in − out − stored)/injected."""
@@ -324,10 +333,3 @@ def _instants(clears: list[float], falls: list[float]) -> tuple[float, float]:
     if not clears:
         return float("nan"), float("nan")
     return clears[0], min((t for t in falls if t > clears[-1]), default=float("nan"))
-
-
-def _value(course: Course, t: float) -> float:
-    return float(np.interp(t, course.time, course.value)) if isinstance(course, Trace) else course
-
-
-__all__ = ["Resolution", "simulate_reference"]

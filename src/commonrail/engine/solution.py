@@ -26,8 +26,8 @@ class Solution:
         Mass injected up to a bound [kg].
     channels : dict of str to (samples + 1,)
         Instantaneous values at the bounds: needle_lift, plunger_lift, valve_lift [m], control_pressure,
-        accumulation_pressure, sac_pressure, rail_pressure, return_pressure [Pa], coil_current [A],
-        magnetic_force [N], discharge_coefficient [1].
+        accumulation_pressure, sac_pressure, rail_pressure, return_pressure, inlet_pressure (at the feed pipe; of the
+        reference only) [Pa], coil_current [A], magnetic_force [N], discharge_coefficient [1].
     injected_mass, returned_mass : float
         Per stroke [kg].
     opening, closing : float

@@ -5,15 +5,20 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from commonrail.analysis.virtual_bench import Curve, bench_curves
+from commonrail.analysis.truth import Truth
+from commonrail.analysis.virtual_bench import Curve, bench_curve
 from commonrail.errors import InputError
 from commonrail.files.injector_file import load_injector
+from commonrail.files.truth_file import load_truth
 
-RAIL_PRESSURES = (160e6, 120e6, 80e6)
+__all__ = ["DEFAULT_TRUTH", "ENERGISING_TIME", "RAIL_PRESSURES", "write_bench_data"]
+
+DEFAULT_TRUTH = "virtual-lino-2016"
+RAIL_PRESSURES = (160e6, 120e6, 80e6)  # Sec. 5
 ENERGISING_TIME = 700e-6
 
 
-def write_bench_data(folder: Path, seed: int) -> list[Path]:
+def write_bench_data(folder: Path, seed: int, truth: Truth | None = None) -> list[Path]:
     """Simulate the paper's three injection curves on the virtual test bench and write them to ``folder/data``.
 
     Parameters
@@ -21,31 +26,38 @@ def write_bench_data(folder: Path, seed: int) -> list[Path]:
     folder : Path
         Folder of the case.
     seed : int
-        Of the rate meter's noise: the same seed gives the same files.
+        Of scatter and noise: the same seed gives the same files.
+    truth : Truth, optional
+        `DEFAULT_TRUTH` if left out.
 
     Raises
     ------
     InputError
         If the files cannot be written.
+    SimulationError
+        If the truth cannot be simulated.
     """
-    injector = load_injector("virtual-lino-2016")
-    curves = bench_curves(injector, RAIL_PRESSURES, ENERGISING_TIME, seed)
+    truth = truth or load_truth(DEFAULT_TRUTH)
+    injector = load_injector(truth.injector)
+    curves = [bench_curve(truth, injector, pressure, ENERGISING_TIME, seed) for pressure in RAIL_PRESSURES]
     try:
         (folder / "data").mkdir(parents=True, exist_ok=True)
-        return [_write(folder / "data", curve, seed) for curve in curves]
+        return [_write(folder / "data", curve, seed, truth) for curve in curves]
     except OSError as error:
         raise InputError(f"{folder}: the data cannot be written ({error.strerror}); name another folder.") from error
 
 
-def _write(folder: Path, curve: Curve, seed: int) -> Path:
+def _write(folder: Path, curve: Curve, seed: int, truth: Truth) -> Path:
     mpa = round(curve.rail_pressure * 1e-6)
     path = folder / f"evi_{mpa}MPa.csv"
     with path.open("w", encoding="utf-8", newline="") as stream:
         stream.write("# SYNTHETIC: virtual test bench of commonrail, not a measurement\n")
-        stream.write(f"# rail pressure {mpa} MPa, energising time 700 us, seed {seed}; a row is the mean rate of the\n")
-        stream.write("# 3 us that end at its time, seen through a rate meter with limited bandwidth and noise\n")
+        stream.write(f"# truth {truth.name} ({' '.join(truth.title.split())}), seed {seed}\n")
+        stream.write(f"# asked for: rail pressure {mpa} MPa, energising time {ENERGISING_TIME * 1e6:g} us\n")
+        stream.write("# a row: mean rate over the 3 us that end at its time, and pressure at the injector's inlet at\n")
+        stream.write("# its time, each as its sensor shows it\n")
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["time [us]", "rate [mm3/ms]"])
-        for moment, rate in zip(curve.time, curve.rate, strict=True):
-            writer.writerow([f"{moment * 1e6:.3f}", f"{rate * 1e6:.2f}"])
+        writer.writerow(["time [us]", "rate [mm3/ms]", "rail pressure [MPa]"])
+        for moment, rate, rail in zip(curve.time, curve.rate, curve.rail, strict=True):
+            writer.writerow([f"{moment * 1e6:.3f}", f"{rate * 1e6:.9g}", f"{rail * 1e-6:.9g}"])
     return path

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import csv
 import json
-from collections.abc import Mapping
-from itertools import dropwhile
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from commonrail.calibration.result import result_record
+from commonrail.calibration.result import LABELS, result_record
 from commonrail.calibration.run import Calibration
-from commonrail.calibration.score import RateScore
-from commonrail.calibration.study import RateData
+from commonrail.calibration.score import DataScore, RateScore
+from commonrail.calibration.study import QuantityData, RateData
 from commonrail.errors import InputError
 from commonrail.files.injector_file import dump_injector
+from commonrail.files.traces_file import MEASURED, Curve, Traces, read_traces, write_traces
 
-Floats = NDArray[np.float64]
+__all__ = ["RESULT", "TRACES", "create_run_folder", "rate_curves", "read_folder", "read_run", "write_run"]
 
-_COLUMNS = ("measured", "rigid", "start", "best")
+RESULT, TRACES = "result.json", "traces.csv"
+
+_COLUMNS = (MEASURED, *LABELS)
 
 
 def create_run_folder(path: Path) -> Path:
@@ -55,51 +53,48 @@ def write_run(folder: Path, calibration: Calibration, identified: Mapping[str, M
     notes = {name: f'calibrated by "{title}"' for name in calibration.best}
     dump_injector(calibration.injector, folder / "calibrated.toml", notes)
     record = result_record(calibration, identified)
-    (folder / "result.json").write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    _write_traces(folder / "traces.csv", calibration)
+    (folder / RESULT).write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    _write_traces(folder / TRACES, calibration)
 
 
-def read_run(folder: Path) -> tuple[dict[str, Any], dict[str, dict[str, Floats]]]:
-    """result.json, and per injection curve the arrays time_s and rates [m³/s] by label.
+def read_run(folder: Path) -> tuple[dict[str, Any], Traces]:
+    """result.json, and per injection curve the arrays time_s [s] and rates [m³/s] by label.
 
     Raises
     ------
     InputError
-        If the folder is not a run folder.
+        If the folder is not a run folder, or a file of it is broken.
+    """
+    return read_folder(folder, RESULT, "commonrail calibrate")
+
+
+def read_folder(folder: Path, name: str, made_by: str) -> tuple[dict[str, Any], Traces]:
+    """The record of that name in a folder, and its traces.csv.
+
+    Raises
+    ------
+    InputError
+        If one of them is missing or broken.
     """
     try:
-        record: dict[str, Any] = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-        with (folder / "traces.csv").open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(dropwhile(lambda line: line.startswith("#"), stream)))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{folder}: not a run folder of commonrail calibrate ({error}).") from error
-    traces: dict[str, dict[str, list[float]]] = {}
-    for row in rows:
-        trace = traces.setdefault(row["data"], {"time_s": []})
-        trace["time_s"].append(1e-6 * float(row["time [us]"]))
-        for label in _COLUMNS:
-            text = row[f"{label} [mm3/ms]"]
-            if text:
-                trace.setdefault(label, []).append(1e-6 * float(text))
-    return record, {name: {k: np.array(v) for k, v in t.items()} for name, t in traces.items()}
+        record: dict[str, Any] = json.loads((folder / name).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{folder}: not a run folder of {made_by} ({error}).") from error
+    return record, read_traces(folder / TRACES)
 
 
 def _write_traces(path: Path, calibration: Calibration) -> None:
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        synthetic = calibration.study.synthetic
-        stream.write(f"# Injection curves of: {' '.join(calibration.study.title.split())}\n")
-        stream.write(f"# {'SYNTHETIC: ' + ' '.join(synthetic.split()) if synthetic else 'measured data'}\n")
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["data", "time [us]", *(f"{label} [mm3/ms]" for label in _COLUMNS)])
-        for i, data in enumerate(calibration.study.data):
-            if not isinstance(data, RateData):
-                continue
-            columns = {"measured": data.rate}
-            for label, scores in calibration.scores.items():
-                score = scores[i]
-                if isinstance(score, RateScore):
-                    columns[label] = score.rate
-            middles = 0.5 * (data.bounds[1:] + data.bounds[:-1])
-            for k, moment in enumerate(middles):
-                cells = [repr(float(columns[c][k] * 1e6)) if c in columns else "" for c in _COLUMNS]
-                writer.writerow([data.name, repr(float(moment * 1e6)), *cells])
+    synthetic = calibration.study.synthetic
+    notes = (
+        f"Injection curves of: {calibration.study.title}",
+        f"SYNTHETIC: {synthetic}" if synthetic else "measured data",
+    )
+    write_traces(path, notes, _COLUMNS, rate_curves(calibration.study.data, calibration.scores))
+
+
+def rate_curves(data: Sequence[RateData | QuantityData], scores: Mapping[str, Sequence[DataScore]]) -> Iterator[Curve]:
+    """The injection curves among the data with the simulated ones of every label."""
+    for i, d in enumerate(data):
+        if isinstance(d, RateData):
+            found = {label: s.rate for label, own in scores.items() if isinstance(s := own[i], RateScore)}
+            yield Curve(d.name, d.bounds, {MEASURED: d.rate, **found})

@@ -1,4 +1,4 @@
-"""report.html of a run folder."""
+"""report.html of a run folder: of a calibration or of a comparison."""
 
 from __future__ import annotations
 
@@ -8,24 +8,30 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2 import UndefinedError
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError, OutputError
-from commonrail.files.run_folder import read_run
+from commonrail.files.comparison_folder import COMPARISON, read_comparison
+from commonrail.files.run_folder import RESULT, TRACES, read_run
 from commonrail.report.chart import Figure
+from commonrail.report.comparison import comparison_html
 from commonrail.report.draw import figure_html
 from commonrail.report.figures import convergence_figure, figures_of
-from commonrail.report.headline import headline, parameter_lines
+from commonrail.report.headline import headline, parameter_lines, synthetic_notes
 from commonrail.report.html import render
 from commonrail.report.parameters import parameter_rows
-from commonrail.report.record import Record, check_record
+from commonrail.report.record import Record, check_comparison, check_record, texts_of
 from commonrail.report.rerun import rerun_lines
 from commonrail.report.tables import tables_of
-from commonrail.report.text import duration, listed, significant
+from commonrail.report.text import duration, significant
 
 __all__ = ["report_html", "write_report"]
 
 Floats = NDArray[np.float64]
+
+
+_BROKEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, UndefinedError)
 
 
 def write_report(folder: Path) -> Path:
@@ -34,7 +40,7 @@ def write_report(folder: Path) -> Path:
     Parameters
     ----------
     folder : Path
-        Folder that ``commonrail calibrate`` left.
+        Folder that ``commonrail calibrate`` or ``commonrail compare`` left.
 
     Returns
     -------
@@ -49,13 +55,13 @@ def write_report(folder: Path) -> Path:
         If the disk is full.
     """
     folder = Path(folder)
+    compared = (folder / COMPARISON).is_file()
     try:
-        record, traces = read_run(folder)
-        check_record(record, str(folder))
-        page = report_html(record, traces, folder.as_posix() or "RUN")
-    except (KeyError, TypeError, AttributeError) as error:
+        page = (_compared if compared else _calibrated)(folder)
+    except _BROKEN as error:
+        name, verb = (COMPARISON, "compare") if compared else (RESULT, "calibrate")
         raise InputError(
-            f"{folder}: result.json or traces.csv is incomplete ({type(error).__name__}: {error}); calibrate again."
+            f"{folder}: {name} or {TRACES} is incomplete ({type(error).__name__}: {error}); {verb} again."
         ) from error
     path = folder / "report.html"
     try:
@@ -66,6 +72,16 @@ def write_report(folder: Path) -> Path:
     return path
 
 
+def _calibrated(folder: Path) -> str:
+    record, traces = read_run(folder)
+    return report_html(check_record(record, str(folder)), traces, folder.as_posix() or "RUN")
+
+
+def _compared(folder: Path) -> str:
+    record, traces = read_comparison(folder)
+    return comparison_html(check_comparison(record, str(folder)), traces, folder.as_posix() or "DIR")
+
+
 def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run: str = "RUN") -> str:
     """The page of a result; `run` is the folder's name for the command lines in it."""
     drawn = enumerate(figures_of(record, traces))
@@ -74,12 +90,12 @@ def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run:
         "report.html",
         record=record,
         lines=headline(record),
-        tables=tables_of(record["data"]),
+        tables=tables_of(record["data"], texts_of(record)),
         figures=figures,
         convergence=_convergence(record),
         parameters=parameter_rows(record["parameters"]),
         parameter_lines=parameter_lines(record["parameters"]),
-        synthetic=_synthetic(record),
+        synthetic=synthetic_notes(record),
         commands=rerun_lines(record, run),
         facts=_facts(record),
     )
@@ -90,16 +106,6 @@ def _convergence(record: Record) -> tuple[Figure, str] | None:
         return None
     figure = convergence_figure(record["generations"])
     return figure, figure_html(figure, "convergence")
-
-
-def _synthetic(record: Record) -> list[str]:
-    """What is synthetic: the whole study's note, then what only a data set says, then their names."""
-    texts = [record.get("synthetic", "")]
-    chosen = [d for d in record["data"] if d.get("synthetic")]
-    texts += [d["synthetic"] for d in chosen if d["synthetic"] not in texts[0]]
-    if chosen:
-        texts.append(f"Synthetic data: {listed([d['name'] for d in chosen])}.")
-    return [text for text in texts if text]
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

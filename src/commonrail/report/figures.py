@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.report.chart import BOTH, MARKERS, Figure, Panel, Points, Series
-from commonrail.report.record import LABELS, Record, number, of_kind, origin_of
+from commonrail.report.record import LABELS, Record, Shown, number, of_kind, origin_of, shown_of
 from commonrail.report.text import pressure
 
 __all__ = [
@@ -33,7 +33,8 @@ ENERGISING = "energising time, µs"
 def figures_of(record: Record, traces: Mapping[str, Mapping[str, Floats]]) -> list[Figure]:
     """Figures of a result in the order in which they are read: data first, then the search."""
     data: Sequence[Record] = record["data"]
-    figures = [rate_figure(d, traces[d["name"]]) for d in of_kind(data, "rate")]
+    shown = shown_of(record)
+    figures = [rate_figure(d, traces[d["name"]], shown) for d in of_kind(data, "rate")]
     for quantities in of_kind(data, "quantities"):
         figures += [map_figure(quantities), map_error_figure(quantities)]
         if sum(row["dead_time"] for row in quantities["rows"]) > 1:
@@ -41,7 +42,10 @@ def figures_of(record: Record, traces: Mapping[str, Mapping[str, Floats]]) -> li
     return figures
 
 
-def rate_figure(data: Record, trace: Mapping[str, Floats]) -> Figure:
+CALIBRATED = {label: Shown(text, label) for label, text in LABELS.items()}
+
+
+def rate_figure(data: Record, trace: Mapping[str, Floats], shown: Mapping[str, Shown] = CALIBRATED) -> Figure:
     """Injection curve, data and simulation [mm³/ms], and the errors below, against time [us].
 
     Parameters
@@ -49,14 +53,20 @@ def rate_figure(data: Record, trace: Mapping[str, Floats]) -> Figure:
     data : mapping
         One of the record's data sets of kind "rate".
     trace : mapping of str to (samples,) array
-        "time_s" [s], "measured" and what there is of "rigid", "start", "best" [m³/s].
+        "time_s" [s], "measured" and what there is of the labels [m³/s].
+    shown : mapping of str to Shown
+        Models by label, in order.
     """
     time = _points(trace["time_s"] * MICROSECOND)
     measured = trace["measured"]
-    labels = [label for label in LABELS if label in trace]
     curves = [Series(origin_of(data), "measured", time, _points(measured * MM3_PER_MS))]
-    curves += [Series(LABELS[k], k, time, _points(trace[k] * MM3_PER_MS)) for k in labels]
-    errors = [Series("", k, time, _points((trace[k] - measured) * MM3_PER_MS)) for k in labels]
+    errors = []
+    for label, model in shown.items():
+        if label not in trace:
+            continue
+        rate, error = (_points(y * MM3_PER_MS) for y in (trace[label], trace[label] - measured))
+        curves.append(Series(model.text, model.look, time, rate, family=model.family))
+        errors.append(Series("", model.look, time, error, family=model.family))
     return Figure(
         f"{data['name']} ({data['role']}), {pressure(data['rail_pressure'])}",
         f"Rate of injection, energising time {data['energising_time'] * MICROSECOND:.0f} µs; below, "

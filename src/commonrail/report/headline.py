@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from commonrail.report.record import Record, number, of_kind, of_role
 from commonrail.report.text import fixed, listed, significant
 
-__all__ = ["data_lines", "headline", "parameter_lines"]
+__all__ = ["data_lines", "headline", "parameter_lines", "synthetic_notes"]
 
 MM3 = 1e9  # of 1 m³
 _ROLES = {"fit": "On the fitted data", "validation": "On data that the fit never saw"}
@@ -43,6 +43,16 @@ def parameter_lines(parameters: Sequence[Record]) -> list[str]:
             "part allows it, otherwise read it as something the model lacks."
         )
     return lines
+
+
+def synthetic_notes(record: Record) -> list[str]:
+    """What is synthetic: the whole record's note, then what only a data set says, then their names."""
+    texts = [record.get("synthetic", "")]
+    chosen = [d for d in record["data"] if d.get("synthetic")]
+    texts += [d["synthetic"] for d in chosen if d["synthetic"] not in texts[0]]
+    if chosen:
+        texts.append(f"Synthetic data: {listed([d['name'] for d in chosen])}.")
+    return [text for text in texts if text]
 
 
 def _task(record: Record) -> str:

@@ -1,0 +1,108 @@
+"""commonrail compare: any models beside one another on any data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.options import Json, Threads
+from commonrail.cli.output import writing
+from commonrail.errors import SimulationError
+
+if TYPE_CHECKING:
+    from commonrail.calibration.comparison import Comparison
+
+__all__ = ["compare"]
+
+
+def compare(
+    models: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="MODEL...",
+            help="One to eight: an injector's file, a name of the catalogue, or a run folder of calibrate. Before it "
+            "LABEL= names it; behind it @rigid, @regulated,volume … changes its variant.",
+        ),
+    ],
+    *,
+    data: Annotated[list[Path], typer.Option(metavar="STUDY.toml", help="Study whose data count; repeat it for more.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder for report.html, comparison.json and traces.csv.")
+    ] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Set models beside one another on the data of studies.
+
+    Nothing is fitted: each model is simulated at every point of the data. What fails has no number, and
+    the last table says why. Without --out nothing is written.
+
+    \b
+    Examples:
+      commonrail compare virtual-lino-2016 rigid=virtual-lino-2016@rigid --data cases/paper/study.toml
+      commonrail compare runs/a runs/b --data cases/cri2-16/study.toml --out runs/a-or-b
+    """
+    from commonrail.files.run_folder import create_run_folder
+
+    if out is None:
+        record = _compared(models, data, threads)[1]
+    else:
+        record = _into(create_run_folder(out), lambda: _compared(models, data, threads))
+    if json:
+        print_json(record)
+        return
+    _print(record)
+    if out is not None:
+        typer.echo(f"report: {out / 'report.html'}")
+
+
+def _compared(models: Sequence[str], files: Sequence[Path], threads: int | None) -> tuple[Comparison, dict[str, Any]]:
+    from commonrail.calibration.comparison import compare as run
+    from commonrail.calibration.comparison_record import comparison_record
+    from commonrail.files.model_name import read_model_names
+    from commonrail.files.study_file import load_study
+
+    named = read_model_names(models)
+    studies = [load_study(file) for file in files]
+    say(SIMULATING)
+    comparison = run({model.label: model.injector for model in named}, studies, threads=threads)
+    if not comparison.simulated:
+        first = next(f for found in comparison.failures.values() for points in found for f in points)
+        raise SimulationError(f"No model could be simulated on any of the data. {first.sentence}")
+    texts = {model.label: model.text for model in named}
+    return comparison, comparison_record(comparison, texts, [str(file) for file in files])
+
+
+def _into(folder: Path, run: Callable[[], tuple[Comparison, dict[str, Any]]]) -> dict[str, Any]:
+    """Run a comparison into a new folder, which is taken away again if nothing comes of it."""
+    from commonrail.files.comparison_folder import write_comparison
+    from commonrail.report.build import write_report
+
+    try:
+        comparison, record = run()
+        with writing(folder):
+            write_comparison(folder, comparison, record)
+    except BaseException:
+        with suppress(OSError):
+            folder.rmdir()  # only if nothing was written
+        raise
+    write_report(folder)
+    return record
+
+
+def _print(record: dict[str, Any]) -> None:
+    from commonrail.report.comparison import comparison_lines
+    from commonrail.report.comparison_tables import comparison_tables
+
+    if record["synthetic"]:
+        typer.echo(f"SYNTHETIC: {record['synthetic']}")
+    for line in comparison_lines(record):
+        typer.echo(line)
+    typer.echo("")
+    for table in comparison_tables(record):
+        print_table(table)

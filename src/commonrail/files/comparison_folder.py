@@ -1,0 +1,40 @@
+"""The folder that a comparison leaves behind."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from commonrail.calibration.comparison import Comparison
+from commonrail.files.run_folder import TRACES, rate_curves, read_folder
+from commonrail.files.traces_file import MEASURED, Traces, write_traces
+
+__all__ = ["COMPARISON", "read_comparison", "write_comparison"]
+
+COMPARISON = "comparison.json"
+
+
+def write_comparison(folder: Path, comparison: Comparison, record: Mapping[str, Any]) -> None:
+    """Write comparison.json and traces.csv; J of every curve can be computed again from the latter."""
+    (folder / COMPARISON).write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    synthetic = record["synthetic"]
+    notes = (
+        record["title"],
+        f"SYNTHETIC: {synthetic}" if synthetic else "measured data",
+        "a row is the mean rate of one sample, whose middle is the time; J is the sum of |model - measured|",
+    )
+    curves = rate_curves(comparison.data, comparison.scores)
+    write_traces(folder / TRACES, notes, (MEASURED, *comparison.models), curves)
+
+
+def read_comparison(folder: Path) -> tuple[dict[str, Any], Traces]:
+    """comparison.json, and per injection curve the arrays time_s [s] and rates [m³/s] by label.
+
+    Raises
+    ------
+    InputError
+        If the folder was not left by ``commonrail compare``, or a file of it is broken.
+    """
+    return read_folder(folder, COMPARISON, "commonrail compare")

@@ -1,0 +1,118 @@
+"""traces.csv of a run folder: injection curves of the data and of every model, sample by sample."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from io import StringIO
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.errors import InputError
+from commonrail.files.csv_rows import LARGEST_FILE
+from commonrail.files.text_file import read_text
+
+__all__ = ["MEASURED", "Curve", "Traces", "read_traces", "write_traces"]
+
+Floats = NDArray[np.float64]
+Traces = dict[str, dict[str, Floats]]
+
+MEASURED = "measured"
+TIME = "time_s"
+
+_KEYS = ("data", "time [us]")
+_UNIT = " [mm3/ms]"
+_MM3_PER_MS = 1e6  # of 1 m³/s
+
+
+class Curve(NamedTuple):
+    """A data set: its name, bounds of the samples (n + 1,) [s], and rates (n,) [m³/s] by label, the data's included."""
+
+    data: str
+    bounds: Floats
+    rates: Mapping[str, Floats]
+
+
+def write_traces(path: Path, notes: Iterable[str], labels: Sequence[str], curves: Iterable[Curve]) -> None:
+    """Write curves under comment lines; what a curve does not have, or is not finite, stays empty.
+
+    The digits are those of the numbers themselves: J can be computed again from the file.
+    """
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        stream.writelines(f"# {' '.join(note.split())}\n" for note in notes)
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([*_KEYS, *(label + _UNIT for label in labels)])
+        for curve in curves:
+            writer.writerows(_rows(curve, labels))
+
+
+def _rows(curve: Curve, labels: Sequence[str]) -> Iterator[list[str]]:
+    middles = 0.5e6 * (curve.bounds[1:] + curve.bounds[:-1])
+    for i, moment in enumerate(middles):
+        rates = (float(curve.rates[label][i]) if label in curve.rates else math.nan for label in labels)
+        texts = (repr(rate * _MM3_PER_MS) if math.isfinite(rate) else "" for rate in rates)
+        yield [curve.data, repr(round(float(moment), 6)), *texts]  # 1e-6 us: below any clock
+
+
+def read_traces(path: Path) -> Traces:
+    """By data set the arrays "time_s" [s] and rates [m³/s] by label; NaN where a simulation has no number.
+
+    A label without any number for a data set is left out there.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a row in it is not one of such a file; the message has the line.
+    """
+    rows = _lines(path)
+    _, header = next(rows, (0, []))
+    labels = [cell.removesuffix(_UNIT) for cell in header[len(_KEYS) :]]
+    whole = all(cell.endswith(_UNIT) for cell in header[len(_KEYS) :]) and len({*labels}) == len(labels)
+    if tuple(header[: len(_KEYS)]) != _KEYS or MEASURED not in labels or not whole:
+        raise InputError(f'{path}: the header is not that of curves, "data,time [us],{MEASURED}{_UNIT},…".')
+    lists: dict[str, list[list[float]]] = {}
+    for line, cells in rows:
+        where = f"{path}, line {line}"
+        if len(cells) != len(header):
+            raise InputError(f"{where}: the row has {len(cells)} cells, the header {len(header)}.")
+        values = [_number(text, column, where) for text, column in zip(cells[1:], header[1:], strict=True)]
+        lists.setdefault(cells[0], []).append(values)
+    return {name: _trace(np.array(values), labels) for name, values in lists.items()}
+
+
+def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Rows with the lines on which they end; only lines before the header are comments."""
+    lines = list(StringIO(read_text(path, LARGEST_FILE)))
+    notes = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
+    reader = csv.reader(lines[notes:], strict=True)
+    try:
+        for cells in reader:
+            if cells:
+                yield notes + reader.line_num, cells
+    except csv.Error as error:
+        line = notes + reader.line_num
+        raise InputError(f"{path}, line {line}: the row cannot be read ({error}).") from error
+
+
+def _number(text: str, column: str, where: str) -> float:
+    """A finite number, or NaN for an empty cell of a model."""
+    needed = column in (_KEYS[1], MEASURED + _UNIT)
+    if not needed and text in ("", "nan"):  # "nan": files of early versions
+        return math.nan
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f'{where}, column "{column}": "{text[:40]}" is not a finite number.')
+    return value
+
+
+def _trace(values: Floats, labels: Sequence[str]) -> dict[str, Floats]:
+    rates = {label: values[:, 1 + i] / _MM3_PER_MS for i, label in enumerate(labels)}
+    found = {label: rate for label, rate in rates.items() if np.isfinite(rate).any()}
+    return {TIME: 1e-6 * values[:, 0], **found}

@@ -1,0 +1,101 @@
+"""The page of a comparison: sentences, tables, figures, models."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.report.comparison_figures import comparison_figures
+from commonrail.report.comparison_tables import comparison_tables, difference_table
+from commonrail.report.draw import figure_html
+from commonrail.report.headline import synthetic_notes
+from commonrail.report.html import render
+from commonrail.report.record import Record, number, of_kind, texts_of
+from commonrail.report.tables import limit_text
+from commonrail.report.text import listed, significant
+
+__all__ = ["comparison_commands", "comparison_html", "comparison_lines"]
+
+Floats = NDArray[np.float64]
+
+
+def comparison_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], folder: str = "DIR") -> str:
+    """The page of a comparison; `folder` is its name for the command lines in it."""
+    drawn = enumerate(comparison_figures(record, traces))
+    return render(
+        "comparison.html",
+        record=record,
+        lines=comparison_lines(record),
+        tables=comparison_tables(record),
+        figures=[(figure, figure_html(figure, f"figure-{i}")) for i, figure in drawn],
+        differences=difference_table(record),
+        synthetic=synthetic_notes(record),
+        commands=comparison_commands(record, folder),
+        facts=_facts(record),
+    )
+
+
+def comparison_lines(record: Record) -> list[str]:
+    """What was compared, which model is nearest to which data, and how many points have no number."""
+    labels, data = list(texts_of(record)), record["data"]
+    counts = (_counted(len(labels), "model"), _counted(len(data), "data set"))
+    lines = [f"{counts[0]} on {counts[1]}; nothing was fitted."]
+    if len(labels) > 1:
+        maps = of_kind(data, "quantities")
+        large = f"the least error of the quantities above {limit_text(maps)} mm³" if maps else ""
+        lines += _nearest("the least J", of_kind(data, "rate"), lambda d: d["J"], labels)
+        lines += _nearest(large, maps, _large_errors, labels)
+    failed = sum(len(failures) for d in data for failures in d.get("failures", {}).values())
+    if failed:
+        lines.append(f"{_counted(failed, 'point')} could not be simulated or judged; the last table says why.")
+    return lines
+
+
+def comparison_commands(record: Record, folder: str) -> list[tuple[str, str]]:
+    """Purpose and command line; the first only if the models and studies were named on one."""
+    arguments = [model.get("argument", "") for model in record["models"]]
+    files = [study.get("file", "") for study in record["studies"]]
+    commands = []
+    if all(arguments) and all(files):
+        options = " ".join(f"--data {shlex.quote(file)}" for file in files)
+        models = " ".join(shlex.quote(argument) for argument in arguments)
+        commands.append(("Compare again", f"commonrail compare {models} {options} --out NEW-DIR"))
+    return [*commands, ("Make this report again", f"commonrail report {shlex.quote(folder)}")]
+
+
+def _nearest(
+    what: str, data: Sequence[Record], errors_of: Callable[[Record], Mapping[str, object]], labels: Sequence[str]
+) -> list[str]:
+    """A sentence on which model has the least error of which data sets."""
+    won: dict[str, list[str]] = {}
+    for d in data:
+        errors = errors_of(d)
+        found = {label: value for label in labels if (value := number(errors.get(label))) is not None}
+        if found:
+            won.setdefault(min(found, key=lambda label: found[label]), []).append(d["name"])
+    if not won:
+        return []
+    order = sorted(won, key=lambda label: -len(won[label]))
+    first, *others = (f"“{label}”{{}} on {listed(won[label])}" for label in order)
+    return ["; ".join([first.replace("{}", f" has {what}"), *(part.replace("{}", "") for part in others)]) + "."]
+
+
+def _large_errors(data: Record) -> dict[str, object]:
+    return {label: found.get("rms_large_percent") for label, found in data["figures"].items()}
+
+
+def _counted(count: int, word: str) -> str:
+    return f"{count} {word}{'' if count == 1 else 's'}"
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    steps = dict.fromkeys(f"{significant(study['time_step'], 4, 1e6)} µs" for study in record["studies"])
+    titles = [f"{s['title']}{' (' + s['file'] + ')' if s.get('file') else ''}" for s in record["studies"]]
+    return [
+        ("Data of", "; ".join(titles)),
+        ("Time step", listed(list(steps))),
+        ("Software", ", ".join(f"{name} {version}" for name, version in record.get("software", {}).items())),
+    ]

@@ -1,0 +1,225 @@
+"""A reproduction as one JSON-able record: everything that the report says comes from it."""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from commonrail.calibration.run import Generation
+from commonrail.reproduction import paper
+from commonrail.reproduction.claims import claims
+from commonrail.reproduction.figures import Figures
+from commonrail.reproduction.measures import PHASES, box, spread
+from commonrail.reproduction.paper import Configuration
+from commonrail.reproduction.repetition import LABELS, Found
+from commonrail.reproduction.run import Reproduction
+
+__all__ = ["SCHEMA", "reproduction_record"]
+
+Floats = NDArray[np.float64]
+
+SCHEMA = 1
+MEAN = "mean"
+
+
+def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict[str, Any]:
+    """Record of a reproduction.
+
+    SI units, J in mm³/ms summed over the samples; null where there is no number. Arrays "per seed" are in the order
+    of "seeds".
+    """
+    f = Figures(reproduction.repetitions)
+    bench = reproduction.bench
+    return {
+        "schema": SCHEMA,
+        "kind": "reproduction",
+        "software": {
+            "commonrail": version("commonrail"),
+            "python": platform.python_version(),
+            "numpy": version("numpy"),
+            "numba": version("numba"),
+        },
+        "title": "The study of Lino, Maione, Saponaro, Li (2016) on a virtual test bench",
+        "status": reproduction.status,
+        "quick": quick,
+        "seeds": f.seeds,
+        "asked": reproduction.asked,
+        "time_step": bench.time_step,
+        "synthetic": bench.truth.synthetic,
+        "truth": {"title": bench.truth.title, "facts": [list(fact) for fact in bench.truth.facts()]},
+        "data": _data(f),
+        "labels": LABELS,
+        "J": {name: {label: _numbers(j) for label, j in models.items()} for name, models in f.j.items()},
+        "table1": _table1(f),
+        "table3": [_configuration(f, c) for c in paper.CONFIGURATIONS],
+        "treatments": [_treatment(f, t) for t in paper.TREATMENTS],
+        "convergence": _convergence(f),
+        "search": _search(f),
+        "phases": _phases(f),
+        "edges": _edges(f),
+        "overfitting": {name: _overfitting(f, name) for name in paper.VALIDATION},
+        "claims": [c._asdict() | {"interval": list(c.interval)} for c in claims(f)],
+        "shown_seed": f.seeds[0],
+        "seconds": reproduction.seconds,
+        "simulations": sum(found.injections for r in f.repetitions for found in r.searches),
+    }
+
+
+def _data(f: Figures) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": d.name,
+            "role": d.role.value,
+            "rail_pressure": paper.RAIL_PRESSURES[d.name],
+            "energising_time": paper.ENERGISING_TIME,
+            "samples": len(d.rate),
+        }
+        for d in f.repetitions[0].data
+    ]
+
+
+def _table1(f: Figures) -> list[dict[str, Any]]:
+    values = np.array([r.best.x for r in f.repetitions])
+    rows = []
+    for i, p in enumerate(f.space.parameters):
+        found = [r.identified[p.name] for r in f.repetitions if p.name in r.identified]
+        errors = [e["standard_error"] for e in found if e["standard_error"] is not None]
+        rows.append(
+            {
+                "name": p.name,
+                "symbol": p.name.rpartition(".")[2],
+                "unit": p.unit,
+                "theoretical": p.reference,
+                "paper": paper.TABLE1_OPTIMAL[p.name],
+                "lower": p.lower,
+                "upper": p.upper,
+                "values": _numbers(values[:, i]),
+                **_spread(values[:, i]),
+                "paper_change": paper.TABLE1_OPTIMAL[p.name] / p.reference - 1.0,
+                "change": _spread(f.change[:, i]),
+                "verdicts": f.verdicts(i),
+                "standard_error": _number(spread(errors).median),
+            }
+        )
+    return rows
+
+
+def _configuration(f: Figures, c: Configuration) -> dict[str, Any]:
+    js = {name: f.table3[c][:, i] for i, name in enumerate(paper.RAIL_PRESSURES)} | {MEAN: f.mean_j[c]}
+    spreads = {name: spread(values) for name, values in js.items()}
+    return {
+        "generations": c.generations,
+        "members": c.members,
+        "slots": c.settings.slots,
+        "simulated": [r.table3[c][0].counts.simulated for r in f.repetitions],
+        "J": {name: _numbers(js[name]) for name in paper.RAIL_PRESSURES},
+        "mean": _numbers(js[MEAN]),
+        "median": {name: _number(s.median) for name, s in spreads.items()},
+        "q1": {name: _number(s.q1) for name, s in spreads.items()},
+        "q3": {name: _number(s.q3) for name, s in spreads.items()},
+        "paper": dict(zip(js, paper.TABLE3[c], strict=True)),
+        "note": _READINGS.get(c, ""),
+    }
+
+
+_READINGS = {
+    Configuration(70, 50): "the paper's choice, read as its table is: (Gmax, Npop)",
+    Configuration(50, 70): "the paper's choice read the other way, as its remark that Npop = 70 would have it",
+}
+
+
+def _treatment(f: Figures, t: paper.TreatmentCase) -> dict[str, Any]:
+    found = [r.treatments[t.name] for r in f.repetitions]
+    simulated = np.array([x.counts.simulated for x in found])
+    costs = [x.cost for x in found]
+    return {
+        "name": t.name,
+        "text": t.text,
+        "slots": t.settings.slots,
+        "simulated": simulated.tolist(),
+        "share": _spread(simulated / t.settings.slots),
+        "J": _numbers(costs),
+        **_spread(costs),
+    }
+
+
+def _convergence(f: Figures) -> dict[str, Any]:
+    return {
+        "generation": list(range(paper.BEST.generations + 1)),
+        "best": _band([r.best for r in f.repetitions], "best"),
+        "mean": _band([r.best for r in f.repetitions], "mean"),
+        "level": {"median": _number(spread(f.j[paper.FIT]["theoretical"]).median)},
+        "ninety": _numbers(f.ninety),
+    }
+
+
+def _band(searches: list[Found], which: str) -> dict[str, list[float | None]]:
+    """Median and quartiles over the seeds in each generation."""
+    at = Generation._fields.index(which)
+    table = np.array([[float(g[at]) for g in s.history] for s in searches])
+    spreads = [spread(column) for column in table.T]
+    return {
+        "median": [_number(s.median) for s in spreads],
+        "low": [_number(s.q1) for s in spreads],
+        "high": [_number(s.q3) for s in spreads],
+    }
+
+
+def _search(f: Figures) -> list[dict[str, Any]]:
+    shares = np.array([r.best.members for r in f.repetitions]) / f.space.reference
+    return [
+        {
+            "symbol": p.name.rpartition(".")[2],
+            "seed": box(shares[0, ..., i])._asdict(),
+            "all": box(shares[..., i])._asdict(),
+            "lower": p.lower / p.reference,
+            "upper": p.upper / p.reference,
+            "paper": paper.TABLE1_OPTIMAL[p.name] / p.reference,
+        }
+        for i, p in enumerate(f.space.parameters)
+    ]
+
+
+def _phases(f: Figures) -> dict[str, Any]:
+    each = {name: {k: [_numbers(row) for row in js] for k, js in models.items()} for name, models in f.phases.items()}
+    medians = {
+        name: {k: _numbers(np.median(js, axis=0)) for k, js in models.items()} for name, models in f.phases.items()
+    }
+    return {"names": list(PHASES), "J": each, "median": medians}
+
+
+def _edges(f: Figures) -> dict[str, Any]:
+    return {
+        name: {
+            label: {which: _spread(f.edge_errors(name, label, which)) for which in ("opening", "closing")}
+            for label in LABELS
+        }
+        for name in paper.RAIL_PRESSURES
+    }
+
+
+def _overfitting(f: Figures, name: str) -> dict[str, Any]:
+    return {
+        "fitted_there": _spread(f.own_j(name)),
+        "fitted_at_160": _spread(f.j[name]["optimised"]),
+        "theoretical": _spread(f.j[name]["theoretical"]),
+        "gain_kept": _spread(f.gain_kept(name)),
+    }
+
+
+def _spread(values: ArrayLike) -> Mapping[str, float | None]:
+    return {key: _number(value) for key, value in spread(values)._asdict().items()}
+
+
+def _numbers(values: ArrayLike) -> list[float | None]:
+    return [_number(value) for value in np.asarray(values, float)]
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

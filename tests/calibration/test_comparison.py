@@ -1,0 +1,169 @@
+"""Any injectors on any data: each as if it were alone, and failures that do not spread."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from commonrail.calibration.comparison import Comparison, check_drive, check_labels, compare
+from commonrail.calibration.comparison_record import comparison_record
+from commonrail.calibration.run import validate
+from commonrail.calibration.study import QuantityData, RateData, Study
+from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.status import Status
+from commonrail.errors import ConfigurationError
+from commonrail.files.study_file import load_study
+from commonrail.injector.definition import Injector
+from commonrail.injector.variants import Body, Drive
+
+CASES = Path(__file__).resolve().parents[2] / "cases"
+TAP = Status.NOT_CLOSED_AT_START
+# A valve spring that cannot hold the valve: the injector flows before it is energised.
+WEAK = {"valve.spring_preload": 1.0}
+
+
+@cache
+def paper() -> Study:
+    """The paper's study with its first curve only."""
+    study = load_study(CASES / "paper" / "study.toml")
+    return replace(study, data=study.data[:1])
+
+
+@cache
+def small_map() -> Study:
+    """Two quantities and a dead time of a measured map."""
+    study = load_study(CASES / "cri2-16" / "study.toml")
+    data = study.data[1]
+    assert isinstance(data, QuantityData)
+    rows = [4, 5, len(data.points) - 1]
+    assert data.dead_time[rows].tolist() == [False, False, True]
+    part = replace(
+        data,
+        points=tuple(data.points[i] for i in rows),
+        quantity=data.quantity[rows],
+        dead_time=data.dead_time[rows],
+    )
+    return replace(study, data=(part,))
+
+
+def rigid(injector: Injector) -> Injector:
+    return replace(injector, variant=injector.variant._replace(body=Body.RIGID))
+
+
+@cache
+def mixed() -> Comparison:
+    """Flexible, rigid and an injector that cannot be simulated, on a curve and a map."""
+    own = paper().injector
+    models = {"flexible": own, "stiff": rigid(own), "weak": own.with_values(WEAK)}
+    return compare(models, [paper(), small_map()], threads=1)
+
+
+def test_each_model_has_the_figures_that_it_has_alone() -> None:
+    record = comparison_record(mixed())
+    for study, data in zip((paper(), small_map()), record["data"], strict=True):
+        for label in ("flexible", "stiff"):
+            (alone,) = validate(study, mixed().models[label], threads=1)
+            if data["kind"] == "rate":
+                assert data["J"][label] == alone["J"]["best"]
+                assert data["volume"][label] == alone["volume"]["best"]
+            else:
+                assert [row[label] for row in data["rows"]] == [row["best"] for row in alone["rows"]]
+                assert data["figures"][label] == alone["figures"]["best"]
+
+
+def test_a_rigid_body_is_not_the_flexible_one() -> None:
+    curve = comparison_record(mixed())["data"][0]
+    assert curve["J"]["stiff"] > 2.0 * curve["J"]["flexible"]  # the paper's Fig. 6: largest errors
+
+
+def test_a_model_that_fails_has_no_number_and_a_reason_at_every_point() -> None:
+    curve, quantities = comparison_record(mixed())["data"]
+    assert curve["J"]["weak"] is curve["J_relative"]["weak"] is curve["volume"]["weak"] is None
+    (failure,) = curve["failures"]["weak"]
+    assert (failure["status"], failure["sentence"]) == (TAP.name, TAP.sentence)
+    assert (failure["rail_pressure"], failure["energising_time"]) == (curve["rail_pressure"], 700e-6)
+    assert [row["weak"] for row in quantities["rows"]] == [None] * 3
+    assert [f["status"] for f in quantities["failures"]["weak"]] == [TAP.name] * 2 + ["NO_DEAD_TIME"]
+    assert curve["failures"]["flexible"] == curve["failures"]["stiff"] == []
+
+
+def test_whether_anything_was_simulated_is_known() -> None:
+    assert mixed().simulated
+    assert not compare({"weak": paper().injector.with_values(WEAK)}, paper(), threads=1).simulated
+
+
+def test_data_of_the_same_name_are_told_apart() -> None:
+    data = compare({"a": paper().injector}, [paper(), small_map(), paper()], threads=1).data
+    assert [d.name for d in data] == ["160 MPa (study 1)", "map 120 MPa", "160 MPa (study 3)"]
+
+
+def test_each_study_keeps_its_time_step() -> None:
+    coarse = replace(paper(), time_step=2e-6)
+    scores = compare({"a": paper().injector}, [paper(), coarse], threads=1).scores["a"]
+    (alone,) = compare({"a": paper().injector}, coarse, threads=1).scores["a"]
+    np.testing.assert_array_equal(scores[1].rate, alone.rate)  # type: ignore[union-attr]
+    assert not np.array_equal(scores[0].rate, scores[1].rate)  # type: ignore[union-attr]
+
+
+def test_the_record_tells_what_differs_and_what_is_synthetic() -> None:
+    record = comparison_record(mixed(), {"weak": "weak=x.toml"}, ["a.toml"])
+    (difference,) = record["differences"]
+    assert difference["name"] == "valve.spring_preload"
+    assert difference["values"]["weak"] == 1.0
+    assert record["models"][2]["argument"] == "weak=x.toml"
+    assert [study["file"] for study in record["studies"]] == ["a.toml", ""]
+    assert paper().injector.synthetic in record["synthetic"]
+    assert paper().data[0].synthetic in record["synthetic"]
+    measured = compare({"a": small_map().injector}, small_map(), threads=1)
+    assert comparison_record(measured)["synthetic"] == ""
+
+
+def test_the_injector_of_the_study_does_not_make_measured_data_synthetic() -> None:
+    study = replace(small_map(), injector=paper().injector)
+    assert comparison_record(compare({"a": small_map().injector}, study, threads=1))["synthetic"] == ""
+
+
+@pytest.mark.parametrize(
+    ("labels", "words"),
+    [
+        ([], "not 0"),
+        ([str(i) for i in range(9)], "Between 1 and 8 models can be compared at a time, not 9"),
+        (["measured"], '"measured" cannot be the label'),
+        (["rail_pressure"], '"rail_pressure" cannot be the label'),
+        ([" "], "cannot be the label"),
+        (["a\nb"], "cannot be the label"),
+    ],
+)
+def test_labels_that_cannot_be_carried_are_refused(labels: list[str], words: str) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        check_labels(labels)
+
+
+def driven(drive: Drive) -> Injector:
+    own = paper().injector
+    return replace(own, variant=own.variant._replace(drive=drive))
+
+
+def test_a_drive_by_a_trace_needs_the_trace() -> None:
+    with pytest.raises(ConfigurationError, match=r'a: the injector is driven by a current trace.*"160 MPa" has none'):
+        compare({"a": driven(Drive.CURRENT)}, paper())
+
+
+@pytest.mark.parametrize(
+    ("model", "fits"),
+    [(Drive.CURRENT, True), (Drive.VOLTAGE, False), (Drive.REGULATED, True), (Drive.PWM, True)],
+)
+def test_a_measured_current_is_no_voltage(model: Drive, fits: bool) -> None:
+    (data,) = paper().data
+    assert isinstance(data, RateData)
+    point: OperatingPoint = replace(data.point, drive=Trace((0.0, 1e-3), (0.0, 20.0)))
+    study = replace(paper(), injector=driven(Drive.CURRENT), data=(replace(data, point=point),))
+    if fits:
+        check_drive(driven(model), study, "a")
+    else:
+        with pytest.raises(ConfigurationError, match="driven by a voltage trace"):
+            check_drive(driven(model), study, "a")

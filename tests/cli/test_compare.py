@@ -1,0 +1,163 @@
+"""commonrail compare, and the labels of validate."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail.files.injector_file import dump_injector, load_injector
+from commonrail.injector.variants import Drive
+from tests.cli.conftest import Command
+
+NAME = "virtual-lino-2016"
+CASE = Path(__file__).resolve().parents[2] / "cases" / "paper" / "study.toml"
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Three models, one of which fails, on the paper's case, compared once into a folder."""
+    from typer.testing import CliRunner
+
+    from commonrail.cli.app import app
+
+    folder = tmp_path_factory.mktemp("compare")
+    weak = folder / "weak.toml"
+    dump_injector(load_injector(NAME).with_values({"valve.spring_preload": 1.0}), weak)
+    arguments = [NAME, f"stiff, one mass={NAME}@rigid", str(weak), "--data", str(CASE), "--threads", "1"]
+    out = folder / "out"
+    result = CliRunner().invoke(app, ["compare", *arguments, "--out", str(out)])
+    assert result.exit_code == 0, result.stderr
+    return {"arguments": arguments, "folder": out, "out": result.stdout}
+
+
+def record_of(done: dict[str, Any]) -> dict[str, Any]:
+    """comparison.json."""
+    loaded: dict[str, Any] = json.loads((done["folder"] / "comparison.json").read_text(encoding="utf-8"))
+    return loaded
+
+
+def test_the_folder_is_complete(done: dict[str, Any]) -> None:
+    assert {p.name for p in done["folder"].iterdir()} == {"comparison.json", "traces.csv", "report.html"}
+    assert list(record_of(done)["labels"]) == [NAME, "stiff, one mass", "weak"]
+
+
+def test_j_can_be_computed_again_from_the_curves_alone(done: dict[str, Any]) -> None:
+    lines = (done["folder"] / "traces.csv").read_text(encoding="utf-8").splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    data = {d["name"]: d for d in record_of(done)["data"]}
+    assert {row["data"] for row in rows} == set(data) == {"160 MPa", "120 MPa", "80 MPa"}
+    for name, d in data.items():
+        own = [row for row in rows if row["data"] == name]
+        assert len(own) == d["samples"] == 520
+        for label in (NAME, "stiff, one mass"):
+            j = sum(abs(float(row[f"{label} [mm3/ms]"]) - float(row["measured [mm3/ms]"])) for row in own)
+            # every number has all its digits: what is left is the rounding of sums of 520
+            assert j == pytest.approx(d["J"][label], rel=1e-12)
+        assert {row["weak [mm3/ms]"] for row in own} == {""}
+
+
+def test_stdout_has_the_tables_and_what_is_synthetic(done: dict[str, Any]) -> None:
+    assert done["out"].startswith("SYNTHETIC: ")
+    for words in ("Error J of the injection curves", "stiff, one mass", "★", "Points without a number", "report: "):
+        assert words in done["out"]
+
+
+def test_the_report_can_be_made_again(command: Command, done: dict[str, Any]) -> None:
+    report = done["folder"] / "report.html"
+    before = report.read_text(encoding="utf-8")
+    report.unlink()
+    assert command("report", done["folder"]).out == f"{report}\n"
+    assert report.read_text(encoding="utf-8") == before
+
+
+def test_json_is_the_record_and_nothing_is_written(
+    command: Command, done: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = command("compare", *done["arguments"], "--json")
+    assert found.status == 0
+    assert found.record == record_of(done)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_used_folder_is_not_touched(command: Command, done: dict[str, Any]) -> None:
+    before = {p.name: p.stat().st_mtime_ns for p in done["folder"].iterdir()}
+    found = command("compare", *done["arguments"], "--out", done["folder"])
+    assert (found.status, found.out) == (2, "")
+    assert "name another folder with --out" in found.sentence
+    assert {p.name: p.stat().st_mtime_ns for p in done["folder"].iterdir()} == before
+
+
+def test_if_nothing_can_be_simulated_it_ends_with_4_and_leaves_nothing(
+    command: Command, done: dict[str, Any], tmp_path: Path
+) -> None:
+    found = command("compare", done["arguments"][2], "--data", CASE, "--out", tmp_path / "x")
+    assert (found.status, found.out) == (4, "")
+    assert found.sentence.startswith("No model could be simulated on any of the data. Needle or valve does not rest")
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(
+    ("models", "words"),
+    [
+        (("nothing",), "no such file, run folder or injector"),
+        ((f"{NAME}@rigit",), 'did you mean "rigid"'),
+        ((f"a={NAME}", f"a={NAME}"), 'two models with the label "a"'),
+        ((NAME,) * 9, "Between 1 and 8 models"),
+        ((f"{NAME}@current-trace",), "driven by a current trace"),
+    ],
+)
+def test_what_cannot_be_compared_is_one_sentence(
+    command: Command, tmp_path: Path, models: tuple[str, ...], words: str
+) -> None:
+    found = command("compare", *models, "--data", CASE, "--out", tmp_path / "x")
+    assert (found.status, found.out) == (2, "")
+    assert words in found.sentence
+    assert not (tmp_path / "x").exists()
+
+
+def test_data_must_be_named(command: Command) -> None:
+    found = command("compare", NAME)
+    assert found.status == 2
+    assert "--data" in found.err
+
+
+def test_validate_calls_an_injector_by_its_name(command: Command) -> None:
+    found = command("validate", CASE, "--injector", NAME)
+    assert found.status == 0
+    assert NAME in found.out
+    assert "calibrated" not in found.out
+
+
+def test_validate_refuses_a_drive_that_the_data_do_not_have(command: Command, tmp_path: Path) -> None:
+    own = load_injector(NAME)
+    dump_injector(replace(own, variant=own.variant._replace(drive=Drive.VOLTAGE)), tmp_path / "driven.toml")
+    found = command("validate", CASE, "--injector", tmp_path / "driven.toml")
+    assert (found.status, found.out) == (2, "")
+    assert 'driven by a voltage trace, and the data set "160 MPa" has none' in found.sentence
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("traces.csv", "data,time [us],measured [mm3/ms]\na,1.0,oops\n", 'line 2, column "measured [mm3/ms]": "oops"'),
+        ("traces.csv", "data,time [us]\n", "the header is not that of curves"),
+        ("traces.csv", "", "the header is not that of curves"),
+        ("comparison.json", "[" * 100_000, "not a run folder of commonrail compare"),
+        ("comparison.json", "{}", "is not the result of commonrail compare"),
+    ],
+)
+def test_a_broken_folder_is_one_sentence(
+    command: Command, done: dict[str, Any], tmp_path: Path, name: str, text: str, words: str
+) -> None:
+    for file in ("comparison.json", "traces.csv"):
+        (tmp_path / file).write_bytes((done["folder"] / file).read_bytes())
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    found = command("report", tmp_path)
+    assert (found.status, found.out) == (2, "")
+    assert words in found.sentence

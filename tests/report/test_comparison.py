@@ -1,0 +1,110 @@
+"""The page of a comparison: complete, safe, and made again from its folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail.errors import InputError
+from commonrail.report.build import write_report
+from commonrail.report.comparison import comparison_commands, comparison_html, comparison_lines
+from commonrail.report.draw import plotly_script
+from tests.report.comparison_samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces, fail
+from tests.report.test_build import EVIL, Page, poison
+
+
+def test_the_sentences_say_who_is_nearest_to_what() -> None:
+    record = compared_rates()
+    record["data"][2]["J"][OLD] = 1.0
+    assert comparison_lines(record) == [
+        "3 models on 3 data sets; nothing was fitted.",
+        f"“{NEW}” has the least J on EVI 160 MPa and EVI 120 MPa; “{OLD}” on EVI 80 MPa.",
+    ]
+
+
+def test_maps_are_judged_by_their_large_quantities_and_failures_are_counted() -> None:
+    record = compared_maps()
+    fail(record, OLD, "No.")
+    first, nearest, failed = comparison_lines(record)
+    assert first == "2 models on 2 data sets; nothing was fitted."
+    assert nearest == f"“{NEW}” has the least error of the quantities above 3 mm³ on map and map at 80 MPa."
+    assert failed.startswith("2 points could not be simulated or judged")
+
+
+def test_a_single_model_is_the_nearest_to_nothing() -> None:
+    record = compared_rates()
+    record["labels"] = {OLD: OLD}
+    assert comparison_lines(record) == ["1 model on 3 data sets; nothing was fitted."]
+
+
+def test_the_command_line_is_quoted() -> None:
+    commands = [command for _, command in comparison_commands(compared_maps(), "a b")]
+    assert commands == [
+        f"commonrail compare {OLD}=runs/0 '{NEW}=runs/1' --data 'my study.toml' --out NEW-DIR",
+        "commonrail report 'a b'",
+    ]
+
+
+def test_without_arguments_no_command_is_made_up() -> None:
+    record = compared_maps()
+    record["models"][0]["argument"] = ""
+    assert [purpose for purpose, _ in comparison_commands(record, "a")] == ["Make this report again"]
+
+
+def test_tables_figures_models_and_data_are_there() -> None:
+    record = compared_rates()
+    page = Page(comparison_html(record, compared_traces(record)))
+    assert page.count("div", **{"class": "plotly-graph-div"}) == 3
+    for words in (OLD, NEW, STIFF, "★ 171.5", "Injector 2", "Parameters that differ", "virtual test bench, seed 1"):
+        assert words in page.text.replace("\N{NO-BREAK SPACE}", " ")
+    assert "Synthetic, not measured" in page.text
+    assert "Calibration" not in page.text
+
+
+def test_no_text_of_the_record_becomes_markup() -> None:
+    record = poison(compared_maps())
+    record["kind"] = "comparison"
+    text = comparison_html(record, {})
+    assert EVIL not in text.replace(plotly_script(), "")
+    assert EVIL in Page(text).text
+
+
+def folder_of(path: Path, record: dict[str, Any]) -> Path:
+    """Folder with a record and no curves."""
+    path.mkdir()
+    (path / "comparison.json").write_text(json.dumps(record), encoding="utf-8")
+    (path / "traces.csv").write_text("data,time [us],measured [mm3/ms]\n", encoding="utf-8")
+    return path
+
+
+def test_the_page_is_made_again_from_its_folder(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path / "a", compared_maps())
+    page = Page(write_report(folder).read_text(encoding="utf-8"))
+    assert "Comparison report of commonrail" in page.text
+    assert f"commonrail report {folder}" in page.text
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"kind": "calibration"}, r"comparison\.json is not the result of commonrail compare"),
+        ({"schema": 2}, "has schema 2 and this version reads 1.* compare again"),
+        ({"models": [{}]}, "is incomplete.* compare again"),
+        ({"labels": {"x": "x"}, "data": [{"kind": "rate"}]}, "is incomplete"),
+        ({"studies": [{}]}, "is incomplete"),
+    ],
+)
+def test_a_record_that_cannot_be_read_says_why(tmp_path: Path, change: dict[str, Any], words: str) -> None:
+    folder = folder_of(tmp_path / "a", compared_maps() | change)
+    with pytest.raises(InputError, match=words):
+        write_report(folder)
+
+
+def test_a_missing_key_is_named(tmp_path: Path) -> None:
+    record = compared_maps()
+    del record["differences"]
+    with pytest.raises(InputError, match='lacks "differences"; compare again'):
+        write_report(folder_of(tmp_path / "a", record))

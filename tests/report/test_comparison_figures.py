@@ -1,0 +1,109 @@
+"""Figure data of a comparison: one family for each model, in every figure the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from commonrail.report.comparison_figures import (
+    comparison_figures,
+    dead_times_compared,
+    map_compared,
+    map_errors_compared,
+)
+from commonrail.report.draw import draw
+from commonrail.report.record import shown_of
+from tests.report.comparison_samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces
+
+
+def test_every_figure_can_be_drawn_and_names_no_role() -> None:
+    record = compared_rates()
+    figures = comparison_figures(record, compared_traces(record))
+    figures += comparison_figures(compared_maps(), {})
+    assert len(figures) == 3 + 5  # dead times of one map only
+    for figure in figures:
+        draw(figure, 300)
+        assert "fit" not in figure.title
+    assert figures[0].title == "EVI 160 MPa"  # its rail pressure is in its name
+
+
+def test_curves_and_errors_of_a_model_share_a_family_and_a_dash() -> None:
+    record = compared_rates()
+    rate, error = comparison_figures(record, compared_traces(record))[0].panels
+    looks = [(s.look, s.family) for s in rate.series]
+    assert looks == [("measured", None), ("solid", 0), ("dash", 1), ("dot", 2)]
+    assert [(s.look, s.family) for s in error.series] == looks[1:]
+    assert [s.label for s in rate.series] == ["synthetic", OLD, NEW, STIFF]
+
+
+@pytest.mark.parametrize("name", ["rigid", "best"])
+def test_a_label_that_a_calibration_also_uses_gets_a_family_too(name: str) -> None:
+    record = compared_rates()
+    record["labels"] = {name: name}
+    assert shown_of(record)[name].family == 0
+
+
+def test_eight_models_can_be_told_apart_by_colour_and_marker_or_dash() -> None:
+    shown = shown_of({"kind": "comparison", "labels": {str(i): str(i) for i in range(8)}})
+    assert len({model.family for model in shown.values()}) == 8
+    assert {model.look for model in shown.values()} == {"solid", "dash", "dot", "dashdot"}
+
+
+def test_a_map_has_a_gap_between_rail_pressures() -> None:
+    record = compared_maps()
+    (panel,) = map_compared(record["data"][0], shown_of(record)).panels
+    old, new, measured = panel.series
+    assert [i for i, y in enumerate(old.y) if y is None] == [7]  # after 40 MPa
+    assert old.x[7] is None
+    assert measured.mode == "markers"
+    assert measured.y[-1] == pytest.approx(148.31)
+    assert new.y[-1] == pytest.approx(148.31 * (1.0 + 0.15 / 7) + 0.1)  # as samples.py makes it
+
+
+def test_map_errors_are_relative_above_the_limit_and_absolute_below() -> None:
+    record = compared_maps()
+    large, small = map_errors_compared(record["data"][0], shown_of(record)).panels
+    assert (large.y_title, small.y_title) == ("error, %", "error, mm³")
+    assert small.series[1].y[0] == pytest.approx(0.24 * 0.15 + 0.1)
+    assert large.series[1].y[0] == pytest.approx(100.0 * (-0.15 / 4 + 0.1 / 4.20))
+    assert [s.label for s in small.series] == ["", ""]  # the upper panel has the legend
+
+
+def test_a_model_without_any_number_is_not_in_the_legend() -> None:
+    record = compared_maps()
+    data, shown = record["data"][0], shown_of(record)
+    for row in data["rows"]:
+        row[OLD] = None
+    for figure in (map_compared(data, shown), map_errors_compared(data, shown), dead_times_compared(data, shown)):
+        assert OLD not in [s.label for panel in figure.panels for s in panel.series]
+
+
+def test_a_curve_that_failed_is_left_out() -> None:
+    record = compared_rates()
+    traces = compared_traces(record)
+    del traces["EVI 160 MPa"][OLD]
+    (rate, _) = comparison_figures(record, traces)[0].panels
+    assert [s.label for s in rate.series] == ["synthetic", NEW, STIFF]
+
+
+def test_a_map_of_large_quantities_only_has_one_panel_of_errors() -> None:
+    record = compared_maps()
+    data = record["data"][0]
+    data["rows"] = [row for row in data["rows"] if row["measured"] > 3e-9 and not row["dead_time"]]
+    (panel,) = map_errors_compared(data, shown_of(record)).panels
+    assert panel.y_title == "error, %"
+
+
+def test_a_map_of_dead_times_only_has_no_figure_of_quantities() -> None:
+    record = compared_maps()
+    for d in record["data"]:
+        d["rows"] = [row for row in d["rows"] if row["dead_time"]]
+    assert [figure.title for figure in comparison_figures(record, {})] == ["Dead times of map"]
+
+
+def test_dead_times_stand_against_rail_pressure() -> None:
+    record = compared_maps()
+    (panel,) = dead_times_compared(record["data"][0], shown_of(record)).panels
+    assert panel.series[-1].x == pytest.approx((40.0, 160.0))
+    assert panel.series[0].y == pytest.approx((313.0, 259.0))
+    assert np.all(np.array(panel.series[1].y) < np.array(panel.series[0].y))

@@ -1,0 +1,148 @@
+"""Verdicts over the seeds: each claim must be able to hold, to fail, and to stay open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+from commonrail.reproduction import paper
+from commonrail.reproduction.claims import FAILS, HOLDS, OPEN, Claim, claims
+from commonrail.reproduction.measures import PHASES
+from commonrail.reproduction.repetition import LABELS
+
+N = 20
+RNG = np.random.default_rng(3)
+PRESSURES = tuple(paper.RAIL_PRESSURES)
+J = {"rigid": 8000.0, "theoretical": 800.0, "paper": 300.0, "optimised": 160.0}
+
+
+def each(value: float) -> np.ndarray:
+    """A little scatter around a value."""
+    return value * (1.0 + 0.01 * RNG.random(N))
+
+
+@dataclass
+class Sample:
+    """Figures of twenty seeds in which every claim holds."""
+
+    seeds: list[int] = field(default_factory=lambda: list(range(N)))
+    j: dict = field(default_factory=lambda: {p: {k: each(v) for k, v in J.items()} for p in PRESSURES})
+    ninety: np.ndarray = field(default_factory=lambda: np.full(N, 12.0))
+    k6_high: np.ndarray = field(default_factory=lambda: np.full(N, 0.7))
+    opening: float = 20e-6
+    closing: float = -20e-6
+    kept: float = 0.8
+    best: float = 150.0
+    cheap: float = 165.0
+    change: np.ndarray = field(
+        default_factory=lambda: np.tile([1.5, 0.02, 0.02, 0.5, 0.1, 0.9, 0.1], (N, 1)),
+    )
+    phases: dict = field(
+        default_factory=lambda: {
+            p: {k: np.tile(np.array([0.0, 0.4, 0.1, 0.5]) * J[k], (N, 1)) for k in LABELS} for p in PRESSURES
+        }
+    )
+    pinned: str = "pinned down"
+
+    @property
+    def mean_j(self) -> dict[paper.Configuration, np.ndarray]:
+        return {c: each(self.best if c == paper.BEST else 160.0) for c in paper.CONFIGURATIONS}
+
+    @property
+    def validation_j(self) -> dict[paper.Configuration, np.ndarray]:
+        return {c: each(self.cheap if c == paper.CONFIGURATIONS[0] else 155.0) for c in paper.CONFIGURATIONS}
+
+    def edge_errors(self, name: str, label: str, which: str) -> np.ndarray:
+        assert (name in PRESSURES, label) == (True, "rigid")
+        return np.full(N, getattr(self, which))
+
+    def gain_kept(self, name: str) -> np.ndarray:
+        assert name in paper.VALIDATION
+        return np.full(N, self.kept)
+
+    def verdicts(self, parameter: int) -> dict[str, int]:
+        assert 0 <= parameter < 7
+        return {self.pinned: N}
+
+
+def claim(sample: Sample, name: str) -> Claim:
+    return next(c for c in claims(sample) if c.id == name)  # type: ignore[arg-type]
+
+
+def test_every_claim_holds_where_all_seeds_say_so() -> None:
+    for c in claims(Sample()):  # type: ignore[arg-type]
+        assert (c.id, c.verdict, c.of) == (c.id, HOLDS, N)
+
+
+def test_the_interval_is_the_exact_one() -> None:
+    c = claim(Sample(), "rapid")
+    # Clopper and Pearson for 20 of 20: (α/2)^(1/n) to 1
+    assert c.interval == pytest.approx((0.025 ** (1.0 / N), 1.0), rel=1e-9)
+
+
+def with_ordering(wrong: int) -> Sample:
+    sample = Sample()
+    sample.j["80 MPa"]["optimised"][:wrong] = 900.0
+    return sample
+
+
+@pytest.mark.parametrize(("wrong", "verdict"), [(2, HOLDS), (3, OPEN), (17, OPEN), (18, FAILS)])
+def test_nine_in_ten_seeds_decide(wrong: int, verdict: str) -> None:
+    sample = with_ordering(wrong)
+    assert claim(sample, "ordering-80MPa").verdict == verdict
+    assert claim(sample, "ordering-80MPa").true_in == N - wrong
+    assert claim(sample, "ordering-120MPa").verdict == HOLDS
+
+
+def flat(**changes: object) -> Sample:
+    return replace(Sample(), **changes)  # type: ignore[arg-type]
+
+
+SLOW = np.full(N, 36.0)
+ALL_UP = np.tile([1.5, 0.5, 0.02, 0.5, 0.1, 0.9, 0.1], (N, 1))
+NOT_FAR = np.tile([1.5, 0.02, 0.02, 0.5, 0.1, 0.3, 0.1], (N, 1))
+SOFTER = np.tile([1.5, -0.02, 0.02, 0.5, 0.1, 0.9, 0.1], (N, 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "sample"),
+    [
+        ("rapid", flat(ninety=SLOW)),
+        ("best-configuration", flat(best=170.0)),
+        ("cheap-configuration", flat(cheap=140.0)),
+        ("stiffer", flat(change=SOFTER)),
+        ("near-theory", flat(change=ALL_UP)),
+        ("far-from-theory", flat(change=NOT_FAR)),
+        ("k6-at-maximum", flat(k6_high=np.full(N, 0.3))),
+        ("rigid-late", flat(opening=-1e-6)),
+        ("rigid-early", flat(closing=1e-6)),
+        ("no-overfitting", flat(kept=0.4)),
+    ],
+)
+def test_a_claim_fails_on_its_own_measure(name: str, sample: Sample) -> None:
+    assert [c.id for c in claims(sample) if c.verdict == FAILS] == [name]  # type: ignore[arg-type]
+
+
+def test_phases_decide_their_claims() -> None:
+    sample = Sample()
+    sample.phases["160 MPa"]["theoretical"][:, PHASES.index("0.4–0.8 ms")] = 700.0
+    assert claim(sample, "theoretical-phases").verdict == FAILS
+    sample = Sample()
+    sample.phases["80 MPa"]["optimised"][:, 1] = 700.0
+    found = claim(sample, "optimised-everywhere")
+    assert found.verdict == FAILS
+    assert "80 MPa, 0–0.4 ms" in found.figure
+
+
+def test_configurations_that_differ_by_chance_leave_the_claim_open() -> None:
+    found = claim(flat(best=160.0), "best-configuration")
+    assert found.verdict == OPEN
+    assert "chance" in found.figure
+
+
+def test_a_stiffness_that_is_not_pinned_down_is_said_to_be_so() -> None:
+    found = claim(flat(pinned="pinned only in combination"), "near-theory")
+    assert "only together" in found.comment
+    assert "only together" not in claim(Sample(), "near-theory").comment

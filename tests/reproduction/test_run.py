@@ -1,0 +1,134 @@
+"""Whole repetitions on the virtual test bench: same bits on any threads, J from the files, truth found, Ctrl-C."""
+
+from __future__ import annotations
+
+import csv
+import json
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from commonrail.calibration.interrupt import _ask
+from commonrail.calibration.objective import Objective
+from commonrail.calibration.run import calibrate
+from commonrail.calibration.study import Method, Study
+from commonrail.errors import ConfigurationError
+from commonrail.files.injector_file import load_injector
+from commonrail.files.reproduction_folder import read_reproduction, write_reproduction
+from commonrail.files.truth_file import load_truth
+from commonrail.reproduction import paper
+from commonrail.reproduction.record import reproduction_record
+from commonrail.reproduction.repetition import LABELS, Bench, measure, search
+from commonrail.reproduction.run import Progress, Reproduction, reproduce
+
+
+def bench(truth: str) -> Bench:
+    declared = load_truth(truth)
+    return Bench(declared, load_injector(declared.injector), 1e-6)
+
+
+@pytest.fixture(scope="module")
+def done() -> Reproduction:
+    """Two repetitions on two threads."""
+    return reproduce(bench("virtual-lino-2016"), (1, 2), threads=2)
+
+
+@pytest.fixture(scope="module")
+def folder(done: Reproduction, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("reproduction")
+    write_reproduction(path, done, reproduction_record(done))
+    return path
+
+
+def test_a_repetition_depends_on_its_seed_alone(done: Reproduction) -> None:
+    (alone,) = reproduce(done.bench, (2,), threads=1).repetitions
+    other = done.repetitions[1]
+    np.testing.assert_array_equal(alone.best.members, other.best.members)
+    for label in LABELS:
+        np.testing.assert_array_equal(alone.rates[label], other.rates[label])
+    assert {c: t[0].cost for c, t in alone.table3.items()} == {c: t[0].cost for c, t in other.table3.items()}
+    assert (alone.data[0].rate != done.repetitions[0].data[0].rate).any()
+
+
+def test_the_search_is_that_of_calibrate(done: Reproduction) -> None:
+    first = done.repetitions[0]
+    study = Study("twin", done.bench.injector, first.data, first.space, Method(paper.BEST.settings), first.seed, 1e-6)
+    found = calibrate(study)
+    assert found.cost == first.best.cost
+    assert list(found.best.values()) == first.best.x.tolist()
+    assert [score.j for score in found.scores["rigid"]] == [
+        pytest.approx(np.abs(r - d.rate).sum() * 1e6) for r, d in zip(first.rates["rigid"], first.data, strict=True)
+    ]
+
+
+def test_j_follows_from_the_written_curves_alone(folder: Path) -> None:
+    record = json.loads((folder / "reproduce.json").read_text())
+    with (folder / "traces.csv").open() as stream:
+        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+    for name, models in record["J"].items():
+        for label, per_seed in models.items():
+            for seed, j in zip(record["seeds"], per_seed, strict=True):
+                own = [r for r in rows if r["seed"] == str(seed) and r["data"] == name]
+                assert len(own) == 520
+                total = sum(abs(float(r[f"{label} [mm3/ms]"]) - float(r["experiment [mm3/ms]"])) for r in own)
+                assert total == pytest.approx(j, rel=1e-9)
+
+
+def test_every_figure_of_a_claim_is_in_the_record(folder: Path) -> None:
+    record = json.loads((folder / "reproduce.json").read_text())
+    assert record["synthetic"]
+    # added up inside the simulation and from its samples: the order of the additions differs
+    assert record["J"]["160 MPa"]["optimised"] == pytest.approx(record["table3"][7]["J"]["160 MPa"], rel=1e-9)
+    assert (record["table3"][7]["generations"], record["table3"][7]["members"]) == paper.BEST
+    assert [c["of"] for c in record["claims"]] == [2] * len(record["claims"])
+    for row in record["table3"]:
+        assert row["slots"] == (row["generations"] + 1) * row["members"]
+        means = np.mean([row["J"][name] for name in paper.RAIL_PRESSURES], axis=0)
+        assert row["mean"] == pytest.approx(means.tolist(), rel=1e-12)
+    shares = {t["name"]: t["share"]["median"] for t in record["treatments"]}
+    # erratum (c): rejecting leaves a small part of the slots simulated, repair leaves none out
+    assert shares["repair"] == shares["resample"] == 1.0
+    assert shares["literal"] < 0.3
+
+
+def test_the_folder_is_read_back(done: Reproduction, folder: Path) -> None:
+    record, traces = read_reproduction(folder)
+    assert record == json.loads((folder / "reproduce.json").read_text())
+    first = done.repetitions[0]
+    # the file holds mm³/ms: one multiplication each way
+    np.testing.assert_allclose(traces[1]["80 MPa"]["rigid"], first.rates["rigid"][2], rtol=1e-14)
+    np.testing.assert_allclose(traces[1]["160 MPa"]["experiment"], first.data[0].rate, rtol=1e-14, atol=1e-20)
+
+
+def test_the_method_finds_the_truth_when_the_model_contains_it() -> None:
+    ideal = bench("virtual-lino-2016-ideal")
+    fit = measure(ideal, 1)[0]
+    costs = [search(ideal, fit, paper.BEST.settings, seed).cost for seed in range(1, 11)]
+    space = paper.space(ideal.injector)
+    start = Objective(ideal.injector, space.names, [fit], ideal.time_step).costs(space.reference[None, :]).costs[0]
+    assert np.median(costs) < 0.01 * start
+
+
+def test_ctrl_c_keeps_complete_repetitions() -> None:
+    def stop(p: Progress) -> None:
+        if p.done:
+            _ask(2, None)
+
+    stopped = reproduce(bench("virtual-lino-2016"), (1, 2, 3), threads=1, progress=stop)
+    assert stopped.status == "interrupted"
+    assert 1 <= len(stopped.repetitions) < 3
+    assert reproduction_record(stopped)["seeds"] == [r.seed for r in stopped.repetitions]
+
+
+def test_ctrl_c_before_anything_is_complete_is_an_interrupt() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        reproduce(bench("virtual-lino-2016"), (1,), threads=1, progress=lambda p: _ask(2, None))
+    assert threading.active_count() < 20  # the workers have ended
+
+
+@pytest.mark.parametrize("seeds", [(), (1, 1)])
+def test_seeds_are_given_once_each(seeds: tuple[int, ...]) -> None:
+    with pytest.raises(ConfigurationError, match="each once"):
+        reproduce(bench("virtual-lino-2016"), seeds)
