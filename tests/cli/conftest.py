@@ -39,15 +39,16 @@ class Done(NamedTuple):
 Command = Callable[..., Done]
 
 
+def run_command(*arguments: object) -> Done:
+    """Run ``commonrail`` with arguments."""
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    return Done(result.exit_code, result.stdout, result.stderr)
+
+
 @pytest.fixture
 def command() -> Command:
-    """Run ``commonrail`` with arguments."""
-
-    def run(*arguments: object) -> Done:
-        result = CliRunner().invoke(app, [str(a) for a in arguments])
-        return Done(result.exit_code, result.stdout, result.stderr)
-
-    return run
+    """The command, for tests."""
+    return run_command
 
 
 def small_study(folder: Path) -> Path:

@@ -14,6 +14,7 @@ VERBS = {
     "calibrate",
     "validate",
     "compare",
+    "reproduce",
     "report",
     "verify",
     "catalogue",

@@ -1,4 +1,4 @@
-"""The demo: both cases, and a folder that it may replace."""
+"""The demo: both cases, the paper's study, and a folder that it may replace."""
 
 from __future__ import annotations
 
@@ -37,12 +37,19 @@ def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         (folder / "result.json").touch()
         return Outcome(folder, folder / "report.html", records[study])
 
+    def run_reproduction(_truth: str, _count: int, folder: Path, _threads: object, quick: bool) -> Outcome:
+        assert quick
+        folder.mkdir()
+        claims = [{"verdict": "holds"}, {"verdict": "holds"}, {"verdict": "does not hold"}]
+        return Outcome(folder, folder / "report.html", {"status": "finished", "claims": claims})
+
     def write_bench(case: Path, seed: int) -> list[Path]:
         (case / "data" / f"seed-{seed}.csv").touch()
         return []
 
     monkeypatch.setattr(module, "_cases_folder", lambda: tmp_path / "cases")
     monkeypatch.setattr(module, "run_study", run_study)
+    monkeypatch.setattr(module, "run_reproduction", run_reproduction)
     monkeypatch.setattr("commonrail.files.study_file.load_study", lambda path: path.parent.name)
     monkeypatch.setattr("commonrail.files.bench_data.write_bench_data", write_bench)
     return tmp_path / "cases"
@@ -52,9 +59,17 @@ def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 def test_both_cases_are_summed_up(tmp_path: Path) -> None:
     done = run("--out", tmp_path / "demo")
     assert done.status == 0, done.err
-    for words in ("931.4", "402.2", "171.5", "148.31", "SYNTHETIC: Curves", "both cases took"):
+    for words in (
+        "931.4",
+        "402.2",
+        "171.5",
+        "148.31",
+        "SYNTHETIC: Curves",
+        "2 hold and 1 do not hold here",
+        "all took",
+    ):
         assert words in done.out
-    for name in module.CASES:
+    for name in (*module.CASES, module.STUDY):
         assert f"  {tmp_path / 'demo' / name / 'report.html'}" in done.out
 
 

@@ -12,6 +12,7 @@ from commonrail.cli.compare import compare
 from commonrail.cli.guard import guarded, show_traceback
 from commonrail.cli.new import new
 from commonrail.cli.report import report
+from commonrail.cli.reproduce import reproduce
 from commonrail.cli.simulate import simulate
 from commonrail.cli.validate import validate
 from commonrail.cli.verify import verify
@@ -28,7 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-for _verb in (simulate, calibrate, validate, compare, report, verify, catalogue, new, virtual_bench):
+for _verb in (simulate, calibrate, validate, compare, report, verify, catalogue, new, virtual_bench, reproduce):
     app.command(_verb.__name__.replace("_", "-"))(guarded(_verb))
 
 

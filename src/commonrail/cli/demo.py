@@ -1,4 +1,4 @@
-"""Both sample cases from start to report: ``python -m commonrail.cli.demo --out demo``."""
+"""Both sample cases and the paper's study from start to report: ``python -m commonrail.cli.demo --out demo``."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ from commonrail.cli.console import print_table, say
 from commonrail.cli.guard import INTERRUPTED, guarded
 from commonrail.cli.options import Threads
 from commonrail.cli.output import writing
+from commonrail.cli.reproduce import QUICK_SEEDS, TRUTH
+from commonrail.cli.reproduction_run import run_reproduction
 from commonrail.cli.study_run import Outcome, run_study
 from commonrail.errors import InputError
 
 __all__ = ["demo", "main"]
 
 CASES = ("paper", "cri2-16")
+STUDY = "paper-study"
 BENCH_SEED = 1  # of the paper's case as its study file states it
 MARKER = ".commonrail-demo"
 
@@ -28,7 +31,9 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder of the demo; a former demo is replaced.")],
     threads: Threads = None,
 ) -> None:
-    """Calibrate the paper's case and a real injector, and print what came out."""
+    """Calibrate the paper's case and a real injector, repeat the paper's study, and print what came out."""
+    from commonrail.report.reproduction import verdicts
+
     begin = time.perf_counter()
     cases = _cases_folder()
     _prepare(out)
@@ -37,11 +42,15 @@ def demo(
         outcomes.append(_calibrate(cases / name, out / name, threads))
         if outcomes[-1].interrupted:
             raise typer.Exit(INTERRUPTED)
+    study = run_reproduction(TRUTH, QUICK_SEEDS, out / STUDY, threads, quick=True)
     for outcome in outcomes:
         _print(outcome)
-    typer.echo(f"both cases took {time.perf_counter() - begin:.0f} s; open in a browser:")
-    for outcome in outcomes:
+    typer.echo(f"The paper's whole study, {QUICK_SEEDS} repetitions: {verdicts(study.record)}\n")
+    typer.echo(f"all took {time.perf_counter() - begin:.0f} s; open in a browser:")
+    for outcome in (*outcomes, study):
         typer.echo(f"  {outcome.report}")
+    if study.interrupted:
+        raise typer.Exit(INTERRUPTED)
 
 
 def _cases_folder() -> Path:
@@ -57,7 +66,7 @@ def _prepare(out: Path) -> None:
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         if not (out / MARKER).is_file():
             raise InputError(f"{out}: not a folder of the demo; name another with --out.")
-        for name in CASES:
+        for name in (*CASES, STUDY):
             if (out / name).is_dir():
                 with writing(out / name):
                     shutil.rmtree(out / name)

@@ -1,9 +1,9 @@
-"""report.html of a run folder: of a calibration or of a comparison."""
+"""report.html of a run folder: of a calibration, a comparison or a reproduction."""
 
 from __future__ import annotations
 
 import errno
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError, OutputError
 from commonrail.files.comparison_folder import COMPARISON, read_comparison
+from commonrail.files.reproduction_folder import RECORD, read_reproduction
 from commonrail.files.run_folder import RESULT, TRACES, read_run
 from commonrail.report.chart import Figure
 from commonrail.report.comparison import comparison_html
@@ -22,6 +23,7 @@ from commonrail.report.headline import headline, parameter_lines, synthetic_note
 from commonrail.report.html import render
 from commonrail.report.parameters import parameter_rows
 from commonrail.report.record import Record, check_comparison, check_record, texts_of
+from commonrail.report.reproduction import check_reproduction, reproduction_html
 from commonrail.report.rerun import rerun_lines
 from commonrail.report.tables import tables_of
 from commonrail.report.text import duration, significant
@@ -40,7 +42,7 @@ def write_report(folder: Path) -> Path:
     Parameters
     ----------
     folder : Path
-        Folder that ``commonrail calibrate`` or ``commonrail compare`` left.
+        Folder that ``commonrail calibrate``, ``compare`` or ``reproduce`` left.
 
     Returns
     -------
@@ -55,11 +57,10 @@ def write_report(folder: Path) -> Path:
         If the disk is full.
     """
     folder = Path(folder)
-    compared = (folder / COMPARISON).is_file()
+    name, verb, make = next((k for k in _KINDS if (folder / k[0]).is_file()), _KINDS[-1])
     try:
-        page = (_compared if compared else _calibrated)(folder)
+        page = make(folder)
     except _BROKEN as error:
-        name, verb = (COMPARISON, "compare") if compared else (RESULT, "calibrate")
         raise InputError(
             f"{folder}: {name} or {TRACES} is incomplete ({type(error).__name__}: {error}); {verb} again."
         ) from error
@@ -80,6 +81,19 @@ def _calibrated(folder: Path) -> str:
 def _compared(folder: Path) -> str:
     record, traces = read_comparison(folder)
     return comparison_html(check_comparison(record, str(folder)), traces, folder.as_posix() or "DIR")
+
+
+def _reproduced(folder: Path) -> str:
+    record, traces = read_reproduction(folder)
+    return reproduction_html(check_reproduction(record, str(folder)), traces, folder.as_posix() or "RUN")
+
+
+# File that tells a folder's kind, the verb that leaves it, and what makes its page.
+_KINDS: tuple[tuple[str, str, Callable[[Path], str]], ...] = (
+    (COMPARISON, "compare", _compared),
+    (RECORD, "reproduce", _reproduced),
+    (RESULT, "calibrate", _calibrated),
+)
 
 
 def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run: str = "RUN") -> str:

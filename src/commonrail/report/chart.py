@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["BOTH", "LINES", "MARKERS", "Figure", "Panel", "Points", "Series"]
+__all__ = ["BOTH", "LINES", "MARKERS", "Band", "Boxes", "Figure", "Panel", "Points", "Series"]
 
 Points = tuple[float | None, ...]
 
@@ -20,7 +20,7 @@ class Series:
     label : str
         Text of the legend; an empty one keeps the series out of it.
     look : str
-        "measured", "rigid", "start", "best", "mean", or a dash: "solid", "dash", "dot", "dashdot".
+        "measured", "rigid", "start", "best", "mean", "paper", "level", or a dash: "solid", "dash", "dot", "dashdot".
     x, y : tuple of float, same length
         None leaves a gap.
     mode : str
@@ -38,14 +38,43 @@ class Series:
 
 
 @dataclass(frozen=True)
+class Band:
+    """Area between two lines, such as quartiles; it has the colour of a series of that look."""
+
+    look: str
+    x: Points
+    low: Points
+    high: Points
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Box plots side by side: minimum, first quartile, median, third quartile, maximum of each category.
+
+    `offset` moves them beside those of another set, in shares of the distance between categories.
+    """
+
+    label: str
+    look: str
+    boxes: tuple[tuple[float, float, float, float, float], ...]
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
 class Panel:
-    """A pair of axes: what the vertical one says, its series, and its share of the height."""
+    """A pair of axes: what the vertical one says, its series, and its share of the height.
+
+    With `categories` the horizontal axis counts them from 0 and shows their names.
+    """
 
     y_title: str
     series: tuple[Series, ...]
     share: float = 1.0
     logarithmic: bool = False
     zero_line: bool = False
+    bands: tuple[Band, ...] = ()
+    boxes: tuple[Boxes, ...] = ()
+    categories: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

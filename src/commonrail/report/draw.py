@@ -11,7 +11,7 @@ import plotly.io as pio
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from commonrail.report.chart import Figure, Panel, Series
+from commonrail.report.chart import Band, Boxes, Figure, Panel, Series
 
 __all__ = ["draw", "figure_html", "plotly_script"]
 
@@ -25,6 +25,8 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "start": {"color": "#0072b2", "width": 1.6, "dash": "dash"},
     "best": {"color": "#c1272d", "width": 1.8},
     "mean": {"color": "#0072b2", "width": 1.6, "dash": "dash"},
+    "paper": {"color": "#00795c", "width": 1.6, "dash": "dashdot"},
+    "level": {"color": "#6b7785", "width": 1.2, "dash": "dot"},
 }
 _FAMILY_LINES: dict[str, dict[str, Any]] = {
     "start": {"width": 1.2, "dash": "dot"},
@@ -92,13 +94,56 @@ def draw(figure: Figure, height: int) -> go.Figure:
         row_heights=[panel.share for panel in figure.panels],
     )
     for row, panel in enumerate(figure.panels, start=1):
-        for series in panel.series:
-            canvas.add_trace(_trace(series), row=row, col=1)
+        for trace in _traces(panel):
+            canvas.add_trace(trace, row=row, col=1)
         canvas.update_yaxes(_y_axis(panel), row=row, col=1)
+        if panel.categories:
+            names = [escape(name) for name in panel.categories]
+            canvas.update_xaxes(tickvals=list(range(len(names))), ticktext=names, row=row, col=1)
     canvas.update_xaxes(showgrid=True, gridcolor=GRID, linecolor=INK, ticks="outside", zeroline=False)
     canvas.update_xaxes(title_text=escape(figure.x_title), row=count, col=1)
     canvas.update_layout(_layout(height))
     return canvas
+
+
+def _traces(panel: Panel) -> list[Any]:
+    """Bands behind, boxes, then lines and markers."""
+    bands = [edge for band in panel.bands for edge in _edges(band)]
+    return [*bands, *(_boxes(boxes) for boxes in panel.boxes), *(_trace(series) for series in panel.series)]
+
+
+def _edges(band: Band) -> list[go.Scatter]:
+    """Lower edge, and upper edge with what lies between them filled."""
+    shared: dict[str, Any] = {"x": band.x, "mode": "lines", "line": {"width": 0}, "showlegend": False}
+    shared |= {"hoverinfo": "skip", "legendgroup": band.look}
+    fill = _faint(_LOOKS[band.look]["color"])
+    return [go.Scatter(y=band.low, **shared), go.Scatter(y=band.high, fill="tonexty", fillcolor=fill, **shared)]
+
+
+def _boxes(boxes: Boxes) -> go.Box:
+    low, q1, median, q3, high = zip(*boxes.boxes, strict=True)
+    colour = _LOOKS[boxes.look]["color"]
+    return go.Box(
+        x=[i + boxes.offset for i in range(len(median))],
+        lowerfence=low,
+        q1=q1,
+        median=median,
+        q3=q3,
+        upperfence=high,
+        name=escape(boxes.label),
+        legendgroup=boxes.label,
+        marker={"color": colour},
+        line={"color": colour, "width": 1.4},
+        fillcolor=_faint(colour),
+        width=0.26,
+        whiskerwidth=0.9,
+    )
+
+
+def _faint(colour: str) -> str:
+    """A colour of six hexadecimal digits, three quarters transparent."""
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({red},{green},{blue},0.22)"
 
 
 def _trace(series: Series) -> go.Scatter:
@@ -131,7 +176,7 @@ def _line(series: Series) -> dict[str, Any]:
 
 def _log_ticks(panel: Panel) -> list[float]:
     """1, 2 and 5 times the powers of ten; plotly writes 20 and 200 both as "2"."""
-    values = [v for series in panel.series for v in series.y if v is not None and v > 0.0]
+    values = [v for series in panel.series for v in series.y if v is not None and v > 0.0] or [1.0]
     decades = range(math.floor(math.log10(min(values))), math.ceil(math.log10(max(values))) + 1)
     return [digit * 10.0**decade for decade in decades for digit in (1, 2, 5)]
 

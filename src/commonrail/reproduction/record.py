@@ -56,6 +56,7 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
         "data": _data(f),
         "labels": LABELS,
         "J": {name: {label: _numbers(j) for label, j in models.items()} for name, models in f.j.items()},
+        "J_spread": {name: {label: _spread(j) for label, j in models.items()} for name, models in f.j.items()},
         "table1": _table1(f),
         "table3": [_configuration(f, c) for c in paper.CONFIGURATIONS],
         "treatments": [_treatment(f, t) for t in paper.TREATMENTS],

@@ -1,0 +1,67 @@
+"""commonrail reproduce: the experiments of Lino et al. (2016) on the virtual test bench, with statistics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.guard import INTERRUPTED
+from commonrail.cli.options import Json, Threads
+from commonrail.cli.output import free_run_folder
+
+__all__ = ["QUICK_SEEDS", "TRUTH", "reproduce"]
+
+SEEDS, QUICK_SEEDS = 20, 3
+TRUTH = "virtual-lino-2016"
+
+
+def reproduce(
+    *,
+    seeds: Annotated[
+        int | None, typer.Option(min=1, max=1000, help=f"Repetitions, seeds 1 to N; {SEEDS} by default.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help=f"{QUICK_SEEDS} repetitions: a look, no statistics.")] = False,
+    truth: Annotated[
+        str, typer.Option(metavar="TRUTH", help="Name of a truth of the bench, or a TOML file of one.")
+    ] = TRUTH,
+    out: Annotated[
+        Path | None, typer.Option(metavar="RUN", help="New run folder; runs/reproduce-<n> by default.")
+    ] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Rerun the experiments of Lino et al. (2016) and judge the paper's claims.
+
+    The paper's measurements are not published: each repetition takes a new synthetic measurement from
+    the virtual test bench and searches anew. The run folder holds reproduce.json (every number),
+    traces.csv, figures for print, and report.html.
+
+    \b
+    Examples:
+      commonrail reproduce --quick
+      commonrail reproduce --seeds 20 --out runs/paper-study
+    """
+    from commonrail.cli.reproduction_run import run_reproduction
+    from commonrail.report.reproduction import verdicts
+
+    if quick and seeds is not None:
+        raise typer.BadParameter("--quick sets the number of seeds itself; give one of the two.")
+    count = QUICK_SEEDS if quick else seeds or SEEDS
+    outcome = run_reproduction(truth, count, out or free_run_folder("reproduce"), threads, quick)
+    if json:
+        places = {"run": str(outcome.folder), "report": str(outcome.report)}
+        print_json({"kind": "reproduction", **places, "result": outcome.record})
+    else:
+        typer.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
+        claims = outcome.record["claims"]
+        rows = [[c["verdict"], f"{c['true_in']} of {c['of']}", c["claim"], c["figure"]] for c in claims]
+        print_rows(["verdict", "true in", "claim of the paper", "here"], rows, "The paper's claims", texts=4)
+        typer.echo(verdicts(outcome.record))
+        typer.echo(f"report: {outcome.report}")
+    if outcome.interrupted:
+        done = len(outcome.record["seeds"])
+        say(f"commonrail: interrupted; {done} of {count} repetitions are in {outcome.folder}.")
+        raise typer.Exit(INTERRUPTED)

@@ -1,0 +1,63 @@
+"""Run a reproduction into a folder: repetitions, record, curves, figures for print, report."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from commonrail.cli.output import writing
+from commonrail.cli.progress import Bar, Stage
+from commonrail.cli.study_run import Outcome
+
+if TYPE_CHECKING:
+    from commonrail.reproduction.run import Progress
+
+__all__ = ["run_reproduction"]
+
+TIME_STEP = 1e-6
+
+
+def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, quick: bool) -> Outcome:
+    """Repeat the paper's study with seeds 1 to `count` into a new folder, telling the progress on stderr.
+
+    Raises
+    ------
+    InputError
+        If the truth cannot be read, or the folder is not empty or cannot be written.
+    SimulationError
+        If the truth cannot be simulated; the empty folder is taken away again.
+    """
+    from commonrail.calibration.interrupt import held_interrupts
+    from commonrail.files.injector_file import load_injector
+    from commonrail.files.reproduction_folder import read_reproduction, write_reproduction
+    from commonrail.files.run_folder import create_run_folder
+    from commonrail.files.truth_file import load_truth
+    from commonrail.report.build import write_report
+    from commonrail.report.plates import write_plates
+    from commonrail.report.reproduction import PLATE_FOLDER
+    from commonrail.reproduction.record import reproduction_record
+    from commonrail.reproduction.repetition import Bench
+    from commonrail.reproduction.run import reproduce
+
+    declared = load_truth(truth)
+    bench = Bench(declared, load_injector(declared.injector), TIME_STEP)
+    create_run_folder(folder)
+    with held_interrupts():  # once the repetitions have ended, they are written whatever keys are pressed
+        try:
+            with Bar(f"{count} repetitions of the paper's study on the virtual test bench (synthetic)") as bar:
+                outcome = reproduce(bench, range(1, count + 1), threads=threads, progress=lambda p: bar.show(_stage(p)))
+            record = reproduction_record(outcome, quick)
+            with writing(folder):
+                write_reproduction(folder, outcome, record)
+        except BaseException:
+            with suppress(OSError):
+                folder.rmdir()  # only if nothing was written
+            raise
+        with writing(folder):
+            write_plates(*read_reproduction(folder), folder / PLATE_FOLDER)
+        return Outcome(folder, write_report(folder), record)
+
+
+def _stage(p: Progress) -> Stage:
+    return Stage("generations", p.generation, p.generations, f"{p.done} of {p.seeds} repetitions")

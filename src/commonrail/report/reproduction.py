@@ -1,0 +1,112 @@
+"""The page of a reproduction: claims first, then the paper's tables and figures."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.errors import InputError
+from commonrail.report import reproduction_figures as figures
+from commonrail.report import reproduction_tables as tables
+from commonrail.report.draw import figure_html
+from commonrail.report.html import render
+from commonrail.report.record import Record
+from commonrail.report.text import duration, listed, percent, significant
+
+__all__ = ["PLATE_FOLDER", "check_reproduction", "reproduction_html", "verdicts"]
+
+Floats = NDArray[np.float64]
+Traces = Mapping[int, Mapping[str, Mapping[str, Floats]]]
+
+SCHEMA = 1
+PLATE_FOLDER = "figures"
+
+
+def check_reproduction(record: Record, where: str) -> Record:
+    """Return the record if this version can read it.
+
+    Raises
+    ------
+    InputError
+        If it is not the record of a reproduction, or of another schema.
+    """
+    if not isinstance(record, Mapping) or record.get("kind") != "reproduction" or record.get("schema") != SCHEMA:
+        raise InputError(f"{where}: not a reproduction that this version reads (schema {SCHEMA}); reproduce again.")
+    return record
+
+
+def reproduction_html(record: Record, traces: Traces, folder: str = "RUN") -> str:
+    """The page of a reproduction; `folder` is its name for the command lines in it."""
+    charts = [figures.convergence(record), figures.search_boxes(record), *figures.rates(record, traces)]
+    drawn = [(chart, figure_html(chart, f"figure-{i}", _height(i))) for i, chart in enumerate(charts)]
+    return render(
+        "reproduction.html",
+        record=record,
+        verdicts=verdicts(record),
+        signs=tables.SIGNS,
+        claims=[_claim(claim) for claim in record["claims"]],
+        table1=tables.table1(record),
+        table3=tables.table3(record),
+        models=[
+            tables.j_table(record),
+            tables.phases_table(record),
+            tables.edges_table(record),
+            tables.overfitting_table(record),
+        ],
+        treatments=tables.treatments_table(record),
+        convergence=drawn[0],
+        boxes=drawn[1],
+        rates=drawn[2:],
+        plates=[(name, f"{PLATE_FOLDER}/{name}") for name in ("fig4", "fig5", "fig6")],
+        commands=_commands(record, folder),
+        facts=_facts(record),
+    )
+
+
+def verdicts(record: Record) -> str:
+    """How many of the paper's claims hold, in one sentence."""
+    found = [claim["verdict"] for claim in record["claims"]]
+    parts = [f"{found.count(v)} {words}" for v, words in _WORDS.items() if v in found]
+    return f"Of {len(found)} claims of the paper {listed(parts)} here."
+
+
+_WORDS = {"holds": "hold", "does not hold": "do not hold", "cannot be told": "cannot be told"}
+
+
+def _claim(claim: Record) -> dict[str, str]:
+    low, high = claim["interval"]
+    return {
+        **{key: str(claim[key]) for key in ("claim", "where", "measure", "figure", "verdict", "comment")},
+        "sign": tables.SIGNS[claim["verdict"]],
+        "share": f"{claim['true_in']} of {claim['of']} seeds",
+        "interval": f"{percent(low, 0)}–{percent(high, 0)} %",
+    }
+
+
+def _height(index: int) -> int:
+    """Height of a figure on the page [px]: those of one panel, then those of two."""
+    return 400 if index < 2 else 460
+
+
+def _commands(record: Record, folder: str) -> list[tuple[str, str]]:
+    run = shlex.quote(folder)
+    options = "--quick" if record["quick"] else f"--seeds {record['asked']}"
+    return [
+        ("Reproduce again, with the same truth", f"commonrail reproduce {options} --truth {run}/truth.toml"),
+        ("Change the truth", "commonrail virtual-bench --show > my-truth.toml"),
+        ("Make this report again", f"commonrail report {run}"),
+    ]
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    seeds = record["seeds"]
+    return [
+        ("Seeds", f"{len(seeds)} of {record['asked']} asked for: {seeds[0]} to {seeds[-1]}"),
+        ("Ended", record["status"]),
+        ("Simulations", f"{record['simulations']:,} injections in {duration(record['seconds'])}"),
+        ("Time step", f"{significant(record['time_step'], 4, 1e6)} µs"),
+        ("Software", ", ".join(f"{name} {number}" for name, number in record["software"].items())),
+    ]
