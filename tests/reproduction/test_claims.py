@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commonrail.reproduction import paper
-from commonrail.reproduction.claims import FAILS, HOLDS, OPEN, Claim, claims
+from commonrail.reproduction.claims import FAILS, HOLDS, OPEN, Claim, _holm, claims
 from commonrail.reproduction.measures import PHASES
 from commonrail.reproduction.repetition import LABELS
 
@@ -131,6 +131,11 @@ def test_phases_decide_their_claims() -> None:
     sample.phases["160 MPa"]["theoretical"][:, PHASES.index("0.4–0.8 ms")] = 700.0
     assert claim(sample, "theoretical-phases").verdict == FAILS
     sample = Sample()
+    sample.phases["160 MPa"]["theoretical"][:, PHASES.index("0–0.4 ms")] = (
+        50.0  # below the middle, the descent above it
+    )
+    assert claim(sample, "theoretical-phases").verdict == FAILS
+    sample = Sample()
     sample.phases["80 MPa"]["optimised"][:, 1] = 700.0
     found = claim(sample, "optimised-everywhere")
     assert found.verdict == FAILS
@@ -141,6 +146,10 @@ def test_configurations_that_differ_by_chance_leave_the_claim_open() -> None:
     found = claim(flat(best=160.0), "best-configuration")
     assert found.verdict == OPEN
     assert "chance" in found.figure
+
+
+def test_holms_correction_is_that_of_the_textbook() -> None:
+    np.testing.assert_allclose(_holm(np.array([0.01, 0.04, 0.03])), [0.03, 0.06, 0.06])
 
 
 def test_a_stiffness_that_is_not_pinned_down_is_said_to_be_so() -> None:

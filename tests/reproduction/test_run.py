@@ -15,24 +15,12 @@ from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.study import Method, Study
 from commonrail.errors import ConfigurationError
-from commonrail.files.injector_file import load_injector
 from commonrail.files.reproduction_folder import read_reproduction, write_reproduction
-from commonrail.files.truth_file import load_truth
 from commonrail.reproduction import paper
 from commonrail.reproduction.record import reproduction_record
-from commonrail.reproduction.repetition import LABELS, Bench, measure, search
+from commonrail.reproduction.repetition import LABELS, measure, search
 from commonrail.reproduction.run import Progress, Reproduction, reproduce
-
-
-def bench(truth: str) -> Bench:
-    declared = load_truth(truth)
-    return Bench(declared, load_injector(declared.injector), 1e-6)
-
-
-@pytest.fixture(scope="module")
-def done() -> Reproduction:
-    """Two repetitions on two threads."""
-    return reproduce(bench("virtual-lino-2016"), (1, 2), threads=2)
+from tests.reproduction.conftest import bench
 
 
 @pytest.fixture(scope="module")
