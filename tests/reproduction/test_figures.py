@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from commonrail.calibration.objective import Objective
 from commonrail.reproduction import paper
 from commonrail.reproduction.figures import Figures
 from commonrail.reproduction.measures import box
@@ -59,6 +60,14 @@ def test_the_gain_kept_is_that_of_the_fit_at_160(figures: Figures) -> None:
         expected = [(t - o) / (t - w) for t, o, w in zip(j["theoretical"], j["optimised"], own, strict=True)]
         assert figures.gain_kept(name) == pytest.approx(expected)
         assert (figures.gain_kept(name) < 1.0).all()
+
+
+def test_the_fits_at_unseen_pressures_are_to_their_own_curves(done: Reproduction) -> None:
+    first = done.repetitions[0]
+    for data in first.data[1:]:
+        found = first.own[data.name]
+        objective = Objective(done.bench.injector, first.space.names, [data], done.bench.time_step)
+        assert objective.costs(found.x[None, :]).costs[0] == found.cost
 
 
 def test_the_nine_searches_are_independent(done: Reproduction) -> None:
