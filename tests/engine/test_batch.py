@@ -64,10 +64,10 @@ def test_failures_have_names_and_stay_alone(regulated: Injector) -> None:
     sound = simulate_batch(regulated, POINTS, K, values)
     batch = simulate_batch(regulated, POINTS, K, failing(regulated, values))
     assert batch.status[1].tolist() == [Status.STEP_UNSTABLE] * 2
-    assert batch.status[2].tolist() == [Status.NOT_FINITE] * 2
-    assert batch.status[3].tolist() == [Status.NOT_FINITE] * 2
+    assert batch.status[2].tolist() == [Status.OUTSIDE_DOMAIN] * 2
+    assert batch.status[3].tolist() == [Status.OUTSIDE_DOMAIN] * 2
     assert np.all(np.isin(batch.status[4], (Status.STEP_UNSTABLE, Status.NOT_FINITE)))
-    assert batch.status[5].tolist() == [Status.NOT_FINITE] * 2
+    assert batch.status[5].tolist() == [Status.OUTSIDE_DOMAIN] * 2
     assert batch.failed[1:6].all()
     assert np.isnan(batch.injected_mass[1:6]).all()
     same_bits(sound, batch, slice(0, 1), slice(0, 1))

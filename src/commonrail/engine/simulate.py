@@ -149,7 +149,7 @@ def simulate_batch(
     job = plan.make_job(injector, theta, points, time_step, stop_when_closed and misfit is None)
     outcome = lanes.run(job, injector.variant, misfit, threads or usable_threads())
     status = _status(injector, theta, outcome, time_step, len(theta), len(points))
-    status[~inside] = Status.NOT_FINITE
+    status[~inside] = Status.OUTSIDE_DOMAIN
 
     failed = (status != Status.OK) & (status != Status.STILL_INJECTING)
 
