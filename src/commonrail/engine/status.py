@@ -40,8 +40,8 @@ _SENTENCES = {
     Status.RAN_AWAY: "The plunger-needle passed its seat or stop; check the stop's stiffness and the pressure areas.",
     Status.NOT_FINITE: "A pressure or mass left the range of the model; take a shorter time step or narrow the bounds.",
     Status.OUTSIDE_DOMAIN: (
-        "A parameter is not finite or lies outside its domain, such as a length that is not positive; narrow the bounds "
-        "(`commonrail catalogue parameters` lists the domains)."
+        "A parameter is not finite or lies outside its domain, such as a length that is not positive; narrow the "
+        "bounds (`commonrail catalogue parameters` lists the domains)."
     ),
     Status.STILL_INJECTING: "The needle had not closed at the end of the simulated time; take a longer horizon.",
 }
