@@ -99,7 +99,7 @@ def test_without_out_runs_are_numbered(
 ) -> None:
     asked: list[Path] = []
 
-    def note(_study: object, folder: Path, _threads: object) -> None:
+    def note(_study: object, folder: Path, *_: object) -> None:
         asked.append(folder)
         raise StudyError("enough.")
 
@@ -132,13 +132,13 @@ def interrupt_at(number: int) -> Callable[..., Any]:
     """A calibration during which Ctrl-C is pressed after so many generations."""
     from commonrail.calibration.run import calibrate
 
-    def interrupted(study: Any, *, threads: int | None, progress: Callable[..., None]) -> Any:
+    def interrupted(study: Any, *, threads: int | None, progress: Callable[..., None], workers: None) -> Any:
         def press(state: Progress) -> None:
             progress(state)
             if state.generation == number:
                 raise KeyboardInterrupt
 
-        return calibrate(study, threads=threads, progress=press)
+        return calibrate(study, threads=threads, progress=press, workers=workers)
 
     return interrupted
 
@@ -194,3 +194,21 @@ def test_report_refuses_what_is_no_run_folder(command: Command, tmp_path: Path) 
     done = command("report", tmp_path)
     assert done.status == 2
     assert "not a run folder" in done.sentence
+
+
+def test_workers_give_the_same_result(command: Command, finished: dict[str, Any], tmp_path: Path) -> None:
+    options = ("--out", tmp_path / "run", "--seed", "3", "--workers", "2", "--json")
+    found = command("calibrate", finished["study"], *options).record["result"]
+    own = json.loads(finished["out"])["result"]
+    for key in ("parameters", "objective", "generations", "data", "evaluations"):
+        assert found[key] == own[key]
+
+
+def test_a_scheduler_that_is_not_there_is_a_sentence(
+    command: Command, finished: dict[str, Any], tmp_path: Path
+) -> None:
+    pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    done = command("calibrate", finished["study"], "--out", tmp_path / "run", "--cluster", "tcp://127.0.0.1:1")
+    assert done.status == 2
+    assert "tcp://127.0.0.1:1" in done.sentence
+    assert not (tmp_path / "run").exists()

@@ -23,6 +23,7 @@ from commonrail.calibration.optimisers import (
 )
 from commonrail.calibration.score import DataScore, score_data
 from commonrail.calibration.study import QuantityData, RateData, Role, Study
+from commonrail.calibration.workers import Workers
 from commonrail.errors import StudyError
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body
@@ -117,13 +118,19 @@ class _Search:
     """State of a running calibration."""
 
     def __init__(
-        self, study: Study, threads: int | None, progress: Callable[[Progress], None] | None, wish: Wish
+        self,
+        study: Study,
+        threads: int | None,
+        progress: Callable[[Progress], None] | None,
+        wish: Wish,
+        workers: Workers | None,
     ) -> None:
         self.study, self.progress, self.wish = study, progress, wish
         fit = of_role(study.data, Role.FIT)
         if not fit:
             raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
-        self.objective = Objective(study.injector, study.space.names, fit, study.time_step, threads)
+        objective = Objective(study.injector, study.space.names, fit, study.time_step, threads)
+        self.objective = objective if workers is None else workers.spread(objective)
         self.optimiser = DifferentialEvolution(study.space, np.random.default_rng(study.seed), study.method.evolution)
         self.history: list[Generation] = []
         self.simulations = 0
@@ -191,7 +198,11 @@ class _Search:
 
 
 def calibrate(
-    study: Study, *, threads: int | None = None, progress: Callable[[Progress], None] | None = None
+    study: Study,
+    *,
+    threads: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    workers: Workers | None = None,
 ) -> Calibration:
     """Run a study to its end, or until Ctrl-C, which ends it in order with the best so far.
 
@@ -202,14 +213,16 @@ def calibrate(
         All usable processors by default; the result does not depend on it.
     progress : function of Progress, optional
         Called after every generation.
+    workers : Workers, optional
+        Processes or a cluster that simulate the populations in place of threads; the result is the same.
 
     Raises
     ------
     StudyError
-        If the study has no data to fit, or if not one candidate could be simulated.
+        If the study has no data to fit, if not one candidate could be simulated, or if the workers failed.
     """
     with held_interrupts() as wish:
-        return _calibrate(_Search(study, threads, progress, wish), study, threads)
+        return _calibrate(_Search(study, threads, progress, wish, workers), study, threads)
 
 
 def _calibrate(search: _Search, study: Study, threads: int | None) -> Calibration:

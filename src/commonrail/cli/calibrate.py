@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +13,9 @@ from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, StudyFile, Threads
 from commonrail.cli.output import free_run_folder
+
+if TYPE_CHECKING:
+    from commonrail.calibration.workers import Workers
 
 __all__ = ["calibrate"]
 
@@ -25,6 +29,12 @@ def calibrate(
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the study's.")] = None,
     threads: Threads = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=1024, help="Processes that simulate; for large populations.")
+    ] = None,
+    cluster: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help='Dask scheduler, such as tcp://host:8786, or "local".')
+    ] = None,
     json: Json = False,
 ) -> None:
     """Fit a study and write a run folder.
@@ -43,7 +53,8 @@ def calibrate(
     loaded = load_study(study)
     if seed is not None:
         loaded = replace(loaded, seed=seed)
-    outcome = run_study(loaded, out or free_run_folder(_stem(study)), threads)
+    with _workers(workers, cluster) as crew:
+        outcome = run_study(loaded, out or free_run_folder(_stem(study)), threads, crew)
     if json:
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
         print_json({"kind": "calibration", **places, "result": outcome.record})
@@ -54,6 +65,15 @@ def calibrate(
     if outcome.interrupted:
         say(f"commonrail: interrupted; the best values so far are in {outcome.folder}.")
         raise typer.Exit(INTERRUPTED)
+
+
+def _workers(count: int | None, address: str | None) -> AbstractContextManager[Workers | None]:
+    """Workers as asked for; none by default."""
+    from commonrail.calibration.workers import Workers
+
+    if address is not None:
+        return Workers.cluster(address, count)
+    return nullcontext() if count is None else Workers.processes(count)
 
 
 def _stem(study: Path) -> str:

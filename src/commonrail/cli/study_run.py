@@ -14,6 +14,7 @@ from commonrail.cli.progress import Bar, Stage
 if TYPE_CHECKING:
     from commonrail.calibration.run import Calibration, Progress
     from commonrail.calibration.study import Study
+    from commonrail.calibration.workers import Workers
 
 __all__ = ["Outcome", "run_study"]
 
@@ -31,7 +32,7 @@ class Outcome(NamedTuple):
         return bool(self.record["status"] == "interrupted")
 
 
-def run_study(study: Study, folder: Path, threads: int | None) -> Outcome:
+def run_study(study: Study, folder: Path, threads: int | None, workers: Workers | None = None) -> Outcome:
     """Calibrate a study into a new folder, telling the progress on stderr.
 
     Raises
@@ -50,7 +51,7 @@ def run_study(study: Study, folder: Path, threads: int | None) -> Outcome:
     with held_interrupts():  # once the search has ended, its result is written whatever keys are pressed
         try:
             with Bar(study.title) as bar:
-                calibration = calibrate(study, threads=threads, progress=lambda p: bar.show(_stage(p)))
+                calibration = calibrate(study, threads=threads, progress=lambda p: bar.show(_stage(p)), workers=workers)
             identified = _identified(calibration, threads)
             with writing(folder):
                 write_run(folder, calibration, identified)

@@ -41,6 +41,7 @@ _STYLE: Any = {  # matplotlib's own type for it lists every key there is
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters everywhere
     "axes.linewidth": 0.6,
     "axes.grid": True,
+    "text.parse_math": False,  # a label is a name, whatever signs it has
     "grid.color": "#e3e7eb",
     "grid.linewidth": 0.5,
     "legend.frameon": False,
