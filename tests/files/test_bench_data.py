@@ -70,3 +70,13 @@ def test_a_place_that_cannot_be_written_is_refused(
     (tmp_path / "data").write_text("a file")
     with pytest.raises(InputError, match=r"the data cannot be written \(.*\); name another folder"):
         write_bench_data(tmp_path, SEED, truth)
+
+
+def test_a_file_that_the_bench_has_not_made_stays(tmp_path: Path) -> None:
+    own = tmp_path / "data" / "evi_120MPa.csv"
+    own.parent.mkdir()
+    own.write_text("my measurement")
+    with pytest.raises(InputError, match=r"evi_120MPa.csv: this file was not made by the virtual test bench"):
+        write_bench_data(tmp_path, 1)
+    assert own.read_text() == "my measurement"
+    assert len(list(own.parent.iterdir())) == 1

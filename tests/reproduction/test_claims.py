@@ -97,6 +97,15 @@ def test_the_share_of_the_seeds_decides(wrong: int, verdict: str) -> None:
     assert claim(sample, "ordering-120MPa").verdict == HOLDS
 
 
+def test_seeds_without_a_number_are_left_out() -> None:
+    sample = with_ordering(2)
+    sample.j["80 MPa"]["rigid"][:4] = np.nan
+    found = claim(sample, "ordering-80MPa")
+    assert (found.true_in, found.of) == (N - 4, N - 4)
+    sample.opening = np.nan
+    assert (claim(sample, "rigid-late").verdict, claim(sample, "rigid-late").of) == (OPEN, 0)
+
+
 def flat(**changes: object) -> Sample:
     return replace(Sample(), **changes)  # type: ignore[arg-type]
 
@@ -145,7 +154,7 @@ def test_phases_decide_their_claims() -> None:
 def test_configurations_that_differ_by_chance_leave_the_claim_open() -> None:
     found = claim(flat(best=160.0), "best-configuration")
     assert found.verdict == OPEN
-    assert "chance" in found.figure
+    assert "no difference found" in found.figure
 
 
 def test_holms_correction_is_that_of_the_textbook() -> None:

@@ -17,6 +17,8 @@ DEFAULT_TRUTH = "virtual-lino-2016"
 RAIL_PRESSURES = (160e6, 120e6, 80e6)  # Sec. 5
 ENERGISING_TIME = 700e-6
 
+OWN = "# SYNTHETIC: virtual test bench of commonrail, not a measurement"  # first line of a file of the bench
+
 
 def write_bench_data(folder: Path, seed: int, truth: Truth | None = None) -> list[Path]:
     """Simulate the paper's three injection curves on the virtual test bench and write them to ``folder/data``.
@@ -33,12 +35,14 @@ def write_bench_data(folder: Path, seed: int, truth: Truth | None = None) -> lis
     Raises
     ------
     InputError
-        If the files cannot be written.
+        If the files cannot be written, or one of them exists and is not the bench's own.
     SimulationError
         If the truth cannot be simulated.
     """
     truth = truth or load_truth(DEFAULT_TRUTH)
     injector = load_injector(truth.injector)
+    for pressure in RAIL_PRESSURES:
+        _refuse_to_overwrite(_path(folder / "data", pressure))
     curves = [bench_curve(truth, injector, pressure, ENERGISING_TIME, seed) for pressure in RAIL_PRESSURES]
     try:
         (folder / "data").mkdir(parents=True, exist_ok=True)
@@ -47,11 +51,27 @@ def write_bench_data(folder: Path, seed: int, truth: Truth | None = None) -> lis
         raise InputError(f"{folder}: the data cannot be written ({error.strerror}); name another folder.") from error
 
 
+def _path(folder: Path, rail_pressure: float) -> Path:
+    return folder / f"evi_{round(rail_pressure * 1e-6)}MPa.csv"
+
+
+def _refuse_to_overwrite(path: Path) -> None:
+    """Refuse a file that the bench has not made: it may be a measurement."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: this is no file; name another folder.")
+    try:
+        own = not path.exists() or path.read_bytes().startswith(OWN.encode())
+    except OSError as error:
+        raise InputError(f"{path}: the file cannot be read ({error.strerror}); name another folder.") from error
+    if not own:
+        raise InputError(f"{path}: this file was not made by the virtual test bench; move it or name another folder.")
+
+
 def _write(folder: Path, curve: Curve, seed: int, truth: Truth) -> Path:
     mpa = round(curve.rail_pressure * 1e-6)
-    path = folder / f"evi_{mpa}MPa.csv"
+    path = _path(folder, curve.rail_pressure)
     with path.open("w", encoding="utf-8", newline="") as stream:
-        stream.write("# SYNTHETIC: virtual test bench of commonrail, not a measurement\n")
+        stream.write(f"{OWN}\n")
         stream.write(f"# truth {truth.name} ({' '.join(truth.title.split())}), seed {seed}\n")
         stream.write(f"# asked for: rail pressure {mpa} MPa, energising time {ENERGISING_TIME * 1e6:g} us\n")
         stream.write("# a row: mean rate over the 3 us that end at its time, and pressure at the injector's inlet at\n")
