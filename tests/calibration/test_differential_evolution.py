@@ -285,7 +285,7 @@ def test_a_state_saved_before_the_first_trials_is_restored() -> None:
     ("other", "why"),
     [
         (
-            lambda: DifferentialEvolution(box(3), np.random.default_rng(0), EvolutionSettings(6, 3)),
+            lambda: DifferentialEvolution(box(3), np.random.default_rng(0), EvolutionSettings(7, 2)),
             "settings",
         ),
         (

@@ -100,8 +100,7 @@ def _record(title: str) -> dict[str, Any]:
             }
             for g in steps
         ],
-        "seconds": 83.2,
-        "simulations_per_second": 38.6,
+        "clock": {"seconds": 83.2, "simulations_per_second": 38.6},
     }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.calibration.run import Generation
+from commonrail.calibration.checkpoint import Generation
 from commonrail.reproduction.measures import box, edges, j_by_phase, ninety_percent, spread
 
 BOUNDS = 1e-6 * np.arange(0.0, 1201.0, 3.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.sampling import sampled_rates
 from commonrail.engine.simulate import reference_density, simulate_batch
+from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
@@ -23,9 +24,20 @@ MM3_PER_MS = 1e6  # of 1 m³/s: the unit of the paper's J
 
 
 class Scores(NamedTuple):
-    """Objective of candidates (n,), +inf where a simulation failed, and the number of simulations each took."""
+    """What became of candidates.
+
+    Attributes
+    ----------
+    costs : (n,)
+        Objective, +inf where a simulation failed.
+    statuses : (n,) int8
+        Value of `Status`: of the first operating point that failed, OK if none did.
+    simulations : int
+        Single injections that it took.
+    """
 
     costs: Floats
+    statuses: NDArray[np.int8]
     simulations: int
 
 
@@ -78,19 +90,33 @@ class Objective:
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""
         total = np.zeros(len(values))
+        statuses = np.zeros(len(values), np.int8)
         simulations = 0
         if self._misfit is not None:
-            total += np.sum(self.curve_costs(values) * [d.weight for d in self.curves], axis=1)
+            batch = self._curves(values)
+            total += np.sum(_curve_costs(batch) * [d.weight for d in self.curves], axis=1)
+            _note_failures(statuses, np.where(batch.status == Status.STILL_INJECTING, Status.OK, batch.status))
             simulations += len(values) * len(self.curves)
         for data in self.maps:
-            total += data.weight * soft_l1(quantity_residuals(data, self.quantities(data, values)))
+            batch = self._map(data, values)
+            total += data.weight * soft_l1(quantity_residuals(data, _quantities(batch)))
+            _note_failures(statuses, batch.status)
             simulations += len(values) * len(data.points)
-        return Scores(np.where(np.isfinite(total), total, np.inf), simulations)
+        finite = np.isfinite(total)
+        statuses[~finite & (statuses == Status.OK)] = Status.NOT_FINITE
+        return Scores(np.where(finite, total, np.inf), statuses, simulations)
 
     def curve_costs(self, values: Floats) -> Floats:
         """J of each injection curve, (n, curves) [mm³/ms]; NaN for a failed simulation."""
+        return _curve_costs(self._curves(values))
+
+    def quantities(self, data: QuantityData, values: Floats) -> Floats:
+        """Injected quantities (n, points) [m³]; NaN for a failed simulation or a needle that never closes."""
+        return _quantities(self._map(data, values))
+
+    def _curves(self, values: Floats) -> Batch:
         points = [d.point for d in self.curves]
-        batch = simulate_batch(
+        return simulate_batch(
             self.injector,
             points,
             self.names,
@@ -99,14 +125,11 @@ class Objective:
             threads=self.threads,
             misfit=self._misfit,
         )
-        return np.asarray(batch.absolute_error / batch.reference_density * MM3_PER_MS)
 
-    def quantities(self, data: QuantityData, values: Floats) -> Floats:
-        """Injected quantities (n, points) [m³]; NaN for a failed simulation or a needle that never closes."""
-        batch = simulate_batch(
+    def _map(self, data: QuantityData, values: Floats) -> Batch:
+        return simulate_batch(
             self.injector, data.points, self.names, values, time_step=self.time_step, threads=self.threads
         )
-        return np.where(batch.status == Status.OK, batch.injected_volume, np.nan)
 
     def rates(self, data: RateData, values: Floats) -> Floats:
         """Simulated samples of one injection curve (n, samples) [m³/s]."""
@@ -118,6 +141,20 @@ class Objective:
         blocks = [np.sqrt(d.weight) * (self.rates(d, values) - d.rate) * MM3_PER_MS for d in self.curves]
         blocks += [np.sqrt(d.weight) * quantity_residuals(d, self.quantities(d, values)) for d in self.maps]
         return np.concatenate(blocks, axis=1)
+
+
+def _curve_costs(batch: Batch) -> Floats:
+    return np.asarray(batch.absolute_error / batch.reference_density * MM3_PER_MS)
+
+
+def _quantities(batch: Batch) -> Floats:
+    return np.where(batch.status == Status.OK, batch.injected_volume, np.nan)
+
+
+def _note_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]]) -> None:
+    """Put the first status (n, points) other than OK where there is none yet (n,)."""
+    first = found[np.arange(len(found)), np.argmax(found != Status.OK, axis=1)]
+    np.copyto(statuses, first.astype(np.int8), where=statuses == Status.OK)
 
 
 def of_role(data: Sequence[RateData | QuantityData], role: Role) -> list[RateData | QuantityData]:

@@ -151,7 +151,8 @@ class SpreadObjective(Objective):
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""
         found = [a.result for a in self._answers("costs", values) if isinstance(a.result, Scores)]
-        return Scores(np.concatenate([s.costs for s in found]), sum(s.simulations for s in found))
+        costs, statuses = (np.concatenate(parts) for parts in zip(*[s[:2] for s in found], strict=True))
+        return Scores(costs, statuses, sum(s.simulations for s in found))
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals for least squares (n, all samples and points)."""

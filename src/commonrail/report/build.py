@@ -128,13 +128,14 @@ def _facts(record: Record) -> list[tuple[str, str]]:
     software = record.get("software", {})
     names = {"slots": "candidates proposed", "simulated": "simulated", "failed": "failed"}
     evaluations = [f"{counts[key]:,} {words}" for key, words in names.items() if key in counts]
-    speed = f"{significant(record.get('simulations_per_second'), 3)} injections/s"
+    clock = record.get("clock", record)  # its keys stood in the record itself once
+    speed = f"{significant(clock.get('simulations_per_second'), 3)} injections/s"
     if "injections" in counts:
         speed = f"{counts['injections']:,} injections; {speed}"
     return [
         ("Evaluations", "; ".join(evaluations)),
         ("Simulations", speed),
-        ("Time of the search", duration(record.get("seconds"))),
+        ("Time of the search", duration(clock.get("seconds"))),
         ("Ended", f"{record['status']}: {record.get('reason') or 'the optimiser was done'}"),
         ("Seed", str(record["seed"])),
         ("Time step", f"{significant(record.get('time_step'), 4, 1e6)} µs"),

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.calibration.run import Generation
+from commonrail.calibration.checkpoint import Generation
 
 __all__ = ["PHASES", "Box", "Edges", "Spread", "box", "edges", "j_by_phase", "ninety_percent", "spread"]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.calibration.run import Generation
+from commonrail.calibration.checkpoint import Generation
 from commonrail.reproduction import paper
 from commonrail.reproduction.claims import claims
 from commonrail.reproduction.figures import Figures

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.identifiability import identify_at
 from commonrail.analysis.virtual_bench import Truth, bench_curve
+from commonrail.calibration.checkpoint import Generation
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Counts, DifferentialEvolution, EvolutionSettings
-from commonrail.calibration.run import Generation, generations
+from commonrail.calibration.search import generations
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import RateData, Role
 from commonrail.engine.operating_point import OperatingPoint, Trace
@@ -198,8 +199,8 @@ class _Searches:
         history: list[Generation] = []
         members: list[Floats] = []
         injections = 0
-        for simulated in generations(optimiser, self.objective(data)):
-            injections += simulated
+        for trials in generations(optimiser, self.objective(data)):
+            injections += trials.simulations
             history.append(Generation.of(len(history), optimiser))
             members.append(optimiser.population)
             self.after()

@@ -225,10 +225,12 @@ class DifferentialEvolution:
         self._pending = None
 
     def _identity(self) -> dict[str, Any]:
-        """What a state must share with the search that takes it up."""
+        """What a state must share with the search that takes it up; more generations may be wanted of that one."""
+        settings = asdict(self.settings)
+        del settings["generations"]
         return {
             "method": "differential_evolution",
-            "settings": [str(value) for value in asdict(self.settings).values()],
+            "settings": [str(value) for value in settings.values()],
             "names": list(self.space.names),
             "lower": self.space.lower.copy(),
             "upper": self.space.upper.copy(),
