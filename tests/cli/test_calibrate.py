@@ -90,7 +90,7 @@ def test_a_used_run_folder_is_not_touched(command: Command, finished: dict[str, 
 
 def test_a_folder_that_cannot_be_made_is_refused(command: Command, study: Path) -> None:
     done = command("calibrate", study, "--out", study / "run")
-    assert done.status == 2
+    assert done.status == 3
     assert "cannot be written" in done.sentence
 
 

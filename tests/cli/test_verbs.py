@@ -56,7 +56,7 @@ def test_new_overwrites_nothing(command: Command, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("verb", ["new", "virtual-bench"])
-def test_a_folder_that_cannot_be_written_ends_with_2(
+def test_a_folder_that_cannot_be_written_ends_with_3(
     command: Command, verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
@@ -64,7 +64,7 @@ def test_a_folder_that_cannot_be_written_ends_with_2(
 
     monkeypatch.setattr("tempfile.TemporaryFile", refuse)
     done = command(verb, tmp_path / "x")
-    assert done.status == 2
+    assert done.status == 3
     assert "cannot be written (Permission denied)" in done.sentence
 
 

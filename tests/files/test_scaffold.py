@@ -47,5 +47,5 @@ def test_a_file_in_the_place_of_the_folder(tmp_path: Path) -> None:
 
 def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
-    with pytest.raises(OutputError, match=r"file/new: the folder cannot be written \(Not a directory\)"):
+    with pytest.raises(OutputError, match=r"file/new cannot be written \(Not a directory\)"):
         write_new(tmp_path / "file" / "new")

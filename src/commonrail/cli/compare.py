@@ -11,8 +11,8 @@ import typer
 
 from commonrail.cli.console import SIMULATING, print_json, print_table, say
 from commonrail.cli.options import Json, Threads
-from commonrail.cli.output import writing
 from commonrail.errors import SimulationError
+from commonrail.files.atomic import writing
 
 if TYPE_CHECKING:
     from commonrail.calibration.comparison import Comparison

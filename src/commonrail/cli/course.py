@@ -17,6 +17,7 @@ from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.errors import SimulationError
+from commonrail.files.atomic import replacing
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body
 from commonrail.units import to_text
@@ -141,7 +142,7 @@ def write_csv(run: Run, path: Path) -> None:
     names = [f"{name} [{_unit(name)[0]}]" for name in s.channels]
     columns = [s.time[1:] * 1e6, s.rate_mm3_per_ms, s.rate_mg_per_ms, s.injected[1:] * 1e6]
     columns += [values[1:] * _unit(name)[1] for name, values in s.channels.items()]
-    with path.open("w", encoding="utf-8", newline="") as stream:
+    with replacing(path) as stream:
         stream.write(f"# simulated by commonrail, not measured: {heading(run)}\n")
         stream.write("# rates are means over the interval that ends at the row's time; the rest is ")
         stream.write("instantaneous\n")

@@ -12,11 +12,11 @@ import typer
 from commonrail.cli.console import print_table, say
 from commonrail.cli.guard import INTERRUPTED, guarded
 from commonrail.cli.options import Threads
-from commonrail.cli.output import writing
 from commonrail.cli.reproduce import QUICK_SEEDS, TRUTH
 from commonrail.cli.reproduction_run import run_reproduction
 from commonrail.cli.study_run import Outcome, run_study
 from commonrail.errors import InputError
+from commonrail.files.atomic import writing
 
 __all__ = ["demo", "main"]
 

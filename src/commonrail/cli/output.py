@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import errno
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-from commonrail.errors import InputError, OutputError
+from commonrail.errors import InputError
+from commonrail.files.atomic import check_target, writing
 
-__all__ = ["check_file", "check_folder", "free_run_folder", "writing"]
-
-_FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+__all__ = ["check_file", "check_folder", "free_run_folder"]
 
 
 def check_file(path: Path | None, option: str) -> None:
@@ -21,7 +17,9 @@ def check_file(path: Path | None, option: str) -> None:
     Raises
     ------
     InputError
-        If it is a folder, or its folder is missing or not writable.
+        If it is a folder, or its folder is missing.
+    OutputError
+        If it is a symbolic link or a device, or its folder is not writable.
     """
     if path is None:
         return
@@ -29,11 +27,11 @@ def check_file(path: Path | None, option: str) -> None:
         raise InputError(f"{option}: {path} is a folder; name a file in it.")
     if not path.parent.is_dir():
         raise InputError(f"{option}: there is no folder {path.parent}; make it or name another.")
+    check_target(path)
     with writing(path, option):
         if path.exists():
             path.open("ab").close()
-        else:
-            tempfile.TemporaryFile(dir=path.parent).close()
+        tempfile.TemporaryFile(dir=path.parent).close()
 
 
 def check_folder(path: Path) -> None:
@@ -42,33 +40,15 @@ def check_folder(path: Path) -> None:
     Raises
     ------
     InputError
-        If it is a file, or the nearest folder above it is not writable.
+        If it is a file.
+    OutputError
+        If the nearest folder above it is not writable.
     """
     above = next(p for p in (path, *path.absolute().parents) if p.exists())
     if not above.is_dir():
         raise InputError(f"{path}: {above} is a file; name a folder.")
     with writing(path):
         tempfile.TemporaryFile(dir=above).close()
-
-
-@contextmanager
-def writing(path: Path, option: str = "") -> Iterator[None]:
-    """Turn an operating system's error while writing into a sentence.
-
-    Raises
-    ------
-    OutputError
-        If the disk is full.
-    InputError
-        For any other reason, such as no permission.
-    """
-    try:
-        yield
-    except OSError as error:
-        kind = OutputError if error.errno in _FULL else InputError
-        place = f"{option}: {path}" if option else f"{path}"
-        reason = error.strerror or type(error).__name__
-        raise kind(f"{place} cannot be written ({reason}); name another place.") from error
 
 
 def free_run_folder(stem: str, under: Path = Path("runs")) -> Path:

@@ -6,9 +6,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from commonrail.cli.output import writing
 from commonrail.cli.progress import Bar, Stage
 from commonrail.cli.study_run import Outcome
+from commonrail.files.atomic import writing
 
 if TYPE_CHECKING:
     from commonrail.reproduction.run import Progress

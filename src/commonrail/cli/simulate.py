@@ -18,7 +18,8 @@ from commonrail.cli.options import (
     read_energisings,
     with_overrides,
 )
-from commonrail.cli.output import check_file, writing
+from commonrail.cli.output import check_file
+from commonrail.files.atomic import write_text, writing
 from commonrail.units import parse
 
 if TYPE_CHECKING:
@@ -106,5 +107,5 @@ def _write(run: Run, out: Path | None, plot: Path | None) -> list[str]:
 
         with writing(plot, "--plot"):
             page = simulation_figure(run.solution, course.heading(run))
-            plot.write_text(page, encoding="utf-8")
+            write_text(plot, page)
     return [str(path) for path in (out, plot) if path is not None]

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from commonrail.cli.console import say
-from commonrail.cli.output import writing
 from commonrail.cli.progress import Bar, Stage
+from commonrail.files.atomic import writing
 
 if TYPE_CHECKING:
     from commonrail.calibration.run import Calibration, Progress

@@ -8,6 +8,7 @@ from pathlib import Path
 from commonrail.analysis.truth import Truth
 from commonrail.analysis.virtual_bench import Curve, bench_curve
 from commonrail.errors import InputError
+from commonrail.files.atomic import replacing
 from commonrail.files.injector_file import load_injector
 from commonrail.files.truth_file import load_truth
 
@@ -70,7 +71,7 @@ def _refuse_to_overwrite(path: Path) -> None:
 def _write(folder: Path, curve: Curve, seed: int, truth: Truth) -> Path:
     mpa = round(curve.rail_pressure * 1e-6)
     path = _path(folder, curve.rail_pressure)
-    with path.open("w", encoding="utf-8", newline="") as stream:
+    with replacing(path) as stream:
         stream.write(f"{OWN}\n")
         stream.write(f"# truth {truth.name} ({' '.join(truth.title.split())}), seed {seed}\n")
         stream.write(f"# asked for: rail pressure {mpa} MPa, energising time {ENERGISING_TIME * 1e6:g} us\n")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.calibration.comparison import Comparison
+from commonrail.files.atomic import write_text
 from commonrail.files.run_folder import TRACES, rate_curves, read_folder
 from commonrail.files.traces_file import MEASURED, Traces, write_traces
 
@@ -18,7 +19,7 @@ COMPARISON = "comparison.json"
 
 def write_comparison(folder: Path, comparison: Comparison, record: Mapping[str, Any]) -> None:
     """Write comparison.json and traces.csv; J of every curve can be computed again from the latter."""
-    (folder / COMPARISON).write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(folder / COMPARISON, json.dumps(record, indent=1, allow_nan=False) + "\n")
     synthetic = record["synthetic"]
     notes = (
         record["title"],

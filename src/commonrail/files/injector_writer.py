@@ -9,7 +9,7 @@ from typing import Any
 import tomlkit
 from tomlkit.items import InlineTable
 
-from commonrail.errors import OutputError
+from commonrail.files.atomic import write_text
 from commonrail.fuel.catalogue import catalogue, load_fuel
 from commonrail.fuel.fuel import Fuel, Law
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
@@ -38,11 +38,7 @@ def dump_injector(injector: Injector, path: Path, notes: Mapping[str, str] | Non
     OutputError
         If the file cannot be written.
     """
-    text = injector_text(injector, notes or {}, header)
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path}: the injector cannot be written ({error.strerror}).") from error
+    write_text(path, injector_text(injector, notes or {}, header))
 
 
 def injector_text(injector: Injector, notes: Mapping[str, str], header: str) -> str:

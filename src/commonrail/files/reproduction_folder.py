@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError
+from commonrail.files.atomic import replacing, write_text
 from commonrail.reproduction.repetition import LABELS, Repetition
 from commonrail.reproduction.run import Reproduction
 
@@ -29,9 +30,9 @@ _COLUMNS = (EXPERIMENT, *LABELS)
 def write_reproduction(folder: Path, reproduction: Reproduction, record: Mapping[str, Any]) -> None:
     """Write reproduce.json, traces.csv and truth.toml."""
     text = json.dumps(record, indent=1, allow_nan=False)
-    (folder / RECORD).write_text(text + "\n", encoding="utf-8")
-    (folder / TRUTH).write_text(reproduction.bench.truth.text, encoding="utf-8")
-    with (folder / TRACES).open("w", encoding="utf-8", newline="") as stream:
+    write_text(folder / RECORD, text + "\n")
+    write_text(folder / TRUTH, reproduction.bench.truth.text)
+    with replacing(folder / TRACES) as stream:
         stream.write(f"# SYNTHETIC: {' '.join(reproduction.bench.truth.synthetic.split())}\n")
         stream.write("# a row is the mean rate of one sample, whose middle is the time\n")
         writer = csv.writer(stream, lineterminator="\n")

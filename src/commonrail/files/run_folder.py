@@ -12,12 +12,13 @@ from commonrail.calibration.run import Calibration
 from commonrail.calibration.score import DataScore, RateScore
 from commonrail.calibration.study import QuantityData, RateData
 from commonrail.errors import InputError
+from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import dump_injector
 from commonrail.files.traces_file import MEASURED, Curve, Traces, read_traces, write_traces
 
 __all__ = ["RESULT", "TRACES", "create_run_folder", "rate_curves", "read_folder", "read_run", "write_run"]
 
-RESULT, TRACES = "result.json", "traces.csv"
+RESULT, STUDY, TRACES = "result.json", "study.toml", "traces.csv"
 
 _COLUMNS = (MEASURED, *LABELS)
 
@@ -28,32 +29,30 @@ def create_run_folder(path: Path) -> Path:
     Raises
     ------
     InputError
-        If it exists and is not empty, or cannot be made.
+        If it exists and is not empty.
+    OutputError
+        If it cannot be made.
     """
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise InputError(
             f"{path}: there already is something; name another folder with --out, nothing was overwritten."
         )
-    try:
+    with writing(path, "--out"):
         path.mkdir(parents=True, exist_ok=True)
         probe = path / ".writable"
         probe.touch()
         probe.unlink()
-    except OSError as error:
-        raise InputError(
-            f"{path}: the run folder cannot be written ({error.strerror}); name another one with --out."
-        ) from error
     return path
 
 
 def write_run(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
     """Write study.toml, calibrated.toml, result.json and traces.csv."""
-    (folder / "study.toml").write_text(calibration.study.text, encoding="utf-8")
+    write_text(folder / STUDY, calibration.study.text)
     title = calibration.study.title
     notes = {name: f'calibrated by "{title}"' for name in calibration.best}
     dump_injector(calibration.injector, folder / "calibrated.toml", notes)
     record = result_record(calibration, identified)
-    (folder / RESULT).write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(folder / RESULT, json.dumps(record, indent=1, allow_nan=False) + "\n")
     _write_traces(folder / TRACES, calibration)
 
 

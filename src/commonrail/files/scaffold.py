@@ -5,7 +5,8 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-from commonrail.errors import InputError, OutputError
+from commonrail.errors import InputError
+from commonrail.files.atomic import writing
 
 __all__ = ["TEMPLATES", "write_new"]
 
@@ -33,7 +34,7 @@ def write_new(folder: Path) -> list[Path]:
         If the folder cannot be written.
     """
     templates = resources.files("commonrail.files") / "templates"
-    try:
+    with writing(folder):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"{folder}: there already is something; name a new or empty folder.")
         written = []
@@ -42,6 +43,4 @@ def write_new(folder: Path) -> list[Path]:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes((templates / name).read_bytes())
             written.append(path)
-    except OSError as error:
-        raise OutputError(f"{folder}: the folder cannot be written ({error.strerror}).") from error
     return written

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError
+from commonrail.files.atomic import replacing
 from commonrail.files.csv_rows import LARGEST_FILE
 from commonrail.files.text_file import read_text
 
@@ -42,7 +43,7 @@ def write_traces(path: Path, notes: Iterable[str], labels: Sequence[str], curves
 
     The digits are those of the numbers themselves: J can be computed again from the file.
     """
-    with path.open("w", encoding="utf-8", newline="") as stream:
+    with replacing(path) as stream:
         stream.writelines(f"# {' '.join(note.split())}\n" for note in notes)
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow([*_KEYS, *(label + _UNIT for label in labels)])

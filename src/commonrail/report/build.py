@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,8 @@ import numpy as np
 from jinja2 import UndefinedError
 from numpy.typing import NDArray
 
-from commonrail.errors import InputError, OutputError
+from commonrail.errors import InputError
+from commonrail.files.atomic import write_text
 from commonrail.files.comparison_folder import COMPARISON, read_comparison
 from commonrail.files.reproduction_folder import RECORD, read_reproduction
 from commonrail.files.run_folder import RESULT, TRACES, read_run
@@ -52,9 +52,9 @@ def write_report(folder: Path) -> Path:
     Raises
     ------
     InputError
-        If it is not a run folder, was left by another version, or cannot be written.
+        If it is not a run folder or was left by another version.
     OutputError
-        If the disk is full.
+        If the report cannot be written.
     """
     folder = Path(folder)
     name, verb, make = next((k for k in _KINDS if (folder / k[0]).is_file()), _KINDS[-1])
@@ -65,11 +65,7 @@ def write_report(folder: Path) -> Path:
             f"{folder}: {name} or {TRACES} is incomplete ({type(error).__name__}: {error}); {verb} again."
         ) from error
     path = folder / "report.html"
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        kind = OutputError if error.errno in (errno.ENOSPC, errno.EDQUOT) else InputError
-        raise kind(f"{path}: the report cannot be written ({error.strerror}).") from error
+    write_text(path, page)
     return path
 
 

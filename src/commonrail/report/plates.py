@@ -13,6 +13,7 @@ from matplotlib.figure import Figure as Sheet
 from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
+from commonrail.files.atomic import replacing
 from commonrail.report import reproduction_figures
 from commonrail.report.chart import MARKERS, Band, Boxes, Figure, Panel, Series
 from commonrail.report.record import Record
@@ -169,6 +170,7 @@ def _boxes(axes: Axes, boxes: Boxes) -> None:
 
 def _save(sheet: Sheet, stem: Path) -> list[Path]:
     paths = [stem.with_suffix(".svg"), stem.with_suffix(".pdf")]
-    sheet.savefig(paths[0], metadata={"Date": None, "Creator": "commonrail"})
-    sheet.savefig(paths[1], metadata={"CreationDate": None, "Creator": "commonrail"})
+    for path, undated in zip(paths, ("Date", "CreationDate"), strict=True):
+        with replacing(path, "wb") as stream:
+            sheet.savefig(stream, format=path.suffix[1:], metadata={undated: None, "Creator": "commonrail"})
     return paths
