@@ -14,6 +14,8 @@ VERBS = {
     "calibrate",
     "validate",
     "compare",
+    "resume",
+    "runs",
     "reproduce",
     "report",
     "verify",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
@@ -24,7 +25,7 @@ from commonrail.files.study_models import (
 )
 from commonrail.files.study_quantities import read_quantities
 from commonrail.files.study_rates import read_rate
-from commonrail.files.text_file import read_toml
+from commonrail.files.text_file import noting_files, read_toml
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.parts.furniture import Q
 from commonrail.units import parse, to_text
@@ -54,7 +55,12 @@ def load_study(path: str | Path) -> Study:
         If values contradict one another: crossed bounds, constraints without room, a window outside
         the data.
     """
-    file = Path(path)
+    with noting_files() as files:
+        study = _study(Path(path))
+    return replace(study, files=files)
+
+
+def _study(file: Path) -> Study:
     document, text = read_toml(file)
     at = Place(str(file))
     if "format" not in document:

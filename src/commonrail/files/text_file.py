@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import re
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
 from commonrail.errors import InputError, nearest
 
-__all__ = ["parse_toml", "read_text", "read_toml"]
+__all__ = ["noting_files", "parse_toml", "read_text", "read_toml"]
 
 LARGEST_TOML = 10_000_000  # [bytes]; a file of settings has some thousands
+
+
+_noted: ContextVar[dict[Path, str] | None] = ContextVar("_noted", default=None)
+
+
+@contextmanager
+def noting_files() -> Iterator[dict[Path, str]]:
+    """Absolute path and SHA-256 of every file that is read inside the block, in the order of reading."""
+    noted: dict[Path, str] = {}
+    token = _noted.set(noted)
+    try:
+        yield noted
+    finally:
+        _noted.reset(token)
 
 
 def read_text(path: Path, largest: int) -> str:
@@ -37,6 +56,9 @@ def read_text(path: Path, largest: int) -> str:
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: the file cannot be read ({reason}).") from error
+    noted = _noted.get()
+    if noted is not None:
+        noted[Path(os.path.abspath(path))] = hashlib.sha256(data).hexdigest()
     return _decoded(path, data).replace("\r\n", "\n").replace("\r", "\n")
 
 
