@@ -70,10 +70,10 @@ def main() -> None:
 
 def soak(study: Path, kills: int, seed: int, jobs: int, folder: Path) -> bool:
     """Rounds until there were so many kills; whether anything was not as it should be."""
-    _finish("calibrate", str(study), "--out", str(folder / "warm"))  # compiles
+    finish("calibrate", str(study), "--out", str(folder / "warm"))  # compiles
     times = _times(study, folder / "whole")
     print(f"a run takes {times.end:.2f} s, its search from {times.first:.2f} s to {times.last:.2f} s", flush=True)
-    expected = _bytes(folder / "whole")
+    expected = timeless(folder / "whole")
     draw = random.Random(seed)
     rounds: list[Round] = []
     with ThreadPoolExecutor(jobs) as pool:
@@ -96,12 +96,12 @@ def soak(study: Path, kills: int, seed: int, jobs: int, folder: Path) -> bool:
 def _times(study: Path, run: Path) -> Times:
     """Run to the end, and see when the journal has its first and its last generation."""
     start = time.monotonic()
-    process = _start("calibrate", str(study), "--out", str(run))
+    running = _start("calibrate", str(study), "--out", str(run))
     seen: list[tuple[int, float]] = []
-    while process.poll() is None:
-        facts = _facts(run)
-        if facts and facts[0] > (seen[-1][0] if seen else 0):
-            seen.append((facts[0], time.monotonic() - start))
+    while running.poll() is None:
+        found = facts(run)
+        if found and found[0] > (seen[-1][0] if seen else 0):
+            seen.append((found[0], time.monotonic() - start))
         time.sleep(0.005)
     return Times(seen[0][1], seen[-1][1], time.monotonic() - start)
 
@@ -118,11 +118,11 @@ def _round(study: Path, run: Path, times: Times, expected: bytes, seed: int) -> 
             break
         kills += 1
         moments.append(_moment(run))
-        faults += [f"{run.name}: {text}" for text in _damage(run)]
-    done = _process(*(["resume", str(run)] if _begun(run) else begin))
+        faults += [f"{run.name}: {text}" for text in damage(run)]
+    done = process(*(["resume", str(run)] if _begun(run) else begin))
     if done.returncode:
         faults.append(f"{run.name}: exit status {done.returncode}: {done.stderr.strip().splitlines()[-1:]}")
-    elif _bytes(run) != expected:
+    elif timeless(run) != expected:
         faults.append(f"{run.name}: {RESULT} differs from that of the run never stopped")
     if not faults:
         shutil.rmtree(run)
@@ -148,10 +148,10 @@ def _start(*arguments: str) -> subprocess.Popen[bytes]:
 
 def _begun(run: Path) -> bool:
     """Whether there is a run to go on with."""
-    return _facts(run) is not None
+    return facts(run) is not None
 
 
-def _facts(run: Path) -> tuple[int, int] | None:
+def facts(run: Path) -> tuple[int, int] | None:
     """Generations and sessions that ended, of a run that was begun."""
     path = run / JOURNAL
     if not path.is_file():
@@ -167,16 +167,16 @@ def _facts(run: Path) -> tuple[int, int] | None:
 
 
 def _moment(run: Path) -> str:
-    facts = _facts(run)
-    if facts is None:
+    found = facts(run)
+    if found is None:
         return "not begun"
-    generations, ended = facts
+    generations, ended = found
     if ended:
         return "ended"
     return "no generation" if generations == 0 else "all generations" if generations == 71 else "some generations"
 
 
-def _damage(run: Path) -> list[str]:
+def damage(run: Path) -> list[str]:
     if not (run / JOURNAL).is_file():
         return []
     with closing(sqlite3.connect(run / JOURNAL)) as journal:
@@ -184,18 +184,18 @@ def _damage(run: Path) -> list[str]:
     return [] if found == ["ok"] else [f"integrity check: {text}" for text in found]
 
 
-def _bytes(run: Path) -> bytes:
+def timeless(run: Path) -> bytes:
     """result.json as it stands on disk, without the key that holds what depends on the clock."""
     return re.sub(rb',\n "clock": \{[^}]*\}', b"", (run / RESULT).read_bytes())
 
 
-def _process(*arguments: str) -> subprocess.CompletedProcess[str]:
+def process(*arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "commonrail", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False)
 
 
-def _finish(*arguments: str) -> None:
-    done = _process(*arguments)
+def finish(*arguments: str) -> None:
+    done = process(*arguments)
     if done.returncode:
         sys.exit(f"soak: {' '.join(arguments)} ended with {done.returncode}: {done.stderr.strip()}")
 
