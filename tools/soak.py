@@ -71,9 +71,9 @@ def main() -> None:
 def soak(study: Path, kills: int, seed: int, jobs: int, folder: Path) -> bool:
     """Rounds until there were so many kills; whether anything was not as it should be."""
     finish("calibrate", str(study), "--out", str(folder / "warm"))  # compiles
-    times = _times(study, folder / "whole")
+    times = _times(study, [folder / f"whole-{i}" for i in range(jobs)])
     print(f"a run takes {times.end:.2f} s, its search from {times.first:.2f} s to {times.last:.2f} s", flush=True)
-    expected = timeless(folder / "whole")
+    expected = timeless(folder / "whole-0")
     draw = random.Random(seed)
     rounds: list[Round] = []
     with ThreadPoolExecutor(jobs) as pool:
@@ -93,13 +93,13 @@ def soak(study: Path, kills: int, seed: int, jobs: int, folder: Path) -> bool:
     return bool(faults)
 
 
-def _times(study: Path, run: Path) -> Times:
-    """Run to the end, and see when the journal has its first and its last generation."""
+def _times(study: Path, runs: list[Path]) -> Times:
+    """Run to the end, as many at a time as later, and see when a journal has its first and its last generation."""
     start = time.monotonic()
-    running = _start("calibrate", str(study), "--out", str(run))
+    running = [_start("calibrate", str(study), "--out", str(run)) for run in runs]
     seen: list[tuple[int, float]] = []
-    while running.poll() is None:
-        found = facts(run)
+    while any(process.poll() is None for process in running):
+        found = facts(runs[0])
         if found and found[0] > (seen[-1][0] if seen else 0):
             seen.append((found[0], time.monotonic() - start))
         time.sleep(0.005)

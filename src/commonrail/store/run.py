@@ -17,8 +17,8 @@ from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
 from commonrail.calibration.workers import Workers
 from commonrail.errors import CommonrailError, ConfigurationError, StudyError
-from commonrail.files.atomic import write_text
-from commonrail.files.run_folder import STUDY, create_run_folder, write_run
+from commonrail.files.atomic import write_text, writing
+from commonrail.files.run_folder import STUDY, refuse_used, write_run
 from commonrail.files.study_file import load_study
 from commonrail.store.changes import check_files
 from commonrail.store.content import content_of, sha256
@@ -163,9 +163,17 @@ def _ending(journal: Journal) -> Iterator[None]:
 def _begun(folder: Path, study: Study) -> Iterator[tuple[Journal, Study]]:
     """A new run's journal and its study, read from the copy in the folder; nothing stays if nothing was simulated."""
     existed = folder.is_dir()
-    if not _is_abandoned(folder):
-        create_run_folder(folder)
+    if (folder / LOCK).is_file():  # a run's, perhaps of one that was killed before it was ready to start
+        with suppress(StudyError):
+            if "content" in read_about(folder):
+                refuse_used(folder)
+    else:
+        refuse_used(folder)
+        with writing(folder, "--out"):
+            folder.mkdir(parents=True, exist_ok=True)
     with Journal(folder) as journal:
+        if "content" in journal.about:
+            refuse_used(folder)
         try:
             inputs, own = copy_study(study, folder)
             journal.describe(
@@ -183,15 +191,6 @@ def _begun(folder: Path, study: Study) -> Iterator[tuple[Journal, Study]]:
             if journal.checkpoint() is None:
                 _remove(folder, existed)
             raise
-
-
-def _is_abandoned(folder: Path) -> bool:
-    """Whether a run was begun in a folder, and killed before it was ready to start."""
-    if not (folder / LOCK).is_file():
-        return False
-    with suppress(StudyError):
-        return "content" not in read_about(folder)
-    return not (folder / JOURNAL).exists()
 
 
 def _remove(folder: Path, existed: bool) -> None:
