@@ -14,6 +14,7 @@ VERBS = {
     "calibrate",
     "validate",
     "compare",
+    "fleet",
     "resume",
     "runs",
     "reproduce",

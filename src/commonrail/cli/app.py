@@ -9,6 +9,7 @@ import typer
 from commonrail.cli.calibrate import calibrate
 from commonrail.cli.catalogue import catalogue
 from commonrail.cli.compare import compare
+from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
 from commonrail.cli.new import new
 from commonrail.cli.report import report
@@ -38,6 +39,7 @@ _VERBS = (
     runs,
     validate,
     compare,
+    fleet,
     report,
     verify,
     catalogue,
