@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint verify soak bench clean
+.PHONY: help demo test lint verify soak fleet bench clean
 
 help: ## show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST)
@@ -33,6 +33,9 @@ verify: $(VENV)/.dev ## check the claims: the verification study and the slow te
 
 soak: $(VENV)/.runtime ## kill the paper's study 200 times at random instants and go on with it
 	$(BIN)/python tools/soak.py 200
+
+fleet: $(VENV)/.runtime ## calibrate a synthetic fleet of 200, killed once and restarted once
+	$(BIN)/python tools/fleet_trial.py
 
 bench: $(VENV)/.bench ## time and quality against peers
 	$(BIN)/python -m benchmarks.run

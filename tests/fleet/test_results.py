@@ -15,7 +15,7 @@ from commonrail.fleet.run import FleetRun
 from commonrail.fleet.summary import fleet_record, spread_of
 from tests.fleet.conftest import COUNT, results
 
-CLOCK = {"seconds": 2.0, "calibrated_now": 5, "workers": 1}
+CLOCK = {"seconds": 2.0, "first": 1.0, "calibrated_now": 5, "workers": 1}
 
 
 def test_a_row_for_each_injector_that_can_be_read_back_to_the_last_bit(whole: FleetRun) -> None:
@@ -100,9 +100,7 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(
 
     (tmp_path / "results.csv").write_text("old", encoding="utf-8")
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(
-        OutputError, match=r"results\.csv cannot be written \(No space left on device\); make room"
-    ):
+    with pytest.raises(OutputError, match=r"results\.csv cannot be written \(No space left on device\); make room"):
         write_results(tmp_path, load_fleet(fleet_file), whole.entries, "finished", CLOCK)
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["results.csv"]
     assert (tmp_path / "results.csv").read_text(encoding="utf-8") == "old"

@@ -84,7 +84,9 @@ def _print(run: FleetRun, report: Path) -> None:
     clock: dict[str, Any] = run.record["clock"]
     if clock["calibrated_now"]:
         speed = clock["injectors_per_second"]
-        typer.echo(f"{clock['calibrated_now']} injectors in {clock['seconds']:.1f} s: {speed:.2f} injectors/s.")
+        steady = clock["after_the_first"]
+        after = f", {steady:.2f} injectors/s once the workers were up" if steady else ""
+        typer.echo(f"{clock['calibrated_now']} injectors in {clock['seconds']:.1f} s: {speed:.2f} injectors/s{after}.")
     typer.echo("")
     for table in fleet_tables(run.record):
         print_table(table)

@@ -109,7 +109,7 @@ def run_fleet(
         except KeyboardInterrupt:
             status = "interrupted"
         entries = run.in_order()
-        clock = {"seconds": run.seconds, "calibrated_now": run.now, "workers": run.workers}
+        clock = {"seconds": run.seconds, "first": run.first, "calibrated_now": run.now, "workers": run.workers}
         return FleetRun(folder, write_results(folder, fleet, entries, status, clock), entries)
 
 
@@ -132,6 +132,7 @@ class _Run:
         self.pending = [name for name in fleet.supply.names if self._is_pending(name, retry)]
         self.entries = {name: entry for name, entry in self.entries.items() if name not in set(self.pending)}
         self.now = self.workers = 0
+        self.first: float | None = None
         self.start = time.perf_counter()
 
     @property
@@ -174,6 +175,7 @@ class _Run:
         self.journal.write(entry)
         self.entries[outcome.name] = entry
         self.now += 1
+        self.first = self.seconds if self.first is None else self.first
         self._tell()
 
     def _tell(self) -> None:

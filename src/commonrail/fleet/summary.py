@@ -38,7 +38,7 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
     status : str
         "finished" or "interrupted".
     clock : mapping
-        "seconds", "calibrated_now" and "workers" of this run.
+        "seconds", "first" (until the first injector was done), "calibrated_now" and "workers" of this run.
     """
     finished = [entry for entry in entries if entry.status == FINISHED]
     failed = [entry for entry in entries if entry.status == FAILED]
@@ -123,10 +123,13 @@ def _worst(entry: Entry) -> Record:
 
 
 def _clock(clock: Mapping[str, Any], finished: Sequence[Entry]) -> Record:
-    seconds = clock["seconds"]
+    seconds, later = clock["seconds"], clock["seconds"] - (clock["first"] or 0.0)
     return {
         **clock,
         "injectors_per_second": clock["calibrated_now"] / seconds if seconds > 0.0 else None,
+        "after_the_first": (clock["calibrated_now"] - 1) / later
+        if clock["calibrated_now"] > 1 and later > 0.0
+        else None,
         "core_seconds_of_an_injector": spread_of([entry.seconds for entry in finished]),
         "core_seconds": sum(entry.seconds for entry in finished),
     }

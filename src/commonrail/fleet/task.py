@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.analysis.identifiability import identify
-from commonrail.calibration.run import Calibration, calibrate
+from commonrail.calibration.run import Calibration, calibrate, scores_of
 from commonrail.calibration.score import DataScore, RateScore
 from commonrail.calibration.study import QuantityData, RateData
 from commonrail.calibration.worker import heed_caller_alone
@@ -118,8 +118,18 @@ def serve(pipe: Connection) -> None:
     heed_caller_alone()
     with suppress(EOFError, BrokenPipeError):
         pipe.send(Up())
+        path = Path(pipe.recv())
+        _warm_up(path)
         while True:
-            pipe.send(_answer(Path(pipe.recv())))
+            pipe.send(_answer(path))
+            path = Path(pipe.recv())
+
+
+def _warm_up(path: Path) -> None:
+    """Load what every study needs, so that it does not count as the first one's cost."""
+    with suppress(Exception):  # what is wrong with the study is told when it is calibrated
+        study = load_study(path)
+        scores_of(study, study.injector, 1)
 
 
 def _answer(path: Path) -> Answer:
