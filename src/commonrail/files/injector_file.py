@@ -22,7 +22,7 @@ from commonrail.files.injector_values import (
 )
 from commonrail.files.injector_writer import FORMAT, dump_injector
 from commonrail.files.place import Place
-from commonrail.files.text_file import parse_toml, read_toml
+from commonrail.files.toml_file import parse_toml, read_toml
 from commonrail.fuel.catalogue import load_fuel, parse_fuel
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import (

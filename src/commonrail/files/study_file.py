@@ -24,7 +24,7 @@ from commonrail.files.study_models import (
 )
 from commonrail.files.study_quantities import read_quantities
 from commonrail.files.study_rates import read_rate
-from commonrail.files.text_file import read_toml
+from commonrail.files.toml_file import read_toml
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.parts.furniture import Q
 from commonrail.units import parse, to_text

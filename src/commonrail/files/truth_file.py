@@ -17,7 +17,8 @@ from commonrail.errors import InputError, nearest
 from commonrail.files.injector_file import load_injector
 from commonrail.files.injector_values import Given, read_origin, read_room, read_value
 from commonrail.files.place import Place, located
-from commonrail.files.text_file import LARGEST_TOML, parse_toml, read_text
+from commonrail.files.text_file import read_text
+from commonrail.files.toml_file import LARGEST_TOML, parse_toml
 from commonrail.injector.definition import Injector, Source, parameter_quantities
 from commonrail.injector.model import Parameters
 from commonrail.injector.variants import Body, Boundary, Drive
