@@ -22,6 +22,7 @@ from commonrail.files.injector_values import (
 )
 from commonrail.files.injector_writer import FORMAT, dump_injector
 from commonrail.files.place import Place
+from commonrail.files.reach import ALLOW, Reach, read_allowed
 from commonrail.files.toml_file import parse_toml, read_toml
 from commonrail.fuel.catalogue import load_fuel, parse_fuel
 from commonrail.fuel.fuel import Fuel
@@ -51,13 +52,16 @@ def injector_catalogue() -> list[str]:
     return sorted(name.removesuffix(".toml") for name in files if name.endswith(".toml"))
 
 
-def load_injector(source: str | Path) -> Injector:
+def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     """Read an injector.
 
     Parameters
     ----------
     source : str or Path
         Path of a ``.toml`` file, or a name of `injector_catalogue`.
+    reach : Reach, optional
+        Where the file of its fuel may lie; by default in the injector's folder or below, unless the injector's file
+        says ``allow_outside = true``.
 
     Returns
     -------
@@ -72,7 +76,8 @@ def load_injector(source: str | Path) -> Injector:
     """
     if isinstance(source, Path) or source.endswith(".toml"):
         path = Path(source)
-        return _injector(read_toml(path)[0], Place(str(path)), path.stem, path.parent)
+        data, at = read_toml(path)[0], Place(str(path))
+        return _injector(data, at, path.stem, reach or Reach(path, read_allowed(data, at)))
     known = injector_catalogue()
     if source not in known:
         raise InputError(
@@ -81,13 +86,13 @@ def load_injector(source: str | Path) -> Injector:
         )
     file = f"{source}.toml"
     data = parse_toml((_FOLDER / file).read_text(encoding="utf-8"), file)
-    return _injector(data, Place(file), source, Path())
+    return _injector(data, Place(file), source, Reach(Path(file), False))
 
 
-def _injector(data: Mapping[str, Any], at: Place, stem: str, folder: Path) -> Injector:
+def _injector(data: Mapping[str, Any], at: Place, stem: str, reach: Reach) -> Injector:
     rooms = tuple(get_type_hints(Parameters))
     _check_format(data, at)
-    at.refuse_unknown(data, ("format", "name", "title", "synthetic", "fuel", *_VARIANT, *rooms))
+    at.refuse_unknown(data, ("format", "name", "title", "synthetic", ALLOW, "fuel", *_VARIANT, *rooms))
     given: dict[str, Given] = {}
     for room in rooms:
         given |= _room(room, _table(data, room, at), at / room)
@@ -98,7 +103,7 @@ def _injector(data: Mapping[str, Any], at: Place, stem: str, folder: Path) -> In
         name,
         _text(data, "title", at, name),
         {path: given[path].value for path in parameter_quantities()},
-        _fuel(fuel_table, given[FUEL_TEMPERATURE].value, at / "fuel", folder),
+        _fuel(fuel_table, given[FUEL_TEMPERATURE].value, at / "fuel", reach),
         Variant(
             _choice(data, _VARIANT[0], Body, at),
             _choice(data, _VARIANT[1], Boundary, at),
@@ -151,11 +156,11 @@ def _temperature(table: Mapping[str, Any], at: Place) -> Given:
     return read_value(table["temperature"], quantity, origin, at / "temperature")
 
 
-def _fuel(table: Mapping[str, Any], temperature: float, at: Place, folder: Path) -> Fuel:
+def _fuel(table: Mapping[str, Any], temperature: float, at: Place, reach: Reach) -> Fuel:
     forms = [key for key in _FUEL_FORMS if key in table]
     if len(forms) != 1:
         raise at.error('give either name = "iso4113" (a fuel of the catalogue) or file = "my-fuel.toml"')
-    fuel = _read_fuel(table, forms[0], at, folder)
+    fuel = _read_fuel(table, forms[0], at, reach)
     low, high = fuel.temperature_range
     if not low - 1e-6 <= temperature <= high + 1e-6:  # rounding of a conversion from °C
         raise (at / "temperature").error(
@@ -164,7 +169,7 @@ def _fuel(table: Mapping[str, Any], temperature: float, at: Place, folder: Path)
     return fuel
 
 
-def _read_fuel(table: Mapping[str, Any], form: str, at: Place, folder: Path) -> Fuel:
+def _read_fuel(table: Mapping[str, Any], form: str, at: Place, reach: Reach) -> Fuel:
     if form == "definition":
         definition = _table(table, "definition", at)
         inner = at / "definition"
@@ -172,7 +177,7 @@ def _read_fuel(table: Mapping[str, Any], form: str, at: Place, folder: Path) -> 
         return parse_fuel(laws, _text(definition, "name", inner, "fuel"), str(inner))
     text = _text(table, form, at, "")
     if form == "file":
-        path = folder / text
+        path = reach.path(Path(at.file).parent, text, at / form)
         return parse_fuel(read_toml(path)[0], path.stem, str(path))
     try:
         return load_fuel(text)

@@ -31,7 +31,11 @@ def read_record(path: Path, made_by: str) -> dict[str, Any]:
     try:
         record = json.loads(read_text(path, LARGEST_RECORD))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: this is not a record of {made_by} ({error}).") from error
+        raise _broken(path, made_by, str(error)) from error
     if not isinstance(record, dict):
-        raise InputError(f"{path}: this is not a record of {made_by}, which is one object in braces.")
+        raise _broken(path, made_by, "this is not one object in braces")
     return record
+
+
+def _broken(path: Path, made_by: str, reason: str) -> InputError:
+    return InputError(f"{path.parent}: not a run folder of {made_by} ({path.name}: {reason}); make it again.")

@@ -68,9 +68,10 @@ def read_reproduction(folder: Path) -> tuple[dict[str, Any], Traces]:
     """
     try:
         return read_record(folder / RECORD, "commonrail reproduce"), _traces(folder / TRACES)
-    except (ValueError, LookupError) as error:
+    except (InputError, ValueError, LookupError) as error:
+        reason = str(error).removesuffix(".")
         raise InputError(
-            f"{folder}: not a whole folder of commonrail reproduce ({type(error).__name__}: {error}); reproduce again."
+            f"{folder}: not a whole folder of commonrail reproduce ({reason}); reproduce again."
         ) from error
 
 

@@ -13,6 +13,7 @@ from commonrail.engine.simulate import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.files.injector_file import load_injector
 from commonrail.files.place import Place, located
+from commonrail.files.reach import Reach
 from commonrail.files.study_context import Context
 from commonrail.files.study_faults import read_model
 from commonrail.files.study_models import (
@@ -53,6 +54,10 @@ def load_study(path: str | Path) -> Study:
     ConfigurationError
         If values contradict one another: crossed bounds, constraints without room, a window outside
         the data.
+
+    Notes
+    -----
+    Files that the study names lie in its folder or below, unless it says ``allow_outside = true``.
     """
     file = Path(path)
     document, text = read_toml(file)
@@ -60,14 +65,15 @@ def load_study(path: str | Path) -> Study:
     if "format" not in document:
         raise at.error(f'format is missing; a study file begins with format = "{FORMAT}"')
     model = read_model(document, at)
-    injector = load_injector(_injector_source(model.injector, file.parent))
+    reach = Reach(file, model.allow_outside)
+    injector = _injector(model.injector, reach, at / "injector")
     time_step = parse(model.time_step, "s", str(at / "time_step"))
     with located(at / "time_step"):
         check_step(time_step)
     return Study(
         model.title,
         injector,
-        _data(model.data, Context(injector, time_step, file.parent), at / "data"),
+        _data(model.data, Context(injector, time_step, reach), at / "data"),
         _space(model.parameter, model.constraints, injector, at),
         _method(model.optimiser, at / "optimiser"),
         model.seed,
@@ -77,8 +83,9 @@ def load_study(path: str | Path) -> Study:
     )
 
 
-def _injector_source(text: str, folder: Path) -> str | Path:
-    return folder / text if text.endswith(".toml") else text
+def _injector(text: str, reach: Reach, at: Place) -> Injector:
+    source = reach.path(reach.file.parent, text, at) if text.endswith(".toml") else text
+    return load_injector(source, reach)
 
 
 def _data(

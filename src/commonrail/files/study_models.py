@@ -198,6 +198,7 @@ class StudyModel(_TableModel):
     format: Literal["commonrail-study/1"]
     title: str = Field(min_length=1)
     note: str = ""
+    allow_outside: bool = False
     injector: str
     seed: int = Field(default=1, ge=0)
     time_step: Value = "1 us"

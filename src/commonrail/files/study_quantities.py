@@ -75,7 +75,7 @@ def read_quantities(model: QuantitiesModel, context: Context, at: Place) -> Quan
 
 def _map_rows(model: QuantitiesModel, context: Context, at: Place) -> list[_Row]:
     table = read_columns(
-        context.path(model.file),
+        context.path(model.file, at / "file"),
         {"rail_pressure": "Pa", "energising_time": "s", "quantity": ("m3", "kg")},
         stated={
             "rail_pressure": model.rail_pressure_unit,
@@ -97,7 +97,7 @@ def _dead_time_rows(model: QuantitiesModel, context: Context, at: Place) -> list
     if dead is None:
         return []
     table = read_columns(
-        context.path(dead.file),
+        context.path(dead.file, at / "dead_times" / "file"),
         {"rail_pressure": "Pa", "energising_time": "s"},
         stated={
             "rail_pressure": dead.rail_pressure_unit,
