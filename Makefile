@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint verify bench clean
+.PHONY: help demo test lint verify fuzz bench clean
 
 help: ## show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST)
@@ -27,9 +27,13 @@ lint: $(VENV)/.dev ## format, lint, types, direction of imports
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
-verify: $(VENV)/.dev ## check the claims: the verification study and the slow tests
+verify: $(VENV)/.dev ## check the claims: the verification study, the slow tests and fuzz
 	$(BIN)/commonrail verify
 	$(BIN)/python -m pytest -q tests -m slow
+	$(BIN)/python -m tools.fuzz 100000
+
+fuzz: $(VENV)/.dev ## feed 100,000 spoilt files to every reader
+	$(BIN)/python -m tools.fuzz 100000
 
 bench: $(VENV)/.bench ## time and quality against peers
 	$(BIN)/python -m benchmarks.run

@@ -21,7 +21,7 @@ from commonrail.files.injector_values import (
     read_value,
 )
 from commonrail.files.injector_writer import FORMAT, dump_injector
-from commonrail.files.place import Place
+from commonrail.files.place import Place, located
 from commonrail.files.reach import ALLOW, Reach, read_allowed
 from commonrail.files.toml_file import parse_toml, read_toml
 from commonrail.fuel.catalogue import load_fuel, parse_fuel
@@ -99,19 +99,18 @@ def _injector(data: Mapping[str, Any], at: Place, stem: str, reach: Reach) -> In
     fuel_table = _table(data, "fuel", at)
     given[FUEL_TEMPERATURE] = _temperature(fuel_table, at / "fuel")
     name = _text(data, "name", at, stem)
-    return Injector(
-        name,
-        _text(data, "title", at, name),
-        {path: given[path].value for path in parameter_quantities()},
-        _fuel(fuel_table, given[FUEL_TEMPERATURE].value, at / "fuel", reach),
-        Variant(
-            _choice(data, _VARIANT[0], Body, at),
-            _choice(data, _VARIANT[1], Boundary, at),
-            _choice(data, _VARIANT[2], Drive, at),
-        ),
-        {path: item.source for path, item in given.items()},
-        _text(data, "synthetic", at, ""),
+    title, synthetic = _text(data, "title", at, name), _text(data, "synthetic", at, "")
+    fuel = _fuel(fuel_table, given[FUEL_TEMPERATURE].value, at / "fuel", reach)
+    variant = Variant(
+        _choice(data, _VARIANT[0], Body, at),
+        _choice(data, _VARIANT[1], Boundary, at),
+        _choice(data, _VARIANT[2], Drive, at),
     )
+    values = {path: given[path].value for path in parameter_quantities()}
+    with located(at):  # a drawing may lead to a stiffness without bounds
+        return Injector(
+            name, title, values, fuel, variant, {path: item.source for path, item in given.items()}, synthetic
+        )
 
 
 def _check_format(data: Mapping[str, Any], at: Place) -> None:

@@ -113,7 +113,7 @@ def _window(samples: _Samples, model: RateModel, at: Place) -> _Samples:
             f"{LEAST_SAMPLES} are needed; widen it."
         )
     first, last = int(inside[0]), int(inside[-1])
-    return _Samples(bounds[first : last + 1], samples.rate[first:last], samples.unit)
+    return _Samples(bounds[first : last + 1].copy(), samples.rate[first:last], samples.unit)
 
 
 def _point(model: RateModel, bounds: Floats, context: Context, at: Place) -> OperatingPoint:

@@ -46,7 +46,7 @@ def read_lines(path: Path, largest: int) -> Iterator[str]:
         if len(line) > LONGEST_LINE:
             raise InputError(
                 f"{path}, line {number}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
-                "read; is this the file that was meant?"
+                "read; keep only the columns that are needed."
             )
         yield _decoded(path, line, number)
 
