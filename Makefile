@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint verify fuzz bench clean
+.PHONY: help demo test lint verify fuzz soak bench clean
 
 help: ## show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST)
@@ -34,6 +34,9 @@ verify: $(VENV)/.dev ## check the claims: the verification study, the slow tests
 
 fuzz: $(VENV)/.dev ## feed 100,000 spoilt files to every reader
 	$(BIN)/python -m tools.fuzz 100000
+
+soak: $(VENV)/.runtime ## kill the paper's study 200 times at random instants and go on with it
+	$(BIN)/python tools/soak.py 200
 
 bench: $(VENV)/.bench ## time and quality against peers
 	$(BIN)/python -m benchmarks.run

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from commonrail.report.simulation import simulation_figure
     from commonrail.reproduction.repetition import Bench
     from commonrail.reproduction.run import Reproduction, reproduce
+    from commonrail.store.listing import list_runs
+    from commonrail.store.run import calibrate_into, resume
 
     __version__: str
 
@@ -71,6 +73,8 @@ _HOMES = {
     "report.simulation": ("simulation_figure",),
     "reproduction.repetition": ("Bench",),
     "reproduction.run": ("Reproduction", "reproduce"),
+    "store.listing": ("list_runs",),
+    "store.run": ("calibrate_into", "resume"),
 }
 _MODULES = {name: f"commonrail.{home}" for home, names in _HOMES.items() for name in names}
 
@@ -101,6 +105,7 @@ __all__ = [
     "Variant",
     "__version__",
     "calibrate",
+    "calibrate_into",
     "compare",
     "create_run_folder",
     "dump_injector",
@@ -108,10 +113,12 @@ __all__ = [
     "load_fuel",
     "load_injector",
     "load_study",
+    "list_runs",
     "load_truth",
     "parameter_quantities",
     "read_run",
     "reproduce",
+    "resume",
     "simulate",
     "simulate_batch",
     "simulation_figure",

@@ -6,9 +6,9 @@ from commonrail.report.rerun import rerun_lines
 from tests.report.samples import map_record, rate_record
 
 
-def test_the_seed_and_an_operating_point_of_the_data_are_in_the_lines() -> None:
+def test_the_run_s_own_study_and_an_operating_point_of_the_data_are_in_the_lines() -> None:
     commands = [command for _, command in rerun_lines(rate_record(), "run-1")]
-    assert commands[0] == "commonrail calibrate STUDY.toml --seed 7"
+    assert commands[:2] == ["commonrail calibrate run-1/study.toml", "commonrail resume run-1 --generations 50"]
     simulate = "commonrail simulate run-1/calibrated.toml"
     assert f"{simulate} --rail-pressure 160MPa --energising-time 700us" in commands
 

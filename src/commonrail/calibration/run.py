@@ -97,9 +97,8 @@ def calibrate(
     Raises
     ------
     StudyError
-        If the study has no data to fit, if not one candidate could be simulated, or if the workers failed.
-    ConfigurationError
-        If the checkpoint belongs to another study.
+        If the study has no data to fit, if not one candidate could be simulated, if the workers failed, or if the
+        checkpoint belongs to another study.
     """
     with held_interrupts() as wish:
         search = Search(study, threads, workers, Listeners(progress, recorder, wish), checkpoint)

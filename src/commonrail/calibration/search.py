@@ -24,7 +24,7 @@ from commonrail.calibration.optimisers import (
 from commonrail.calibration.study import Role, Study
 from commonrail.calibration.workers import Workers
 from commonrail.engine.status import Status
-from commonrail.errors import StudyError
+from commonrail.errors import ConfigurationError, StudyError
 
 __all__ = ["Listeners", "Progress", "Search", "generations"]
 
@@ -83,9 +83,7 @@ class Search:
     Raises
     ------
     StudyError
-        If the study has no data to fit.
-    ConfigurationError
-        If the checkpoint belongs to another search.
+        If the study has no data to fit, or the checkpoint belongs to another search.
     """
 
     def __init__(
@@ -200,6 +198,14 @@ class Search:
         )
 
     def _restore(self, checkpoint: Checkpoint) -> None:
+        try:
+            self._take_up(checkpoint)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, ConfigurationError) as error:
+            raise StudyError(
+                f"{self.study.title}: what was kept of the search is damaged or another study's ({error})."
+            ) from error
+
+    def _take_up(self, checkpoint: Checkpoint) -> None:
         self.optimiser.restore(checkpoint.evolution)
         self.history = list(checkpoint.history)
         self.simulations, self.failures = checkpoint.simulations, Counter(checkpoint.failures)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,6 +127,8 @@ class Study:
         The study file as given, to be kept with the result.
     note : str
         Free text for the report.
+    files : mapping of Path to str
+        SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
     """
 
     title: str
@@ -136,6 +140,7 @@ class Study:
     time_step: float
     text: str = ""
     note: str = ""
+    files: Mapping[Path, str] = field(default_factory=dict)
 
     @property
     def synthetic(self) -> str:

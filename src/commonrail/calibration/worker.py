@@ -152,10 +152,7 @@ def serve(pipe: Connection) -> None:
 
     A stop signal goes to the whole group of processes; the calling process alone decides what becomes of it.
     """
-    for name in STOP_SIGNALS:
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
-    threading.Thread(target=_end_with_caller, daemon=True).start()
+    heed_caller_alone()
     with suppress(EOFError, BrokenPipeError):
         pipe.send(Up())
         package: Any = None
@@ -165,6 +162,14 @@ def serve(pipe: Connection) -> None:
                 package = message
             else:
                 pipe.send(_reply(package, *message))
+
+
+def heed_caller_alone() -> None:
+    """In a worker process: let stop signals pass, and end when the calling process does, however that ends."""
+    for name in STOP_SIGNALS:
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    threading.Thread(target=_end_with_caller, daemon=True).start()
 
 
 def _end_with_caller() -> None:

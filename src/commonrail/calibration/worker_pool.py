@@ -63,7 +63,7 @@ class _Worker:
         self.pipe, other = context.Pipe()
         self.process = context.Process(target=serve, args=(other,), daemon=True, name="commonrail worker")
         try:
-            with _shielded():
+            with shielded():
                 self.process.start()
         except OSError as error:
             raise StudyError(
@@ -228,7 +228,7 @@ def _end_all(workers: list[_Worker]) -> None:
 
 
 @contextmanager
-def _shielded() -> Iterator[None]:
+def shielded() -> Iterator[None]:
     """Processes started inside do arithmetic on one thread, and stop signals never reach them."""
     before = {name: os.environ.get(name) for name in SINGLE_THREADED}
     os.environ.update(dict.fromkeys(SINGLE_THREADED, "1"))

@@ -9,10 +9,13 @@ import typer
 from commonrail.cli.calibrate import calibrate
 from commonrail.cli.catalogue import catalogue
 from commonrail.cli.compare import compare
+from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
 from commonrail.cli.new import new
 from commonrail.cli.report import report
 from commonrail.cli.reproduce import reproduce
+from commonrail.cli.resume import resume
+from commonrail.cli.runs import runs
 from commonrail.cli.simulate import simulate
 from commonrail.cli.validate import validate
 from commonrail.cli.verify import verify
@@ -29,7 +32,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-for _verb in (simulate, calibrate, validate, compare, report, verify, catalogue, new, virtual_bench, reproduce):
+_VERBS = (
+    simulate,
+    calibrate,
+    resume,
+    runs,
+    validate,
+    compare,
+    fleet,
+    report,
+    verify,
+    catalogue,
+    new,
+    virtual_bench,
+    reproduce,
+)
+for _verb in _VERBS:
     app.command(_verb.__name__.replace("_", "-"))(guarded(_verb))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,17 +14,21 @@ from commonrail.errors import InputError, nearest
 from commonrail.units import parse
 
 if TYPE_CHECKING:
+    from commonrail.calibration.workers import Workers
     from commonrail.engine.operating_point import Energising
     from commonrail.injector.definition import Injector
 
 __all__ = [
     "BodyChoice",
+    "ClusterAddress",
     "EngineChoice",
     "Json",
     "OutFile",
     "PlotFile",
     "StudyFile",
     "Threads",
+    "WorkerCount",
+    "open_workers",
     "read_energisings",
     "with_overrides",
 ]
@@ -51,6 +56,22 @@ Threads = Annotated[
     int | None,
     typer.Option(min=1, help="Processors to use; all by default. The result does not depend on it."),
 ]
+WorkerCount = Annotated[
+    int | None, typer.Option("--workers", min=1, max=1024, help="Processes that simulate; for large populations.")
+]
+ClusterAddress = Annotated[
+    str | None,
+    typer.Option("--cluster", metavar="ADDRESS", help='Dask scheduler, such as tcp://host:8786, or "local".'),
+]
+
+
+def open_workers(count: int | None, address: str | None) -> AbstractContextManager[Workers | None]:
+    """Workers as asked for; none by default."""
+    from commonrail.calibration.workers import Workers
+
+    if address is not None:
+        return Workers.cluster(address, count)
+    return nullcontext() if count is None else Workers.processes(count)
 
 
 def read_energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energising, ...] | float:

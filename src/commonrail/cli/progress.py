@@ -49,6 +49,13 @@ class Bar(AbstractContextManager["Bar"]):
         if self.console.is_terminal:
             self.bar.stop()
 
+    def note(self, text: str) -> None:
+        """Say a sentence without disturbing the bar."""
+        if self.console.is_terminal:
+            self.console.print(text, highlight=False)
+        else:
+            say(text)
+
     def show(self, s: Stage) -> None:
         """Show a stage; in a file at its first step and at every tenth part of it."""
         if self.console.is_terminal:

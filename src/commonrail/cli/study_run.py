@@ -1,22 +1,24 @@
-"""Calibrate one study into a run folder: search, identification, files, report."""
+"""Calibrate a study into a run folder, or go on with one: progress, result, report."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from commonrail.cli.console import say
+import typer
+
+from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.progress import Bar, Stage
-from commonrail.files.atomic import writing
 
 if TYPE_CHECKING:
     from commonrail.calibration.run import Calibration, Progress
     from commonrail.calibration.study import Study
     from commonrail.calibration.workers import Workers
+    from commonrail.store.run import Listener
 
-__all__ = ["Outcome", "run_study"]
+__all__ = ["Outcome", "print_outcome", "resume_study", "run_study"]
 
 
 class Outcome(NamedTuple):
@@ -38,39 +40,70 @@ def run_study(study: Study, folder: Path, threads: int | None, workers: Workers 
     Raises
     ------
     InputError
-        If the folder is not empty or cannot be written.
+        If the folder is not empty.
+    OutputError
+        If it cannot be written.
     StudyError
-        If the study cannot be run; the empty folder is taken away again.
+        If the study cannot be run; the folder is taken away again if nothing was simulated.
     """
-    from commonrail.calibration.interrupt import held_interrupts
-    from commonrail.calibration.run import calibrate
-    from commonrail.files.run_folder import create_run_folder, read_run, write_run
-    from commonrail.report.build import write_report
+    from commonrail.store.run import calibrate_into
 
-    create_run_folder(folder)
-    with held_interrupts():  # once the search has ended, its result is written whatever keys are pressed
-        try:
-            with Bar(study.title) as bar:
-                calibration = calibrate(study, threads=threads, progress=lambda p: bar.show(_stage(p)), workers=workers)
-            identified = _identified(calibration, threads)
-            with writing(folder):
-                write_run(folder, calibration, identified)
-        except BaseException:
-            with suppress(OSError):
-                folder.rmdir()  # only if nothing was written
-            raise
+    return _told(
+        study.title,
+        folder,
+        lambda listener: calibrate_into(folder, study, threads=threads, workers=workers, listener=listener),
+    )
+
+
+def resume_study(
+    folder: Path, *, generations: int, as_begun: bool, threads: int | None, workers: Workers | None
+) -> Outcome:
+    """Go on with a run, telling the progress on stderr.
+
+    Raises
+    ------
+    StudyError, OutputError
+        As `commonrail.resume`.
+    """
+    from commonrail.store.run import resume
+
+    def go_on(listener: Listener) -> Calibration:
+        return resume(
+            folder, generations=generations, as_begun=as_begun, threads=threads, workers=workers, listener=listener
+        )
+
+    return _told(f"going on with {folder}", folder, go_on)
+
+
+def _told(title: str, folder: Path, work: Callable[[Listener], Calibration]) -> Outcome:
+    from commonrail.calibration.interrupt import held_interrupts
+    from commonrail.files.run_folder import read_run
+    from commonrail.report.build import write_report
+    from commonrail.store.run import Listener
+
+    with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
+        with Bar(title) as bar:
+            work(Listener(lambda p: bar.show(_stage(p)), bar.note))
         return Outcome(folder, write_report(folder), read_run(folder)[0])
 
 
-def _identified(calibration: Calibration, threads: int | None) -> Mapping[str, Mapping[str, Any]]:
-    from commonrail.analysis.identifiability import identify
+def print_outcome(outcome: Outcome, json: bool) -> None:
+    """Print a run's figures; exit status 130 if the user stopped it."""
+    from commonrail.report.tables import tables_of
 
-    say("judging which parameters the data pin down ...")
-    try:
-        return identify(calibration, threads)
-    except KeyboardInterrupt:
-        say("commonrail: stopped; the result is written without that judgement.")
-        return {}
+    if json:
+        places = {"run": str(outcome.folder), "report": str(outcome.report)}
+        print_json({"kind": "calibration", **places, "result": outcome.record})
+    else:
+        for table in tables_of(outcome.record["data"]):
+            print_table(table)
+        typer.echo(f"report: {outcome.report}")
+    if outcome.interrupted:
+        say(
+            f"commonrail: interrupted; the best values so far are in {outcome.folder}. "
+            f"`commonrail resume {outcome.folder}` goes on."
+        )
+        raise typer.Exit(INTERRUPTED)
 
 
 def _stage(p: Progress) -> Stage:

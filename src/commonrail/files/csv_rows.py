@@ -15,13 +15,15 @@ from pathlib import Path
 from commonrail.errors import InputError
 from commonrail.files.text_file import read_lines
 
-__all__ = ["LARGEST_FILE", "MOST_ROWS", "Rows", "check_header", "check_row", "parse_cells", "read_rows"]
+__all__ = ["LARGEST_FILE", "MOST_ROWS", "Rows", "check_count", "check_header", "check_row", "parse_cells", "read_rows"]
 
 LARGEST_FILE = 100_000_000  # [bytes]
 MOST_ROWS = 1_000_000  # one second at 1 MHz
 MOST_COLUMNS = 1000
 LONGEST_NAME = 200
 MOST_COMMENTS = 1000  # that are kept
+
+NumberedRows = Iterator[tuple[int, list[str]]]  # line of the file on which a row begins, and its cells
 
 _QUOTED = re.compile(r'"[^"]*"')
 
@@ -31,15 +33,21 @@ class Rows:
     """Header, and rows of cells with the line in the file on which each begins; they can be gone through once."""
 
     header: list[str]
-    rows: Iterator[tuple[int, list[str]]]
+    rows: NumberedRows
     comments: list[str]
 
 
-def read_rows(path: Path) -> Rows:
+def read_rows(path: Path, most: int = MOST_ROWS) -> Rows:
     """Rows of a CSV file whose first row is its header.
 
     Comments are complete once the rows have been gone through, and so are the errors: a row that cannot be read is
     found when its turn comes.
+
+    Parameters
+    ----------
+    path : Path
+    most : int
+        Rows that are read at most.
 
     Raises
     ------
@@ -56,7 +64,7 @@ def read_rows(path: Path) -> Rows:
     _, header = next(rows)
     names = [cell.strip() for cell in header]
     check_header(path, names)
-    return Rows(names, _checked(path, rows, len(header)), comments)
+    return Rows(names, _checked(path, rows, len(header), most), comments)
 
 
 def check_header(path: Path, names: list[str]) -> None:
@@ -77,8 +85,8 @@ def check_header(path: Path, names: list[str]) -> None:
             )
 
 
-def check_row(path: Path, line: int, row: list[str], columns: int, count: int) -> None:
-    """Refuse a row with more or fewer cells than the header, and the first of too many.
+def check_row(path: Path, line: int, row: list[str], columns: int) -> None:
+    """Refuse a row with more or fewer cells than the header.
 
     Raises
     ------
@@ -88,15 +96,28 @@ def check_row(path: Path, line: int, row: list[str], columns: int, count: int) -
     if len(row) != columns:
         hint = "; the decimal sign must be a point" if len(row) > columns else ""
         raise InputError(f"{path}, line {line}: the row has {len(row)} cells, the header {columns}{hint}.")
-    if count > MOST_ROWS:
+
+
+def check_count(path: Path, line: int, count: int, most: int = MOST_ROWS) -> None:
+    """Refuse the first row of too many.
+
+    Raises
+    ------
+    InputError
+        If it is that.
+    """
+    if count > most:
         raise InputError(
-            f"{path}, line {line}: the file has more than the {MOST_ROWS} rows that are read; keep only what is needed."
+            f"{path}, line {line}: the file has more than the {most} rows that are read; keep only what is needed."
         )
 
 
-def _checked(path: Path, rows: Iterator[tuple[int, list[str]]], columns: int) -> Iterator[tuple[int, list[str]]]:
+def _checked(
+    path: Path, rows: Iterator[tuple[int, list[str]]], columns: int, most: int
+) -> Iterator[tuple[int, list[str]]]:
     for count, (line, row) in enumerate(rows, start=1):
-        check_row(path, line, row, columns, count)
+        check_row(path, line, row, columns)
+        check_count(path, line, count, most)
         yield line, row
 
 

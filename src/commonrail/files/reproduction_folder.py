@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError
 from commonrail.files.atomic import replacing, write_text
-from commonrail.files.csv_rows import check_row
+from commonrail.files.csv_rows import check_count, check_row
 from commonrail.files.record_file import read_record
 from commonrail.files.traces_file import MOST_SETS, read_curve_rows
 from commonrail.reproduction.repetition import LABELS, Repetition
@@ -80,7 +80,8 @@ def _traces(path: Path) -> Traces:
     rows = read_curve_rows(path)
     next(rows, None)
     for count, (line, cells) in enumerate(rows, start=1):
-        check_row(path, line, cells, len(_KEYS) + len(_COLUMNS), count)
+        check_row(path, line, cells, len(_KEYS) + len(_COLUMNS))
+        check_count(path, line, count)
         seed, data, moment, *values = cells
         found = [1e-6 * float(text) if text else math.nan for text in (moment, *values)]
         lists.setdefault((int(seed), data), array("d")).extend(found)

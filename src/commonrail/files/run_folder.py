@@ -16,7 +16,16 @@ from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import dump_injector
 from commonrail.files.traces_file import MEASURED, Curve, Traces, read_traces, write_traces
 
-__all__ = ["RESULT", "TRACES", "create_run_folder", "rate_curves", "read_folder", "read_run", "write_run"]
+__all__ = [
+    "RESULT",
+    "TRACES",
+    "create_run_folder",
+    "rate_curves",
+    "read_folder",
+    "read_run",
+    "refuse_used",
+    "write_run",
+]
 
 RESULT, STUDY, TRACES = "result.json", "study.toml", "traces.csv"
 
@@ -33,16 +42,27 @@ def create_run_folder(path: Path) -> Path:
     OutputError
         If it cannot be made.
     """
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise InputError(
-            f"{path}: there already is something; name another folder with --out, nothing was overwritten."
-        )
+    refuse_used(path)
     with writing(path, "--out"):
         path.mkdir(parents=True, exist_ok=True)
         probe = path / ".writable"
         probe.touch()
         probe.unlink()
     return path
+
+
+def refuse_used(path: Path) -> None:
+    """Refuse a place for a new run folder that is not free.
+
+    Raises
+    ------
+    InputError
+        If it exists and is not empty.
+    """
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(
+            f"{path}: there already is something; name another folder with --out, nothing was overwritten."
+        )
 
 
 def write_run(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:

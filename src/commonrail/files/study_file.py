@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
@@ -27,6 +28,7 @@ from commonrail.files.study_models import (
 )
 from commonrail.files.study_quantities import read_quantities
 from commonrail.files.study_rates import read_rate
+from commonrail.files.text_file import noting_files
 from commonrail.files.toml_file import read_toml
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.parts.furniture import Q
@@ -62,7 +64,12 @@ def load_study(path: str | Path) -> Study:
     -----
     Files that the study names lie in its folder or below, unless it says ``allow_outside = true``.
     """
-    file = Path(path)
+    with noting_files() as files:
+        study = _study(Path(path))
+    return replace(study, files=files)
+
+
+def _study(file: Path) -> Study:
     document, text = read_toml(file)
     at = Place(str(file))
     if "format" not in document:

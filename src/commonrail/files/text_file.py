@@ -6,20 +6,37 @@ are. `docs/howto/limits.md` lists the limits.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import stat
 from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from io import BytesIO
 from pathlib import Path
 
 from commonrail.errors import InputError, nearest
 
-__all__ = ["LONGEST_LINE", "read_bytes", "read_lines", "read_text"]
+__all__ = ["LONGEST_LINE", "noting_files", "read_bytes", "read_lines", "read_text"]
 
 LONGEST_LINE = 100_000  # [bytes]; of a table with a thousand columns
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFIFO: "a pipe"}
+
+
+_noted: ContextVar[dict[Path, str] | None] = ContextVar("_noted", default=None)
+
+
+@contextmanager
+def noting_files() -> Iterator[dict[Path, str]]:
+    """Absolute path and SHA-256 of every file that is read inside the block, in the order of reading."""
+    noted: dict[Path, str] = {}
+    token = _noted.set(noted)
+    try:
+        yield noted
+    finally:
+        _noted.reset(token)
 
 
 def read_text(path: Path, largest: int) -> str:
@@ -66,6 +83,9 @@ def read_bytes(path: Path, largest: int) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: the file cannot be read ({reason}).") from error
+    noted = _noted.get()
+    if noted is not None:
+        noted[Path(os.path.abspath(path))] = hashlib.sha256(data).hexdigest()
     if b"\0" in data:
         raise InputError(f"{path}: this is not a text file; save it as UTF-8 text.")
     return data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")

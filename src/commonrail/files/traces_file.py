@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError
 from commonrail.files.atomic import replacing
-from commonrail.files.csv_rows import LARGEST_FILE, check_header, check_row, parse_cells
+from commonrail.files.csv_rows import LARGEST_FILE, check_count, check_header, check_row, parse_cells
 from commonrail.files.tables import LONGEST_NUMBER
 from commonrail.files.text_file import read_lines
 
@@ -84,7 +84,8 @@ def read_traces(path: Path) -> Traces:
         raise InputError(f"{path}: the header has {len(header)} columns, and at most {MOST_COLUMNS} are read.")
     lists: dict[str, array[float]] = {}
     for count, (line, cells) in enumerate(rows, start=1):
-        check_row(path, line, cells, len(header), count)
+        check_row(path, line, cells, len(header))
+        check_count(path, line, count)
         where = f"{path}, line {line}"
         values = [_number(text, column, where) for text, column in zip(cells[1:], header[1:], strict=True)]
         lists.setdefault(cells[0], array("d")).extend(values)

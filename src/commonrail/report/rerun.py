@@ -24,7 +24,8 @@ def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
     ]
     folder, injector = shlex.quote(run), shlex.quote(f"{run}/calibrated.toml")
     return [
-        ("Calibrate again", f"commonrail calibrate STUDY.toml --seed {record['seed']}"),
+        ("Calibrate again", f"commonrail calibrate {shlex.quote(f'{run}/study.toml')}"),
+        ("Add generations", f"commonrail resume {folder} --generations 50"),
         ("Judge on other data", f"commonrail validate OTHER-STUDY.toml --run {folder}"),
         (
             "Simulate the calibrated injector",

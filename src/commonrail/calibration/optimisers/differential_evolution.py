@@ -216,6 +216,10 @@ class DifferentialEvolution:
             raise ConfigurationError(
                 f"state: it holds no state for a {kind} generator, use the kind it was saved with"
             ) from error
+        members, dimension = self.settings.members, self.space.dimension
+        shapes = [np.shape(state[name]) for name in ("unit", "costs", "violations")]
+        if shapes != [(members, dimension), (members,), (members,)] and state["generation"] > 0:
+            raise ConfigurationError(f"state: its population is not one of {members} members; take a whole state")
         self._generation = int(state["generation"])
         shape = (-1, self.space.dimension)
         self._unit = np.array(state["unit"], dtype=float).reshape(shape)

@@ -1,0 +1,91 @@
+"""commonrail fleet: calibrate many injectors to one model family."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.guard import INTERRUPTED
+from commonrail.cli.options import Json
+from commonrail.cli.progress import Bar, Stage
+
+if TYPE_CHECKING:
+    from commonrail.fleet.run import FleetProgress, FleetRun
+
+__all__ = ["fleet"]
+
+
+def fleet(
+    file: Annotated[Path, typer.Argument(metavar="FLEET.toml", help="Fleet file.")],
+    *,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of the fleet, new or begun earlier; runs/<fleet> by default."),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Processes; all processors by default. The result does not depend on it."),
+    ] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Try injectors again that failed.")] = False,
+    json: Json = False,
+) -> None:
+    """Calibrate every injector of a fleet, each to its own data.
+
+    The same command again goes on where the last one stopped, however it was stopped: finished injectors
+    are not calibrated again. What fails is listed with its reason and costs the others nothing.
+
+    \b
+    Example:
+      commonrail fleet line-3/fleet.toml --out runs/line-3 --workers 8
+    """
+    from commonrail.fleet.fleet_file import load_fleet
+    from commonrail.fleet.run import run_fleet
+    from commonrail.report.fleet import write_fleet_report
+
+    loaded = load_fleet(file)
+    folder = out or Path("runs") / _stem(file)
+    with Bar(f"{loaded.title}: {len(loaded.supply.names):,} injectors") as bar:
+        run = run_fleet(loaded, folder, workers=workers, retry=retry, progress=lambda p: bar.show(_stage(p)))
+    report = write_fleet_report(folder, run.record, _command(file, folder))
+    if json:
+        print_json({"kind": "fleet", "folder": str(folder), "report": str(report), "result": run.record})
+    else:
+        _print(run, report)
+    if run.interrupted:
+        say(f"commonrail: interrupted; run the same command again to go on in {folder}.")
+        raise typer.Exit(INTERRUPTED)
+
+
+def _stem(file: Path) -> str:
+    """Name for the folder: a file that is called fleet says less than its folder."""
+    return file.absolute().parent.name if file.stem == "fleet" else file.stem
+
+
+def _command(file: Path, folder: Path) -> str:
+    return f"commonrail fleet {shlex.quote(file.as_posix())} --out {shlex.quote(folder.as_posix())}"
+
+
+def _stage(p: FleetProgress) -> Stage:
+    speed = p.now / p.seconds if p.seconds > 0.0 else 0.0
+    return Stage("injectors", p.done, p.total, f"{p.failed} failed, {speed:.2f} injectors/s")
+
+
+def _print(run: FleetRun, report: Path) -> None:
+    from commonrail.report.fleet import fleet_lines, fleet_tables
+
+    if run.record["synthetic"]:
+        typer.echo(f"SYNTHETIC: {run.record['synthetic']}")
+    for line in fleet_lines(run.record):
+        typer.echo(line)
+    clock: dict[str, Any] = run.record["clock"]
+    if clock["calibrated_now"]:
+        speed = clock["injectors_per_second"]
+        typer.echo(f"{clock['calibrated_now']} injectors in {clock['seconds']:.1f} s: {speed:.2f} injectors/s.")
+    typer.echo("")
+    for table in fleet_tables(run.record):
+        print_table(table)
+    typer.echo(f"report: {report}")

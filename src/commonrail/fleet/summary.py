@@ -1,0 +1,132 @@
+"""A fleet as one JSON-able record: spread of parameters and of fit, the worst injectors, the failures."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from commonrail.calibration.result import software_record
+from commonrail.fleet.fleet_file import Fleet
+from commonrail.fleet.journal import FAILED, FINISHED, Entry
+from commonrail.injector.definition import parameter_quantities
+
+__all__ = ["SCHEMA", "WORST", "fleet_record", "units_of"]
+
+SCHEMA = 1
+WORST = 10  # injectors that are named as the worst
+
+Record = dict[str, Any]
+
+
+def units_of(fleet: Fleet) -> dict[str, str]:
+    """Unit of each free parameter, in the order of the template."""
+    known = parameter_quantities()
+    return {p.name: known[p.name].unit for p in fleet.template.model.parameter}
+
+
+def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Mapping[str, Any]) -> Record:
+    """Record of a fleet; all that depends on the clock is under "clock".
+
+    Parameters
+    ----------
+    fleet : Fleet
+    entries : sequence of Entry
+        Injectors that are done, in the table's order.
+    status : str
+        "finished" or "interrupted".
+    clock : mapping
+        "seconds", "calibrated_now" and "workers" of this run.
+    """
+    finished = [entry for entry in entries if entry.status == FINISHED]
+    failed = [entry for entry in entries if entry.status == FAILED]
+    total = len(fleet.supply.names)
+    return {
+        "schema": SCHEMA,
+        "kind": "fleet",
+        "software": software_record(),
+        "title": fleet.title,
+        "note": fleet.note,
+        "synthetic": " ".join(dict.fromkeys(e.record["synthetic"] for e in finished if e.record["synthetic"])),
+        "seed": fleet.seed,
+        "study": {"title": fleet.template.model.title, "file": fleet.template.path.name},
+        "table": fleet.supply.path.name,
+        "status": status,
+        "counts": {
+            "injectors": total,
+            FINISHED: len(finished),
+            FAILED: len(failed),
+            "pending": total - len(entries),
+        },
+        "J": {key: spread_of([e.record["J"][key] for e in finished]) for key in ("start", "best")},
+        "curve": {key: _sorted([e.record["J"][key] for e in finished]) for key in ("start", "best")},
+        "data": _data(fleet, finished),
+        "parameters": [_parameter(name, unit, finished) for name, unit in units_of(fleet).items()] if finished else [],
+        "worst": [_worst(entry) for entry in _by_cost(finished)[:WORST]],
+        "failures": [{"injector": entry.name, "reason": entry.reason} for entry in failed],
+        "clock": _clock(clock, finished),
+    }
+
+
+def spread_of(values: Sequence[float | None]) -> Record | None:
+    """Minimum, quartiles, maximum and count of what is a number; None if nothing is."""
+    known = np.array([value for value in values if value is not None])
+    if not len(known):
+        return None
+    low, q1, median, q3, high = np.quantile(known, [0.0, 0.25, 0.5, 0.75, 1.0]).tolist()
+    return {"minimum": low, "q1": q1, "median": median, "q3": q3, "maximum": high, "count": len(known)}
+
+
+def _sorted(values: Sequence[float | None]) -> list[float]:
+    """At most 400 of the sorted values, evenly spread: a curve of them, for a figure."""
+    known = np.sort([value for value in values if value is not None])
+    places = np.unique(np.linspace(0, len(known) - 1, min(len(known), 400)).round().astype(int))
+    found: list[float] = known[places].tolist() if len(known) else []
+    return found
+
+
+def _data(fleet: Fleet, finished: Sequence[Entry]) -> list[Record]:
+    found = []
+    for data in fleet.template.model.data:
+        rows = [d for entry in finished for d in entry.record["data"] if d["name"] == data.name]
+        if not rows:
+            continue
+        spreads = {key: spread_of([row[key] for row in rows]) for key in ("start", "best")}
+        common = {key: rows[0][key] for key in ("measure", "unit")}
+        found.append({"name": data.name, "role": data.role, **common, **spreads, "injectors": len(rows)})
+    return found
+
+
+def _parameter(name: str, unit: str, finished: Sequence[Entry]) -> Record:
+    own = [entry.record["parameters"][name] for entry in finished]
+    return {
+        "name": name,
+        "unit": unit,
+        "meaning": parameter_quantities()[name].meaning,
+        "best": spread_of([p["best"] for p in own]),
+        "position": spread_of([p["position"] for p in own]),
+        "at_bound": sum(p["at_bound"] for p in own),
+        "verdicts": dict(sorted(Counter(p["verdict"] for p in own).items())),
+    }
+
+
+def _by_cost(finished: Sequence[Entry]) -> list[Entry]:
+    """The worst first; among equals, in the table's order."""
+    return sorted(finished, key=lambda entry: -entry.record["J"]["best"])
+
+
+def _worst(entry: Entry) -> Record:
+    bounded = [name for name, p in entry.record["parameters"].items() if p["at_bound"]]
+    return {"injector": entry.name, "J": entry.record["J"], "at_bound": bounded, "seed": entry.record["seed"]}
+
+
+def _clock(clock: Mapping[str, Any], finished: Sequence[Entry]) -> Record:
+    seconds = clock["seconds"]
+    return {
+        **clock,
+        "injectors_per_second": clock["calibrated_now"] / seconds if seconds > 0.0 else None,
+        "core_seconds_of_an_injector": spread_of([entry.seconds for entry in finished]),
+        "core_seconds": sum(entry.seconds for entry in finished),
+    }

@@ -1,0 +1,133 @@
+"""What a worker does with one injector, and what is kept of it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from commonrail.analysis.identifiability import identify
+from commonrail.calibration.run import Calibration, calibrate
+from commonrail.calibration.score import DataScore, RateScore
+from commonrail.calibration.study import QuantityData, RateData
+from commonrail.calibration.worker import heed_caller_alone
+from commonrail.errors import CommonrailError
+from commonrail.files.study_file import load_study
+
+__all__ = ["Answer", "Done", "Lost", "Refused", "Up", "calibrate_file", "serve"]
+
+NEAR = 0.01  # a best value this close to a bound, as a share of the range, is at it
+
+
+class Done(NamedTuple):
+    """An injector is calibrated: its record, and the processor time that it took [s]."""
+
+    record: dict[str, Any]
+    seconds: float
+
+
+class Refused(NamedTuple):
+    """An injector cannot be calibrated, however often it is tried: the error's sentence, and its processor time [s]."""
+
+    reason: str
+    seconds: float
+
+
+class Lost(NamedTuple):
+    """An attempt came to nothing: the end of a sentence that begins with "the worker"."""
+
+    reason: str
+
+
+class Up(NamedTuple):
+    """First word of a worker."""
+
+
+Answer = Done | Refused | Lost
+
+
+def calibrate_file(path: Path) -> dict[str, Any]:
+    """Calibrate one study on one thread.
+
+    Returns
+    -------
+    dict
+        "seed", "synthetic", "J" of start and best, "slots", "simulated", "failed" candidates, "data" and "parameters".
+
+    Raises
+    ------
+    CommonrailError
+        If the study or its data cannot be used, or no candidate can be simulated.
+    """
+    study = load_study(path)
+    calibration = calibrate(study, threads=1)
+    if calibration.status != "finished":
+        raise KeyboardInterrupt
+    counts = calibration.counts
+    return {
+        "seed": study.seed,
+        "synthetic": study.synthetic,
+        "J": {"start": _number(calibration.start_cost), "best": _number(calibration.cost)},
+        "slots": counts.slots,
+        "simulated": counts.simulated,
+        "failed": counts.failed,
+        "data": [
+            _data(d, calibration.scores["start"][i], calibration.scores["best"][i]) for i, d in enumerate(study.data)
+        ],
+        "parameters": _parameters(calibration, identify(calibration, 1)),
+    }
+
+
+def _data(data: RateData | QuantityData, start: DataScore, best: DataScore) -> dict[str, Any]:
+    found = {"name": data.name, "role": data.role.value}
+    if isinstance(start, RateScore) and isinstance(best, RateScore):
+        return found | {"measure": "J", "unit": "mm3/ms", "start": _number(start.j), "best": _number(best.j)}
+    errors = [100.0 * score.rms_large for score in (start, best) if not isinstance(score, RateScore)]
+    return found | {"measure": "rms", "unit": "%", "start": _number(errors[0]), "best": _number(errors[1])}
+
+
+def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    space = calibration.study.space
+    found = {}
+    for p in space.parameters:
+        best = calibration.best[p.name]
+        position = (best - p.lower) / (p.upper - p.lower)
+        found[p.name] = {
+            "best": best,
+            "standard_error": identified[p.name]["standard_error"],
+            "verdict": identified[p.name]["verdict"],
+            "position": position,
+            "at_bound": bool(min(position, 1.0 - position) < NEAR),
+        }
+    return found
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def serve(pipe: Connection) -> None:
+    """Body of a worker process: calibrate the studies it is told, until the calling process is gone.
+
+    A stop signal goes to the whole group of processes; the calling process alone decides what becomes of it.
+    """
+    heed_caller_alone()
+    with suppress(EOFError, BrokenPipeError):
+        pipe.send(Up())
+        while True:
+            pipe.send(_answer(Path(pipe.recv())))
+
+
+def _answer(path: Path) -> Answer:
+    start = time.process_time()  # on a busy machine too it says what the work costs
+    try:
+        record = calibrate_file(path)
+    except CommonrailError as error:
+        return Refused(" ".join(str(error).split()), time.process_time() - start)
+    except (Exception, KeyboardInterrupt) as error:  # tried again, then told in a sentence
+        return Lost(f"met {type(error).__name__}: {' '.join(str(error).split())[:200]}".rstrip(": "))
+    return Done(record, time.process_time() - start)

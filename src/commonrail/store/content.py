@@ -1,0 +1,61 @@
+"""What a study says, as one number: studies with the same one take the same steps."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from commonrail.calibration.study import Study
+from commonrail.files.injector_writer import injector_text
+
+__all__ = ["content_of", "sha256"]
+
+
+def content_of(study: Study) -> str:
+    """SHA-256 of all that decides over a study's result but the number of generations; file names do not."""
+    rows = study.space.rows
+    parts = (
+        study.title,
+        study.note,
+        injector_text(study.injector, {}, ""),
+        study.data,
+        study.space.parameters,
+        (rows.matrix, rows.labels),
+        replace(study.method, evolution=replace(study.method.evolution, generations=0)),
+        study.seed,
+        study.time_step,
+    )
+    return sha256(b"\0".join(_pieces(parts)))
+
+
+def sha256(content: bytes) -> str:
+    """SHA-256 as text."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def _pieces(value: Any) -> Iterator[bytes]:
+    """A value as bytes that tell it from every other one."""
+    if isinstance(value, np.ndarray):
+        yield f"array {value.dtype} {value.shape}".encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif isinstance(value, Enum):
+        yield f"{type(value).__name__}.{value.name}".encode()
+    elif is_dataclass(value) or isinstance(value, Mapping):
+        pairs = (
+            value.items() if isinstance(value, Mapping) else ((f.name, getattr(value, f.name)) for f in fields(value))
+        )
+        yield type(value).__name__.encode()
+        yield from _pieces(tuple(pairs))
+    elif isinstance(value, tuple | list):
+        yield f"list {len(value)}".encode()
+        for item in value:
+            yield from _pieces(item)
+    elif isinstance(value, str | int | float | None):
+        yield repr(value).encode()
+    else:
+        raise TypeError(f"a study holds {type(value).__name__}, which has no place in its content")

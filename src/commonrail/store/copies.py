@@ -1,0 +1,142 @@
+"""Copies of all files that a study reads, so that its run folder can be moved and is not changed from outside."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.items import AoT, Array
+
+from commonrail.calibration.study import Study
+from commonrail.errors import InputError, StudyError
+from commonrail.files.atomic import replacing, write_text, writing
+from commonrail.files.run_folder import STUDY
+from commonrail.files.study_file import load_study
+from commonrail.store.content import content_of, sha256
+from commonrail.store.journal import Input
+
+__all__ = ["copy_study", "set_in_study"]
+
+OUTSIDE = "inputs"  # folder for files from beyond the study's own
+_NAMES_A_FILE = ("file", "injector")  # keys of TOML files
+
+
+def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study]:
+    """Copy the files of a study into a run folder, and read the study again from there.
+
+    Returns
+    -------
+    list of Input, Study
+        The files; none, and the study itself, if it was made or changed in Python beyond its seed and generations.
+
+    Raises
+    ------
+    StudyError
+        If a file has changed since it was read.
+    OutputError
+        If a copy cannot be written.
+    """
+    if not study.files:
+        return [], study
+    inputs = _copy_files(study.files, folder)
+    own = load_study(folder / STUDY)
+    changed = {("seed",): study.seed, ("optimiser", "generations"): study.method.evolution.generations}
+    text = own.text
+    for keys, value in changed.items():
+        if value != {"seed": own.seed}.get(keys[0], own.method.evolution.generations):
+            text = set_in_study(text, keys, value)
+    if text != own.text:
+        write_text(folder / STUDY, text)
+        inputs[0] = inputs[0]._replace(copy=sha256(text.encode()))
+        own = load_study(folder / STUDY)
+    if content_of(own) == content_of(study):
+        return inputs, own
+    for item in inputs:
+        (folder / item.name).unlink()
+    return [], study
+
+
+def _copy_files(sources: Mapping[Path, str], folder: Path) -> list[Input]:
+    """Copy files; one below the study's folder keeps its relative path, others come into a folder of their own.
+
+    Where a file names another that has a new path, the copy names that one.
+    """
+    places = _places(list(sources))
+    kept = []
+    for source, digest in sources.items():
+        content = _read(source)
+        if sha256(content) != digest:
+            raise StudyError(f"{source}: the file was changed while the study was read; start again.")
+        if source.suffix == ".toml":
+            content = _relocated(content, source, places)
+        path = folder / places[source]
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path, "wb") as stream:
+            stream.write(content)
+        kept.append(Input(places[source].as_posix(), str(source), digest, sha256(content)))
+    return kept
+
+
+def _places(sources: list[Path]) -> dict[Path, Path]:
+    """Relative path of each copy; the study's own file comes first."""
+    base = sources[0].parent
+    places = {sources[0]: Path(STUDY)}
+    for source in sources[1:]:
+        if source.is_relative_to(base):
+            place = source.relative_to(base)
+            place = place if place != Path(STUDY) else Path(OUTSIDE, place)
+        else:
+            place = Path(OUTSIDE, source.name)
+        while place in places.values():
+            place = place.with_name(f"{place.stem}-2{place.suffix}")
+        places[source] = place
+    return places
+
+
+def _relocated(content: bytes, source: Path, places: Mapping[Path, Path]) -> bytes:
+    """A TOML file whose paths lead to the copies; the same bytes if they do so already."""
+    document = tomlkit.parse(content.decode("utf-8-sig"))
+    changed = _redirect(document, source, places)
+    return tomlkit.dumps(document).encode() if changed else content
+
+
+def _redirect(table: Any, source: Path, places: Mapping[Path, Path]) -> bool:
+    changed = False
+    for key, value in list(table.items()):
+        if isinstance(value, Mapping):
+            changed |= _redirect(value, source, places)
+        elif isinstance(value, list | AoT | Array):
+            changed |= any([_redirect(item, source, places) for item in value if isinstance(item, Mapping)])
+        elif key in _NAMES_A_FILE and isinstance(value, str) and (old := _absolute(source, value)) in places:
+            new = Path(os.path.relpath(places[old], places[source].parent)).as_posix()
+            if new != value:
+                table[key] = new
+                changed = True
+    return changed
+
+
+def _absolute(source: Path, name: str) -> Path:
+    return Path(os.path.abspath(source.parent / name))
+
+
+def set_in_study(text: str, keys: tuple[str, ...], value: int) -> str:
+    """Text of a study file with one number changed or added; `keys` leads to it from the top."""
+    document = tomlkit.parse(text)
+    table: Any = document
+    for key in keys[:-1]:
+        if key not in table:
+            table.add(key, tomlkit.table())
+        table = table[key]
+    table[keys[-1]] = value
+    return tomlkit.dumps(document)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: the file cannot be read ({error.strerror}).") from error

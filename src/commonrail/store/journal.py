@@ -1,0 +1,343 @@
+"""The journal of a run: one SQLite file that takes every step of a search as soon as it is done."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import socket
+import sqlite3
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.checkpoint import Checkpoint, Evolved, Found, Generation
+from commonrail.calibration.result import software_record
+from commonrail.errors import StudyError
+from commonrail.store.faults import explained, trusted
+from commonrail.store.lock import Lock
+from commonrail.store.schema import check_schema, migrate
+
+__all__ = ["JOURNAL", "LOCK", "Input", "Journal", "State", "read_about"]
+
+Floats = NDArray[np.float64]
+
+JOURNAL, LOCK = "journal.sqlite", "journal.lock"
+
+
+class State:
+    """What became of a run."""
+
+    RUNNING = "running"
+    FINISHED = "finished"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+
+
+class Input(NamedTuple):
+    """A file that a study reads: name of its copy in the run folder, where it came from, and SHA-256 of both."""
+
+    name: str
+    origin: str
+    original: str
+    copy: str
+
+
+class Journal:
+    """The journal of a run folder, held by this process; use it in a `with` block.
+
+    Others may read it at any time. A transaction for each step: whatever happens to the process, every step that was
+    told is kept whole. A power cut may take the last ones, which are then done again.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Raises
+    ------
+    StudyError
+        If another process holds the folder, or what is there is no journal that this version reads.
+    OutputError
+        If it cannot be written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.path = folder, folder / JOURNAL
+        try:
+            self._lock = Lock(folder / LOCK)
+        except BlockingIOError:
+            raise StudyError(f"{folder}: {_holder(self.path)}; wait for it, or end it first.") from None
+        try:
+            with explained(self.path):
+                self._connection = sqlite3.connect(self.path, timeout=30.0, isolation_level=None)
+                migrate(self._connection, self.path)
+                self._connection.execute("PRAGMA journal_mode=WAL")
+                # without a wait for the disk at every step: after a power cut the last steps are done again
+                self._connection.execute("PRAGMA synchronous=NORMAL")
+        except BaseException:
+            self._lock.close()
+            raise
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the folder free; the journal is one file then."""
+        with suppress(sqlite3.Error):
+            self._connection.execute("PRAGMA journal_mode=DELETE")
+        self._connection.close()
+        self._lock.close()
+
+    def _write(self, *statements: tuple[str, tuple[Any, ...]]) -> None:
+        with explained(self.path):
+            self._connection.execute("BEGIN")
+            try:
+                for text, values in statements:
+                    self._connection.execute(text, values)
+                self._connection.execute("COMMIT")
+            except BaseException:
+                if self._connection.in_transaction:
+                    self._connection.execute("ROLLBACK")
+                raise
+
+    def _rows(self, text: str) -> list[tuple[Any, ...]]:
+        with explained(self.path):
+            return self._connection.execute(text).fetchall()
+
+    @property
+    def about(self) -> dict[str, str]:
+        """Facts of the run by name."""
+        return {str(name): str(text) for name, text in self._rows("SELECT name, text FROM about")}
+
+    @property
+    def inputs(self) -> list[Input]:
+        """Files that the study reads.
+
+        Raises
+        ------
+        StudyError
+            If one would lie outside the run folder.
+        """
+        rows = self._rows("SELECT name, origin, original, copy FROM input ORDER BY rowid")
+        found = [Input(*map(str, row)) for row in rows]
+        for item in found:
+            if Path(item.name).is_absolute() or ".." in Path(item.name).parts:
+                raise StudyError(f"{self.path}: the path {item.name} leaves the run folder; take a copy that is whole.")
+        return found
+
+    @property
+    def generations(self) -> int:
+        """Generations wanted after the initial population."""
+        with trusted(self.path):
+            return int(self.about["generations"])
+
+    def describe(self, facts: Mapping[str, str], inputs: list[Input] | None = None) -> None:
+        """Write facts of the run, and in place of the former ones the files that the study reads."""
+        statements: list[tuple[str, tuple[Any, ...]]] = [
+            ("INSERT OR REPLACE INTO about VALUES (?, ?)", fact) for fact in facts.items()
+        ]
+        if inputs is not None:
+            statements.append(("DELETE FROM input", ()))
+            statements += [("INSERT INTO input VALUES (?, ?, ?, ?)", tuple(item)) for item in inputs]
+        self._write(*statements)
+
+    def start_session(self) -> None:
+        """Note that this process is at work."""
+        software = json.dumps(software_now())
+        values = (_now(), os.getpid(), socket.gethostname(), software)
+        self._write(
+            ("INSERT INTO session (started, process, host, software) VALUES (?, ?, ?, ?)", values),
+            ("INSERT OR REPLACE INTO about VALUES ('state', ?)", (State.RUNNING,)),
+        )
+
+    def end_session(self, state: str, reason: str) -> None:
+        """Note that this process's work has ended, and how."""
+        self._write(
+            ("UPDATE session SET ended = ? WHERE number = (SELECT MAX(number) FROM session)", (_now(),)),
+            ("INSERT OR REPLACE INTO about VALUES ('state', ?)", (state,)),
+            ("INSERT OR REPLACE INTO about VALUES ('reason', ?)", (reason,)),
+        )
+
+    @property
+    def software(self) -> dict[str, str]:
+        """Versions and processor of the first session; empty if there was none."""
+        rows = self._rows("SELECT software FROM session ORDER BY number LIMIT 1")
+        with trusted(self.path):
+            return {str(name): str(text) for name, text in json.loads(rows[0][0]).items()} if rows else {}
+
+    def evolved(self, trials: Evolved, after: Checkpoint) -> None:
+        """Keep one generation."""
+        last, search = after.history[-1], dict(after.evolution)
+        arrays = tuple(_bytes(search.pop(name)) for name in ("unit", "costs", "violations"))
+        told = (_bytes(trials.x), _bytes(trials.costs), trials.statuses.astype("i1").tobytes())
+        search = {"optimiser": search, "failures": dict(after.failures)}
+        row = (last.generation, last.best, last.mean, after.simulations, after.seconds)
+        self._write(
+            ("INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*row, *told)),
+            ("DELETE FROM population", ()),
+            (
+                "INSERT INTO population VALUES (?, ?, ?, ?, ?)",
+                (last.generation, json.dumps(search, default=_plain), *arrays),
+            ),
+        )
+
+    def refined(self, start: Floats, end: Found, after: Checkpoint) -> None:
+        """Keep one refinement."""
+        row = (after.refinements, _bytes(start), _bytes(end.x), end.cost, after.simulations, after.seconds)
+        hops = json.dumps(after.hops, default=_plain)
+        self._write(("INSERT INTO refinement VALUES (?, ?, ?, ?, ?, ?, ?)", (*row, hops)))
+
+    def forget_refinements(self) -> None:
+        """Go back to the end of the evolution."""
+        self._write(("DELETE FROM refinement", ()))
+
+    def checkpoint(self) -> Checkpoint | None:
+        """Where to go on; None at the very beginning.
+
+        Raises
+        ------
+        StudyError
+            If the journal contradicts itself.
+        """
+        with trusted(self.path):
+            return self._checkpoint()
+
+    def _checkpoint(self) -> Checkpoint | None:
+        population = self._rows("SELECT generation, search, members, costs, violations FROM population")
+        if not population:
+            return None
+        number, text, *arrays = population[-1]
+        search = json.loads(text)
+        generations = self._rows("SELECT number, best, mean, simulations, seconds FROM generation ORDER BY number")
+        _check_numbers(generations, 0, number)
+        history = tuple(Generation(row[0], float(row[1]), float(row[2])) for row in generations)
+        evolution = dict(search["optimiser"])
+        evolution |= dict(zip(("unit", "costs", "violations"), (_array(item) for item in arrays), strict=True))
+        evolution["unit"] = evolution["unit"].reshape(-1, len(evolution["names"]))
+        failures = {str(name): int(count) for name, count in search["failures"].items()}
+        simulations, seconds = generations[-1][3:]
+        return self._with_refinements(
+            Checkpoint(evolution, history, int(simulations), failures, seconds=float(seconds))
+        )
+
+    def _with_refinements(self, evolved: Checkpoint) -> Checkpoint:
+        rows = self._rows("SELECT number, stop, cost, simulations, seconds, hops FROM refinement ORDER BY number")
+        if not rows:
+            return evolved
+        _check_numbers(rows, 1, len(rows))
+        ends = [Found(_array(row[1]).reshape(evolved.evolution["unit"].shape[1]), float(row[2])) for row in rows]
+        best = min(ends, key=lambda end: end.cost)  # the first of equals, as in the search
+        simulations, seconds, hops = rows[-1][3:]
+        return replace(
+            evolved,
+            simulations=int(simulations),
+            refinements=len(rows),
+            refined=best if best.cost < evolved.history[-1].best else None,
+            hops=dict(json.loads(hops)),
+            seconds=float(seconds),
+        )
+
+
+def read_about(folder: Path) -> dict[str, Any]:
+    """Facts of the run in a folder, without holding it.
+
+    Those of the table about, and "generations done", "refinements", "best", "seconds", "changed" (UTC).
+
+    Raises
+    ------
+    StudyError
+        If there is no journal, or it cannot be read.
+    """
+    path = folder / JOURNAL
+    with explained(path), trusted(path):
+        connection = _read_only(path)
+        try:
+            check_schema(connection, path)
+            facts: dict[str, Any] = dict(connection.execute("SELECT name, text FROM about").fetchall())
+            counted = "SELECT COUNT(*), MIN(best), MAX(seconds) FROM generation"
+            facts["generations done"], best, seconds = connection.execute(counted).fetchone()
+            counted = "SELECT COUNT(*), MIN(cost), MAX(seconds) FROM refinement"
+            facts["refinements"], cost, later = connection.execute(counted).fetchone()
+            (facts["changed"],) = connection.execute("SELECT MAX(COALESCE(ended, started)) FROM session").fetchone()
+        finally:
+            connection.close()
+    facts["best"] = min((x for x in (best, cost) if x is not None), default=math.inf)
+    facts["seconds"] = max((x for x in (seconds, later) if x is not None), default=0.0)
+    return facts
+
+
+def _read_only(path: Path) -> sqlite3.Connection:
+    address = f"{path.absolute().as_uri()}?mode=ro"
+    try:
+        return _connect(address)
+    except sqlite3.OperationalError:  # a write-ahead log in a folder that cannot be written to
+        return _connect(f"{address}&immutable=1")
+
+
+def _connect(address: str) -> sqlite3.Connection:
+    connection = sqlite3.connect(address, uri=True, timeout=5.0)
+    try:
+        connection.execute("SELECT COUNT(*) FROM sqlite_master").fetchone()
+    except sqlite3.Error:
+        connection.close()
+        raise
+    return connection
+
+
+def _check_numbers(rows: list[tuple[Any, ...]], first: int, last: int) -> None:
+    if [row[0] for row in rows] != list(range(first, last + 1)):
+        raise ValueError("steps are missing")
+
+
+def _holder(path: Path) -> str:
+    """Who is at work, as far as the journal tells."""
+    with suppress(sqlite3.Error):
+        connection = _read_only(path)
+        try:
+            (row,) = connection.execute("SELECT process, host, started FROM session ORDER BY number DESC LIMIT 1")
+        finally:
+            connection.close()
+        return "process {} on {} is at work here since {}".format(*row)
+    return "another process has just begun to work here"
+
+
+def software_now() -> dict[str, str]:
+    """What decides over the bits of a result: versions and processor."""
+    return software_record() | {"processor": f"{platform.machine()} {_processor()}".strip()}
+
+
+def _processor() -> str:
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor()
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _bytes(array: Any) -> bytes:
+    return np.ascontiguousarray(array, "<f8").tobytes()
+
+
+def _array(content: bytes) -> Floats:
+    return np.frombuffer(content, "<f8").astype(float)
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and NumPy's numbers for JSON."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot be kept")

@@ -1,0 +1,259 @@
+"""A calibration that survives: kept step by step in its run folder, and taken up again after whatever stopped it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from commonrail.analysis.identifiability import identify
+from commonrail.calibration.checkpoint import Checkpoint
+from commonrail.calibration.interrupt import held_interrupts
+from commonrail.calibration.run import Calibration, calibrate
+from commonrail.calibration.search import Progress
+from commonrail.calibration.study import Study
+from commonrail.calibration.workers import Workers
+from commonrail.errors import CommonrailError, ConfigurationError, StudyError
+from commonrail.files.atomic import write_text, writing
+from commonrail.files.run_folder import STUDY, refuse_used, write_run
+from commonrail.files.study_file import load_study
+from commonrail.store.changes import check_files
+from commonrail.store.content import content_of, sha256
+from commonrail.store.copies import copy_study, set_in_study
+from commonrail.store.journal import JOURNAL, LOCK, Journal, State, read_about, software_now
+
+__all__ = ["Listener", "calibrate_into", "resume"]
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Who is told what a run is doing.
+
+    Attributes
+    ----------
+    progress : function of Progress
+        Called after every generation and refinement.
+    note : function of str
+        Called with sentences for the user.
+    """
+
+    progress: Callable[[Progress], None] = lambda _: None
+    note: Callable[[str], None] = lambda _: None
+
+
+def calibrate_into(
+    folder: str | Path,
+    study: Study,
+    *,
+    threads: int | None = None,
+    workers: Workers | None = None,
+    listener: Listener = Listener(),
+) -> Calibration:
+    """Calibrate a study into a new run folder that keeps every step; `resume` goes on from wherever it was stopped.
+
+    Parameters
+    ----------
+    folder : str or Path
+        New or empty.
+    study : Study
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+    workers : Workers, optional
+        Processes or a cluster that simulate in place of threads; the result is the same.
+    listener : Listener, optional
+
+    Returns
+    -------
+    Calibration
+        Its result is in the folder too: study.toml with all files that it reads, calibrated.toml, result.json,
+        traces.csv, journal.sqlite.
+
+    Raises
+    ------
+    InputError
+        If the folder is not empty.
+    OutputError
+        If it cannot be written; what was done before is kept.
+    StudyError
+        If the study cannot be run; what was done before is kept.
+    """
+    path = Path(folder)
+    with _begun(path, study) as (journal, own):
+        return _run(journal, own, None, listener, threads=threads, workers=workers)
+
+
+def resume(
+    folder: str | Path,
+    *,
+    generations: int = 0,
+    study: Study | None = None,
+    as_begun: bool = False,
+    threads: int | None = None,
+    workers: Workers | None = None,
+    listener: Listener = Listener(),
+) -> Calibration:
+    """Go on with a run that was stopped, however it was; the result is that of a run never stopped, bit by bit.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Run folder; it may have been moved or copied.
+    generations : int
+        More generations of the evolution than the study asks for; refinements are then done anew.
+    study : Study, optional
+        The study, if it was made in Python and not read from a file.
+    as_begun : bool
+        Go on with the copies in the run folder although the files that they were made from have changed.
+    threads, workers, listener
+        As in `calibrate_into`; they may differ from those of the beginning.
+
+    Raises
+    ------
+    StudyError
+        If there is no journal, another process is at work in the folder, or the study or its data have changed.
+    OutputError
+        If the folder cannot be written; what was done before is kept.
+    ConfigurationError
+        If `generations` is negative.
+    """
+    path = Path(folder)
+    if generations < 0:
+        raise ConfigurationError(f"generations = {generations} must be 0 or more")
+    if not (path / JOURNAL).is_file():
+        raise StudyError(_nothing_to_resume(path))
+    with Journal(path) as journal:
+        if "content" not in journal.about:
+            raise StudyError(_nothing_to_resume(path))
+        check_files(journal, as_begun)
+        own = _study_of(journal, study)
+        if generations:
+            own = _extended(journal, own, generations)
+        for sentence in _differences(journal):
+            listener.note(sentence)
+        return _run(journal, own, journal.checkpoint(), listener, threads=threads, workers=workers)
+
+
+def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener: Listener, **how: Any) -> Calibration:
+    journal.start_session()
+    with held_interrupts(), _ending(journal):  # once the search has ended, its result is written whatever keys are hit
+        calibration = calibrate(study, progress=listener.progress, recorder=journal, checkpoint=checkpoint, **how)
+        listener.note("judging which parameters the data pin down ...")
+        identified = identify(calibration, how["threads"])
+        write_run(journal.folder, calibration, identified)
+        journal.end_session(calibration.status, calibration.reason)
+    return calibration
+
+
+@contextmanager
+def _ending(journal: Journal) -> Iterator[None]:
+    """Note in the journal what ended a run too early, if that can still be done."""
+    try:
+        yield
+    except BaseException as error:
+        stopped = isinstance(error, KeyboardInterrupt)
+        with suppress(CommonrailError):
+            journal.end_session(State.INTERRUPTED if stopped else State.FAILED, "" if stopped else str(error))
+        raise
+
+
+@contextmanager
+def _begun(folder: Path, study: Study) -> Iterator[tuple[Journal, Study]]:
+    """A new run's journal and its study, read from the copy in the folder; nothing stays if nothing was simulated."""
+    existed = folder.is_dir()
+    if (folder / LOCK).is_file():  # a run's, perhaps of one that was killed before it was ready to start
+        with suppress(StudyError):
+            if "content" in read_about(folder):
+                refuse_used(folder)
+    else:
+        refuse_used(folder)
+        with writing(folder, "--out"):
+            folder.mkdir(parents=True, exist_ok=True)
+    with Journal(folder) as journal:
+        if "content" in journal.about:
+            refuse_used(folder)
+        try:
+            inputs, own = copy_study(study, folder)
+            journal.describe(
+                {
+                    "title": study.title,
+                    "given": study.text,
+                    "study": own.text,
+                    "content": content_of(own),
+                    "generations": str(own.method.evolution.generations),
+                },
+                inputs,
+            )
+            yield journal, own
+        except BaseException:
+            if journal.checkpoint() is None:
+                _remove(folder, existed)
+            raise
+
+
+def _remove(folder: Path, existed: bool) -> None:
+    """Take away what a run has put into an empty folder."""
+    with suppress(OSError):
+        for path in folder.iterdir():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        if not existed:
+            folder.rmdir()
+
+
+def _nothing_to_resume(folder: Path) -> str:
+    return f"{folder}: there is no run to go on with; begin one with `commonrail calibrate STUDY --out {folder}`."
+
+
+def _study_of(journal: Journal, given: Study | None) -> Study:
+    """The study of a run, as it was."""
+    about = journal.about
+    if journal.inputs:
+        given = load_study(journal.folder / STUDY)
+    elif given is None:
+        raise StudyError(
+            f"{journal.folder}: the study of this run was made in Python, no file has it; make it there again and go "
+            "on with commonrail.resume(folder, study=study)."
+        )
+    study = _with_generations(given, journal.generations)
+    if content_of(study) != about["content"]:
+        raise StudyError(
+            f"{journal.folder}: the study reads differently from when the run was begun, although its files are the "
+            "same; go on with the version of commonrail that began it, or begin a new run."
+        )
+    return study
+
+
+def _with_generations(study: Study, generations: int) -> Study:
+    evolution = replace(study.method.evolution, generations=generations)
+    return replace(study, method=replace(study.method, evolution=evolution))
+
+
+def _extended(journal: Journal, study: Study, more: int) -> Study:
+    """The study with more generations; the journal goes back to the end of the evolution."""
+    total = study.method.evolution.generations + more
+    longer = _with_generations(study, total)
+    facts = {"content": content_of(longer), "generations": str(total)}
+    inputs = journal.inputs
+    if inputs:
+        facts["study"] = set_in_study(study.text, ("optimiser", "generations"), total)
+        facts["before"] = inputs[0].copy
+        inputs[0] = inputs[0]._replace(copy=sha256(facts["study"].encode()))
+        longer = replace(longer, text=facts["study"])
+    journal.describe(facts, inputs)
+    journal.forget_refinements()
+    if inputs:
+        write_text(journal.folder / STUDY, facts["study"])
+    return longer
+
+
+def _differences(journal: Journal) -> list[str]:
+    """What about versions and processor is not as it was at the beginning."""
+    before, now = journal.software, software_now()
+    return [
+        f"begun with {name} {before[name]}, now {now[name]}: the last digits may differ from those of a run that was "
+        "not stopped."
+        for name in now
+        if before.get(name, now[name]) != now[name]
+    ]

@@ -1,0 +1,66 @@
+"""commonrail fleet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Command
+from tests.fleet.conftest import edited
+from tools.make_fleet import make_fleet
+
+FILES = {"fleet.sqlite", "fleet.lock", "fleet.json", "results.csv", "report.html", "injectors"}
+
+
+@pytest.fixture
+def fleet_file(tmp_path: Path) -> Path:
+    """Two injectors with the shortest of searches."""
+    return make_fleet(tmp_path / "line-3", 2, members=4, generations=1)
+
+
+def test_a_fleet_from_end_to_end(
+    command: Command, fleet_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command("fleet", fleet_file, "--workers", "1")
+    assert done.status == 0, done.err
+    folder = tmp_path / "runs" / "line-3"
+    assert {path.name for path in folder.iterdir()} >= FILES
+    assert "2 of 2 injectors calibrated, 0 failed." in done.out
+    assert "SYNTHETIC: " in done.out
+    assert "injectors/s" in done.out
+    assert "injectors 2/2: 0 failed" in done.err
+    assert (folder / "report.html").read_text(encoding="utf-8").count("Synthetic, not measured") == 1
+
+    again = command("fleet", fleet_file, "--json").record
+    assert again["result"]["clock"]["calibrated_now"] == 0
+    assert again["result"]["counts"]["finished"] == 2
+    assert again["report"] == str(Path("runs/line-3/report.html"))
+
+    edited(fleet_file, "seed = 1", "seed = 2")
+    refused = command("fleet", fleet_file)
+    assert refused.status == 2
+    assert 'was begun with seed "1", and it is "2" now' in refused.sentence
+
+
+def test_ctrl_c_ends_in_order_with_130(
+    command: Command, fleet_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("commonrail.fleet.run._Run.calibrate", stopped)
+    done = command("fleet", fleet_file, "--out", tmp_path / "run")
+    assert done.status == 130
+    assert done.sentence.startswith("interrupted; run the same command again to go on in ")
+    assert "2 injectors not done yet: the same command goes on." in done.out
+    assert (tmp_path / "run" / "results.csv").is_file()
+
+
+def test_a_fault_in_the_file_is_one_sentence(command: Command, fleet_file: Path, tmp_path: Path) -> None:
+    edited(fleet_file, 'files = "injectors.csv"', 'files = "injectors.xlsx"')
+    done = command("fleet", fleet_file, "--out", tmp_path / "run")
+    assert done.status == 2
+    assert "injectors.xlsx: there is no such file" in done.sentence
+    assert not (tmp_path / "run").exists()

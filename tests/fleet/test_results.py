@@ -1,0 +1,106 @@
+"""Tables and record of a fleet."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from commonrail.errors import OutputError
+from commonrail.fleet.fleet_file import load_fleet
+from commonrail.fleet.journal import FAILED, Entry
+from commonrail.fleet.results import result_columns, write_results
+from commonrail.fleet.run import FleetRun
+from commonrail.fleet.summary import fleet_record, spread_of
+from tests.fleet.conftest import COUNT, results
+
+CLOCK = {"seconds": 2.0, "calibrated_now": 5, "workers": 1}
+
+
+def test_a_row_for_each_injector_that_can_be_read_back_to_the_last_bit(whole: FleetRun) -> None:
+    head, *rows = results(whole.folder)
+    assert head[:6] == ["injector", "status", "reason", "J start", "J best", "J 160 MPa [mm3/ms]"]
+    assert len(rows) == COUNT
+    place = head.index("valve.spring_preload [N]")
+    for row, entry in zip(rows, whole.entries, strict=True):
+        own = entry.record["parameters"]["valve.spring_preload"]
+        assert row[0] == entry.name
+        assert float(row[4]) == entry.record["J"]["best"]
+        assert float(row[place]) == own["best"]
+        assert row[place + 2] == own["verdict"]
+
+
+def test_what_is_synthetic_is_said_in_each_file(whole: FleetRun) -> None:
+    first = (whole.folder / "results.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert first.startswith("# SYNTHETIC: ")
+    assert "not measured" in first
+    assert whole.record["synthetic"] in first
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert b"SYNTHETIC" in parquet.read_schema(whole.folder / "results.parquet").metadata
+
+
+def test_parquet_says_the_same(whole: FleetRun) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = parquet.read_table(whole.folder / "results.parquet")
+    head, *rows = results(whole.folder)
+    assert table.column_names[:-1] == head
+    for i, name in enumerate(head):
+        found = ["" if value is None else str(value) for value in table.column(name).to_pylist()]
+        assert found == [row[i] for row in rows]
+
+
+def test_without_pyarrow_there_is_csv(fleet_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    write_results(tmp_path, load_fleet(fleet_file), [], "interrupted", CLOCK)
+    assert [row[1] for row in results(tmp_path)[1:]] == ["pending"] * COUNT
+    assert not (tmp_path / "results.parquet").exists()
+
+
+def test_a_failure_has_its_reason_and_no_numbers(fleet_file: Path, whole: FleetRun) -> None:
+    entries = [Entry("SN000001", FAILED, "Because.", 1, {}, {}, 0.1), *whole.entries[1:]]
+    columns = result_columns(load_fleet(fleet_file), entries)
+    assert columns["reason"][:2] == ["Because.", ""]
+    assert columns["J best"][0] is None
+    assert columns["valve.spring_preload [N]"][0] is None
+    record = fleet_record(load_fleet(fleet_file), entries, "finished", CLOCK)
+    assert record["failures"] == [{"injector": "SN000001", "reason": "Because."}]
+    assert record["counts"] == {"injectors": COUNT, "finished": COUNT - 1, "failed": 1, "pending": 0}
+
+
+def test_the_record_on_disk_is_the_one_returned_and_all_time_is_under_one_key(whole: FleetRun) -> None:
+    record = json.loads((whole.folder / "fleet.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert record == whole.record
+    del record["clock"]
+    assert "second" not in json.dumps(record)
+
+
+def test_the_spread_counts_only_numbers() -> None:
+    expected = {"minimum": 1.0, "q1": 2.0, "median": 3.0, "q3": 4.0, "maximum": 5.0, "count": 5}
+    assert spread_of([5.0, None, 1.0, 2.0, 3.0, 4.0]) == expected
+    assert spread_of([None]) is None
+
+
+def test_the_worst_come_first(whole: FleetRun) -> None:
+    costs = [w["J"]["best"] for w in whole.record["worst"]]
+    assert costs == sorted((e.record["J"]["best"] for e in whole.entries), reverse=True)
+
+
+def test_the_speed_is_that_of_this_run(fleet_file: Path, whole: FleetRun) -> None:
+    clock = fleet_record(load_fleet(fleet_file), whole.entries, "finished", CLOCK)["clock"]
+    assert clock["injectors_per_second"] == 2.5
+    assert clock["core_seconds"] == pytest.approx(sum(e.seconds for e in whole.entries), rel=1e-12)  # order of a sum
+
+
+def test_a_file_that_cannot_be_written_leaves_the_old_one(
+    fleet_file: Path, whole: FleetRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "results.csv").write_text("old", encoding="utf-8")
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OutputError, match=r"results\.csv cannot be written \(No space left on device\); make room"):
+        write_results(tmp_path, load_fleet(fleet_file), whole.entries, "finished", CLOCK)
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["results.csv"]
+    assert (tmp_path / "results.csv").read_text(encoding="utf-8") == "old"

@@ -1,0 +1,224 @@
+"""A fleet as a whole: the same bits however it is run, killed and gone on with; what has changed is refused."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from commonrail.calibration.interrupt import _ask
+from commonrail.calibration.run import calibrate
+from commonrail.errors import InputError, StudyError
+from commonrail.files.study_file import load_study
+from commonrail.fleet import run as run_module
+from commonrail.fleet.fleet_file import load_fleet
+from commonrail.fleet.journal import JOURNAL
+from commonrail.fleet.run import FleetProgress, FleetRun, run_fleet
+from tests.fleet.conftest import COUNT, alive, edited, results
+
+
+@pytest.fixture
+def begun(whole: FleetRun, tmp_path: Path) -> tuple[Path, Path]:
+    """A copy of the small fleet and of its finished folder: the fleet's file, and the folder."""
+    shutil.copytree(whole.folder.parent, tmp_path / "copy")
+    return tmp_path / "copy" / "fleet" / "fleet.toml", tmp_path / "copy" / "run"
+
+
+def ended(folder: Path) -> dict[str, tuple[str, float]]:
+    """When each injector in a journal was done, and the seconds that it took."""
+    with closing(sqlite3.connect(f"file:{folder / JOURNAL}?mode=ro", uri=True)) as connection:
+        return {name: (at, s) for name, at, s in connection.execute("SELECT name, ended, seconds FROM injector")}
+
+
+def test_the_number_of_workers_and_the_order_of_the_table_are_no_matter(
+    fleet_file: Path, whole: FleetRun, tmp_path: Path
+) -> None:
+    table = fleet_file.parent / "injectors.csv"
+    note, head, *rows = table.read_text(encoding="utf-8").splitlines()
+    table.write_text("\n".join([note, head, *reversed(rows)]) + "\n", encoding="utf-8")
+    run = run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=2)
+    head_row, *found = results(tmp_path / "run")
+    expected = results(whole.folder)
+    assert [head_row, *reversed(found)] == expected
+    assert {e.name: e.record for e in run.entries} == {e.name: e.record for e in whole.entries}
+
+
+def test_an_injectors_own_study_gives_its_result(whole: FleetRun) -> None:
+    found = calibrate(load_study(whole.folder / "injectors" / "SN000004" / "study.toml"))
+    record = whole.entries[3].record
+    assert record["J"]["best"] == found.cost
+    assert {name: p["best"] for name, p in record["parameters"].items()} == found.best
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds the workers through /proc")
+def test_a_killed_fleet_goes_on_without_doing_anything_twice(fleet_file: Path, whole: FleetRun, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    command = [
+        sys.executable,
+        "-m",
+        "commonrail.cli.app",
+        "fleet",
+        str(fleet_file),
+        "--out",
+        str(out),
+        "--workers",
+        "2",
+    ]
+    code = "from commonrail.cli.app import main; main()"
+    command = [sys.executable, "-c", code, *command[3:]]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as fleet:
+        before = wait_for(out, 2)
+        workers = Path(f"/proc/{fleet.pid}/task/{fleet.pid}/children").read_text(encoding="utf-8").split()
+        fleet.send_signal(signal.SIGKILL)
+    assert len(workers) >= 2
+    before = ended(out)
+    assert 2 <= len(before) < COUNT, "it was killed too late to show anything"
+    wait_until_gone(workers)
+    done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True)
+    after = ended(out)
+    assert {name: after[name] for name in before} == before
+    assert f'"calibrated_now": {COUNT - len(before)}' in done.stdout
+    assert results(out) == results(whole.folder)
+
+
+def wait_for(folder: Path, count: int) -> dict[str, tuple[str, float]]:
+    """Wait until so many injectors are in the journal."""
+    for _ in range(6000):  # a minute and more: the first use of a kernel compiles it
+        try:
+            found = ended(folder)
+        except sqlite3.Error:
+            found = {}
+        if len(found) >= count:
+            return found
+        time.sleep(0.01)
+    raise AssertionError("the fleet did not get going")
+
+
+def wait_until_gone(pids: list[str]) -> None:
+    """Wait for processes that should end by themselves."""
+    for _ in range(1000):
+        if not any(alive(int(pid)) for pid in pids):
+            return
+        time.sleep(0.01)
+    raise AssertionError("workers outlive their caller")
+
+
+def test_an_interrupted_fleet_keeps_what_is_done(fleet_file: Path, whole: FleetRun, tmp_path: Path) -> None:
+    def stop(p: FleetProgress) -> None:
+        if p.done == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    assert signal.getsignal(signal.SIGINT) is not _ask
+    run = run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=1, progress=stop)
+    assert run.interrupted
+    assert run.record["counts"] == {"injectors": COUNT, "finished": 3, "failed": 0, "pending": 3}
+    assert [row[1] for row in results(tmp_path / "run")[1:]] == ["finished"] * 3 + ["pending"] * 3
+    run = run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=2)
+    assert run.record["clock"]["calibrated_now"] == 3
+    assert results(tmp_path / "run") == results(whole.folder)
+
+
+def test_a_bad_file_costs_one_injector_and_is_tried_again_once_it_is_mended(
+    fleet_file: Path, whole: FleetRun, tmp_path: Path
+) -> None:
+    bad = fleet_file.parent / "data" / "SN000002_160MPa.csv"
+    good = bad.read_text(encoding="utf-8")
+    bad.write_text(good.replace("\n6,", "\n6,x", 1), encoding="utf-8")
+    run = run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=2)
+    (failure,) = run.record["failures"]
+    assert failure["injector"] == "SN000002"
+    assert 'SN000002_160MPa.csv, line 4, column "rate": "x' in failure["reason"]
+    assert run.record["counts"]["finished"] == COUNT - 1
+    again = run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=2)
+    assert again.record["clock"]["calibrated_now"] == 0  # nothing has changed
+    again = run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=1, retry=True)
+    assert again.record["clock"]["calibrated_now"] == 1
+    bad.write_text(good, encoding="utf-8")
+    run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=2)
+    assert results(tmp_path / "run") == results(whole.folder)
+
+
+def test_a_fault_of_all_is_told_before_any_work(fleet_file: Path, tmp_path: Path) -> None:
+    edited(fleet_file.parent / "study.toml", 'name = "valve.spring_preload"', 'name = "valve.spring_prelaod"')
+    with pytest.raises(InputError, match=r"Not one of the first 3 injectors can be read; the first: .*spring_prelaod"):
+        run_fleet(load_fleet(fleet_file), tmp_path / "run")
+    assert ended(tmp_path / "run") == {}
+
+
+def test_injectors_may_be_added(begun: tuple[Path, Path], whole: FleetRun) -> None:
+    file, folder = begun
+    table = file.parent / "injectors.csv"
+    first = table.read_text(encoding="utf-8").splitlines()[2]
+    with table.open("a", encoding="utf-8") as stream:
+        stream.write(first.replace("SN000001,", "late,", 1) + "\n")
+    run = run_fleet(load_fleet(file), folder, workers=1)
+    assert run.record["clock"]["calibrated_now"] == 1
+    assert results(folder)[:-1] == results(whole.folder)
+    late, like = results(folder)[-1], results(folder)[1]
+    assert late[0] == "late"
+    assert late[3] == like[3]  # J of the start values: the same data
+    assert late[-1] != like[-1]  # a seed of its own
+
+
+def test_a_moved_folder_goes_on(begun: tuple[Path, Path], tmp_path: Path) -> None:
+    file, folder = begun
+    moved = shutil.move(folder, tmp_path / "elsewhere")
+    assert run_fleet(load_fleet(file), Path(moved)).record["clock"]["calibrated_now"] == 0
+
+
+CHANGES = {
+    "template": ("study.toml", "generations = 3", "generations = 4", r"was begun with another study\.toml"),
+    "seed": ("fleet.toml", "seed = 1", "seed = 2", 'was begun with seed "1", and it is "2" now'),
+    "left out": (
+        "fleet.toml",
+        "seed = 1",
+        'leave_out = ["80 MPa"]',
+        'was begun with leave_out "", and it is "80 MPa" now',
+    ),
+    "data": ("data/SN000005_80MPa.csv", "\n9,", "\n9,1", 'injector "SN000005" .* those of "80 MPa" have changed since'),
+    "file": (
+        "injectors.csv",
+        "data/SN000005_80MPa",
+        "data/SN000004_80MPa",
+        'injector "SN000005" .* "80 MPa" have changed',
+    ),
+    "removed": ("injectors.csv", "SN000005,", "other,", 'has injector "SN000005", which .*injectors.csv has no more'),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_change_is_refused_and_named(begun: tuple[Path, Path], change: str) -> None:
+    file, folder = begun
+    name, old, new, message = CHANGES[change]
+    edited(file.parent / name, old, new)
+    before = ended(folder)
+    with pytest.raises(StudyError, match=rf"{message}.*; bring it back as it was, or name another folder with --out"):
+        run_fleet(load_fleet(file), folder)
+    assert ended(folder) == before
+
+
+def test_other_software_is_refused(begun: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    file, folder = begun
+    monkeypatch.setattr(run_module, "software_record", lambda: {"numpy": "1.0"})
+    with pytest.raises(StudyError, match=r'was begun with version of commonrail ".*", and it is "" now'):
+        run_fleet(load_fleet(file), folder)
+
+
+def test_a_title_may_change(begun: tuple[Path, Path]) -> None:
+    file, folder = begun
+    fleet = replace(load_fleet(file), title="Another title")
+    assert run_fleet(fleet, folder).record["title"] == "Another title"
+
+
+def test_another_folder_is_not_touched(fleet_file: Path) -> None:
+    with pytest.raises(InputError, match="there already is something"):
+        run_fleet(load_fleet(fleet_file), fleet_file.parent)

@@ -1,0 +1,102 @@
+"""Tables of a fleet: CSV and Parquet give the same rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from commonrail.errors import InputError
+from commonrail.fleet.table import Table, bare_name, find_column, read_table
+
+HEADER = ["injector", "data", "quantity [mm3]"]
+ROWS = [("B", "x", 1.5), ("A", "x", 0.1), ("B", "y", 2.0), ("A", "x", 1e-20)]
+
+
+def csv_table(folder: Path) -> Path:
+    path = folder / "rows.csv"
+    lines = ["# a comment", ",".join(HEADER), *(f"{a},{b},{c!r}" for a, b, c in ROWS)]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+def parquet_table(folder: Path) -> Path:
+    pyarrow = pytest.importorskip("pyarrow")
+    path = folder / "rows.parquet"
+    columns = [list(column) for column in zip(*ROWS, strict=True)]
+    pyarrow.parquet.write_table(pyarrow.table(dict(zip(HEADER, columns, strict=True))), path)
+    return path
+
+
+@pytest.fixture(params=["csv", "parquet"])
+def table(request: pytest.FixtureRequest, tmp_path: Path) -> Table:
+    if request.param == "parquet":
+        pytest.importorskip("pyarrow.parquet")
+    make = {"csv": csv_table, "parquet": parquet_table}[request.param]
+    return read_table(make(tmp_path))
+
+
+def test_rows_are_grouped_in_the_order_in_which_they_first_come(table: Table) -> None:
+    groups = {key: rows.tolist() for key, rows in table.groups([0, 1]).items()}
+    assert groups == {("B", "x"): [0], ("A", "x"): [1, 3], ("B", "y"): [2]}
+    assert list(groups) == [("B", "x"), ("A", "x"), ("B", "y")]
+
+
+def test_cells_are_exact(table: Table) -> None:
+    rows = table.groups([0])[("A",)]
+    cells = table.cells(rows)
+    assert table.header == HEADER
+    assert [cell[:2] for cell in cells] == [["A", "x"], ["A", "x"]]
+    assert [float(cell[2]) for cell in cells] == [0.1, 1e-20]
+
+
+def test_a_row_is_named_by_its_place(table: Table) -> None:
+    assert table.place(0).endswith("row 1" if table.path.suffix == ".parquet" else "line 3")
+
+
+def test_numbers_as_serial_numbers_and_gaps_in_parquet(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow.parquet")
+    import pyarrow
+    from pyarrow import parquet
+
+    columns = {"injector": pyarrow.array([12, 7, 12, None]), "file": pyarrow.array(["a", None, "b", "c"])}
+    parquet.write_table(pyarrow.table(columns), tmp_path / "t.parquet")
+    table = read_table(tmp_path / "t.parquet")
+    assert {key: rows.tolist() for key, rows in table.groups([0]).items()} == {("12",): [0, 2], ("7",): [1], ("",): [3]}
+    assert table.cells(table.groups([0])[("7",)]) == [["7", ""]]
+
+
+@pytest.mark.parametrize(("cell", "name"), [("rate [mm3/ms]", "rate"), ("rate", "rate"), ("a [b", "a [b")])
+def test_names_without_units(cell: str, name: str) -> None:
+    assert bare_name(cell) == name
+
+
+def test_a_missing_column_is_named_with_the_nearest(table: Table) -> None:
+    with pytest.raises(
+        InputError, match=r'no column "quantty", volumes \(did you mean "quantity"\?\); the header has "in'
+    ):
+        find_column(table, "quantty", "volumes")
+
+
+def test_a_column_twice(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("a,a [m]\n1,2\n", encoding="utf-8")
+    with pytest.raises(InputError, match='the column "a" stands 2 times in the header; rename one'):
+        find_column(read_table(path), "a", "")
+
+
+def test_broken_parquet(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow.parquet")
+    path = tmp_path / "t.parquet"
+    with pytest.raises(InputError, match=r"t\.parquet: there is no such file\.$"):
+        read_table(path)
+    path.write_bytes(b"no Parquet")
+    with pytest.raises(InputError, match=r"t\.parquet: the file cannot be read as Parquet \(") as caught:
+        read_table(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_without_pyarrow_the_cure_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    with pytest.raises(InputError, match=r'pip install "commonrail\[fleet\]", or give CSV'):
+        read_table(tmp_path / "t.parquet")

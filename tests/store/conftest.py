@@ -1,0 +1,93 @@
+"""A small study with everything that a run keeps, and its run that was never stopped."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from commonrail.calibration.search import Progress
+from commonrail.calibration.study import Study
+from commonrail.files.scaffold import write_new
+from commonrail.files.study_file import load_study
+from commonrail.store.run import Listener, calibrate_into
+
+GENERATIONS, REFINEMENTS = 5, 3
+_SMALL = {"members = 24": "members = 8", "generations = 30": f"generations = {GENERATIONS}"}
+_SMALL["polish = 1"] = f"polish = {REFINEMENTS}\npolish_iterations = 2"  # one from a member, two hops
+
+
+class Stopped(BaseException):
+    """What stands for a process that ends: no handler of the project's takes it."""
+
+
+def write_small(folder: Path) -> Path:
+    """Write the study of ``commonrail new`` with a short search."""
+    write_new(folder)
+    study = folder / "study.toml"
+    text = study.read_text(encoding="utf-8")
+    for old, new in _SMALL.items():
+        assert old in text
+        text = text.replace(old, new)
+    study.write_text(text, encoding="utf-8")
+    return study
+
+
+def timeless(run: Path) -> bytes:
+    """result.json without what depends on the clock."""
+    content = (run / "result.json").read_bytes()
+    found, count = re.subn(rb',\n "clock": \{[^}]*\}', b"", content)
+    assert count == 1
+    return found
+
+
+def stop_after(steps: int) -> Listener:
+    """A listener that ends the process after so many generations and refinements."""
+    left = iter(range(steps - 1))
+
+    def progress(_: Progress) -> None:
+        if next(left, None) is None:
+            raise Stopped
+
+    return Listener(progress)
+
+
+def stopped_run(folder: Path, study: Study, steps: int) -> Path:
+    """A run that was killed after so many steps."""
+    with pytest.raises(Stopped):
+        calibrate_into(folder, study, threads=1, listener=stop_after(steps))
+    return folder
+
+
+class Whole(NamedTuple):
+    """A study's file and its run that was never stopped."""
+
+    study: Path
+    run: Path
+
+
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    """The run to compare with."""
+    folder = tmp_path_factory.mktemp("store")
+    study = write_small(folder / "small")
+    calibrate_into(folder / "run", load_study(study), threads=1)
+    return Whole(study, folder / "run")
+
+
+@pytest.fixture
+def study_file(tmp_path: Path) -> Path:
+    """The study's file, to be changed."""
+    return write_small(tmp_path / "small")
+
+
+Stop = Callable[[int], Path]
+
+
+@pytest.fixture
+def stopped(tmp_path: Path, study_file: Path) -> Stop:
+    """Makes a run that was killed after so many steps."""
+    return lambda steps: stopped_run(tmp_path / "run", load_study(study_file), steps)

@@ -1,0 +1,297 @@
+"""A run goes on to the same bits, wherever it was stopped, moved or lengthened."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from commonrail.calibration.space import Space
+from commonrail.errors import ConfigurationError, InputError, StudyError
+from commonrail.files.study_file import load_study
+from commonrail.store.journal import Journal
+from commonrail.store.listing import list_runs
+from commonrail.store.run import Listener, calibrate_into, resume
+from tests.store.conftest import (
+    GENERATIONS,
+    REFINEMENTS,
+    Stop,
+    Stopped,
+    Whole,
+    stop_after,
+    stopped_run,
+    timeless,
+    write_small,
+)
+
+ALL = 1 + GENERATIONS + REFINEMENTS
+
+
+@pytest.mark.parametrize("steps", range(1, ALL + 1))
+def test_a_run_killed_after_any_step_ends_as_one_never_stopped(whole: Whole, stopped: Stop, steps: int) -> None:
+    run = stopped(steps)
+    resume(run, threads=1)
+    assert timeless(run) == timeless(whole.run)
+    assert (run / "calibrated.toml").read_bytes() == (whole.run / "calibrated.toml").read_bytes()
+    assert (run / "traces.csv").read_bytes() == (whole.run / "traces.csv").read_bytes()
+
+
+def test_what_was_done_is_not_done_again(stopped: Stop) -> None:
+    told: list[tuple[str, int]] = []
+    run = stopped(4)
+    resume(run, listener=Listener(lambda p: told.append((p.phase, p.generation))))
+    assert told[0] == ("evolution", 5)
+
+
+def test_stopping_again_and_again_changes_nothing(whole: Whole, stopped: Stop) -> None:
+    run = stopped(1)
+    for _ in range(2, ALL):
+        with pytest.raises(Stopped):
+            resume(run, threads=1, listener=stop_after(1))
+    resume(run)
+    assert timeless(run) == timeless(whole.run)
+
+
+def test_a_run_that_was_moved_goes_on_without_its_study(whole: Whole, stopped: Stop, study_file: Path) -> None:
+    run = stopped(3)
+    shutil.rmtree(study_file.parent)
+    moved = run.rename(run.with_name("elsewhere"))
+    resume(moved)
+    assert timeless(moved) == timeless(whole.run)
+
+
+def test_a_copy_goes_on_too(whole: Whole, stopped: Stop, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(stopped(3), copy)
+    resume(copy)
+    assert timeless(copy) == timeless(whole.run)
+
+
+def test_another_number_of_threads_may_go_on(whole: Whole, stopped: Stop) -> None:
+    run = stopped(2)
+    resume(run, threads=2)
+    assert timeless(run) == timeless(whole.run)
+
+
+def test_a_finished_run_is_written_anew_to_the_same_bytes(whole: Whole, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(whole.run, copy)
+    (copy / "result.json").unlink()
+    resume(copy)
+    assert timeless(copy) == timeless(whole.run)
+
+
+@pytest.mark.parametrize("steps", [3, ALL])
+def test_more_generations_give_what_a_longer_study_gives(tmp_path: Path, study_file: Path, steps: int) -> None:
+    longer = study_file.read_text(encoding="utf-8").replace(f"generations = {GENERATIONS}", "generations = 7")
+    (study_file.parent / "longer.toml").write_text(longer, encoding="utf-8")
+    calibrate_into(tmp_path / "longer", load_study(study_file.parent / "longer.toml"))
+    run = stopped_run(tmp_path / "run", load_study(study_file), steps)
+    resume(run, generations=2)
+    assert timeless(run) == timeless(tmp_path / "longer")
+    assert load_study(run / "study.toml").method.evolution.generations == 7
+    resume(run)  # its study.toml is its own again
+    assert timeless(run) == timeless(tmp_path / "longer")
+
+
+def test_a_crash_while_it_is_lengthened_does_no_harm(stopped: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = stopped(3)
+
+    def crash(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("commonrail.store.run.write_text", crash)  # the journal knows, study.toml does not
+        with pytest.raises(KeyboardInterrupt):
+            resume(run, generations=2)
+    assert len(resume(run).history) == 1 + GENERATIONS + 2
+    assert load_study(run / "study.toml").method.evolution.generations == GENERATIONS + 2
+
+
+def test_another_seed_than_the_file_s_is_kept(tmp_path: Path, study_file: Path) -> None:
+    study = replace(load_study(study_file), seed=11)
+    calibrate_into(tmp_path / "whole", study)
+    run = stopped_run(tmp_path / "run", study, 2)
+    assert load_study(run / "study.toml").seed == 11
+    resume(run)
+    assert timeless(run) == timeless(tmp_path / "whole")
+
+
+def test_a_study_changed_in_python_is_asked_for_again(tmp_path: Path, study_file: Path) -> None:
+    study = load_study(study_file)
+    first = study.space.parameters[0]
+    narrow = replace(first, upper=0.9 * first.upper)
+    changed = replace(study, space=Space((narrow, *study.space.parameters[1:]), study.space.rows))
+    calibrate_into(tmp_path / "whole", changed)
+    run = stopped_run(tmp_path / "run", changed, 3)
+    with pytest.raises(StudyError, match=r"made in Python.*resume\(folder, study=study\)"):
+        resume(run)
+    with pytest.raises(StudyError, match="reads differently"):
+        resume(run, study=study)
+    resume(run, study=changed)
+    assert timeless(run) == timeless(tmp_path / "whole")
+
+
+def test_a_changed_file_of_the_run_is_refused(stopped: Stop) -> None:
+    run = stopped(3)
+    data = run / "data" / "evi.csv"
+    data.write_text(data.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    with pytest.raises(StudyError, match=r"run/data/evi\.csv has been changed since the run was begun"):
+        resume(run)
+    data.unlink()
+    with pytest.raises(StudyError, match=r"run/data/evi\.csv is missing"):
+        resume(run)
+
+
+def test_a_changed_study_is_refused_with_what_changed(stopped: Stop, whole: Whole, study_file: Path) -> None:
+    run = stopped(3)
+    for path in (run / "study.toml", study_file):
+        before = path.read_text(encoding="utf-8")
+        path.write_text(before.replace("members = 8", "members = 9"), encoding="utf-8")
+        with pytest.raises(StudyError, match=r"study\.toml has been changed.*\(optimiser\.members: 8 -> 9\)"):
+            resume(run)
+        if path.parent == run:
+            path.write_text(before, encoding="utf-8")
+    resume(run, as_begun=True)
+    assert timeless(run) == timeless(whole.run)
+
+
+def test_changed_data_are_refused(stopped: Stop, study_file: Path) -> None:
+    run = stopped(3)
+    data = study_file.parent / "data" / "evi.csv"
+    data.write_text(data.read_text(encoding="utf-8").replace("0.0", "0.1", 1), encoding="utf-8")
+    with pytest.raises(StudyError, match=r"small/data/evi\.csv has been changed since .*--as-begun"):
+        resume(run)
+
+
+def test_two_at_once_are_told_of_each_other(stopped: Stop) -> None:
+    run = stopped(2)
+    with Journal(run) as journal:
+        journal.start_session()
+        with pytest.raises(StudyError, match=rf"process {os.getpid()} on .* is at work here since 20"):
+            resume(run)
+        assert [r.state for r in list_runs(run)] == ["running"]
+    resume(run)
+
+
+def test_nothing_to_go_on_with(tmp_path: Path) -> None:
+    for folder in (tmp_path / "none", tmp_path):
+        with pytest.raises(StudyError, match="there is no run to go on with; begin one with"):
+            resume(folder)
+    with pytest.raises(ConfigurationError, match="generations = -1"):
+        resume(tmp_path, generations=-1)
+
+
+def test_a_used_folder_is_refused(whole: Whole, tmp_path: Path) -> None:
+    (tmp_path / "note.txt").touch()
+    for folder in (whole.run, tmp_path):
+        with pytest.raises(InputError, match="there already is something"):
+            calibrate_into(folder, load_study(whole.study))
+    assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]
+
+
+def test_a_run_killed_before_it_was_ready_can_be_begun_again(whole: Whole, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    Journal(run).close()  # killed before the study was copied
+    with pytest.raises(StudyError, match="no run to go on with"):
+        resume(run)
+    calibrate_into(run, load_study(whole.study))
+    assert timeless(run) == timeless(whole.run)
+
+
+def test_a_search_without_any_simulation_leaves_nothing(tmp_path: Path, study_file: Path) -> None:
+    text = study_file.read_text(encoding="utf-8").replace('role = "fit"', 'role = "validation"')
+    study_file.write_text(text, encoding="utf-8")
+    with pytest.raises(StudyError, match="no data set has role fit"):
+        calibrate_into(tmp_path / "run", load_study(study_file))
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_search_in_which_all_fail_says_why_and_stays(tmp_path: Path, study_file: Path) -> None:
+    text = study_file.read_text(encoding="utf-8").replace('time_step = "1 us"', 'time_step = "20 us"')
+    assert "20 us" in text
+    study_file.write_text(text, encoding="utf-8")
+    study = load_study(study_file)
+    with pytest.raises(
+        StudyError, match=r"not one of \d+ candidates could be simulated; \d+ of them: The time step is"
+    ):
+        calibrate_into(tmp_path / "run", study)
+    (found,) = list_runs(tmp_path)
+    assert (found.state, found.generation) == ("failed", 1 + GENERATIONS)
+    assert "take a shorter time step" in found.reason
+
+
+def test_files_from_elsewhere_come_along(tmp_path: Path, whole: Whole) -> None:
+    study = write_small(tmp_path / "a" / "small")
+    data, injector = tmp_path / "data.csv", tmp_path / "a" / "injectors" / "mine.toml"
+    injector.parent.mkdir()
+    (study.parent / "data" / "evi.csv").rename(data)
+    (study.parent / "injector.toml").rename(injector)
+    text = study.read_text(encoding="utf-8").replace('"data/evi.csv"', f'"{data}"')
+    text = text.replace('"injector.toml"', '"../injectors/mine.toml"')
+    study.write_text(f"allow_outside = true\n{text}", encoding="utf-8")
+    run = stopped_run(tmp_path / "run", load_study(study), 4)
+    shutil.rmtree(tmp_path / "a")
+    data.unlink()
+    moved = run.rename(tmp_path / "moved")
+    resume(moved)
+    assert (moved / "inputs" / "mine.toml").is_file()
+    assert timeless(moved) == timeless(whole.run)
+
+
+def test_a_file_changed_while_the_study_is_read(tmp_path: Path, study_file: Path) -> None:
+    study = load_study(study_file)
+    study_file.write_text(study.text + "\n", encoding="utf-8")
+    with pytest.raises(StudyError, match=r"study\.toml: the file was changed while the study was read"):
+        calibrate_into(tmp_path / "run", study)
+
+
+# The command, in a process that may write no longer files once three generations are kept: as on a disk without room.
+NO_ROOM = """
+import os, resource, sys
+import commonrail.cli.study_run as module
+usual, log = module._stage, sys.argv[4] + "/journal.sqlite-wal"
+def stage(p):
+    if p.generation == 3:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (os.path.getsize(log), resource.RLIM_INFINITY))
+    return usual(p)
+module._stage = stage
+from commonrail.cli.app import main
+main()
+"""
+
+
+def test_a_full_disk_ends_with_3_and_keeps_what_was_done(whole: Whole, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    command = [sys.executable, "-c", NO_ROOM, "calibrate", str(whole.study), "--out", str(run)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 3, done.stderr
+    assert "make room or copy the folder to another place, then go on from it" in done.stderr.splitlines()[-1]
+    (found,) = list_runs(run)
+    assert found.generation == 3
+    resume(run)
+    assert timeless(run) == timeless(whole.run)
+
+
+def test_sigterm_ends_in_order_and_resume_goes_on(whole: Whole, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    code = (
+        "import os, signal, sys; from commonrail import load_study; from commonrail.store.run import *;"
+        "stop = lambda p: os.kill(os.getpid(), signal.SIGTERM) if p.generation == 3 else None;"
+        "c = calibrate_into(sys.argv[1], load_study(sys.argv[2]), threads=1, listener=Listener(stop)); print(c.status)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(run), str(whole.study)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "interrupted"
+    assert [r.state for r in list_runs(run)] == ["interrupted"]
+    resume(run)
+    assert timeless(run) == timeless(whole.run)
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
