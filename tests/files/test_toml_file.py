@@ -42,7 +42,9 @@ def test_toml_fault_has_the_line(tmp_path: Path, text: str, line: int, reason: s
 HOSTILE = {
     "nested without end": ("a = " + "[" * 5000, "f: tables and lists stand too deep in one another"),
     "deep lists": ("a = " + "[" * 21 + "]" * 21, "stand more than 20 deep"),
-    "deep keys": (".".join("a" * 30) + " = 1", "stand more than 20 deep"),
+    "deep keys": (".".join("a" * 30) + " = 1", "f, line 1: the key stands more than 20 deep in tables"),
+    "deep header": ("[ 'a' . " + '"b".c-d . ' * 30 + "e]", "f, line 1: the key stands more than 20 deep"),
+    "deep keys in a table": ("a = { " + ".".join("a" * 30) + " = 1 }", "stand more than 20 deep"),
     "long line": ("a = 1\n# " + "x" * 10_000, "f, line 2: the line has 10002 characters, and at most 10000 are read"),
     "long text": ('a = """' + ("x" * 99 + "\n") * 101 + '"""', "f, a: the text has 10100 characters"),
     "long key": ("x" * 201 + " = 1", "the key .* is too long"),

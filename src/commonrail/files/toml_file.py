@@ -16,11 +16,14 @@ from commonrail.files.text_file import read_text
 __all__ = ["LARGEST_TOML", "parse_toml", "read_toml"]
 
 LARGEST_TOML = 1_000_000  # [bytes]; a file of settings has some thousands. Its tables take up to 600 times as much.
-LONGEST_LINE = 10_000  # a dotted key costs as the square of its parts
+LONGEST_LINE = 10_000  # [characters]
 LONGEST_TEXT = 10_000
 LONGEST_KEY = 200
 DEEPEST = 20
 LARGEST_INTEGER = 2**63 - 1  # all that TOML promises
+
+# The reader copies a dotted key once for each of its parts, and each level of tables takes a kilobyte.
+_DEEP_KEY = re.compile(rf"""\s*\[*\s*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')\s*\.\s*){{{DEEPEST}}}""")
 
 # What moves a terminal's cursor or turns the direction of writing; tab and line end may stand in a text.
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
@@ -46,7 +49,7 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     InputError
         If it is not TOML, or a line, key, text or number in it is beyond its limit; the message has line or key.
     """
-    _refuse_long_lines(text, where)
+    _check_lines(text, where)
     try:
         tables = tomllib.loads(text)
     except RecursionError as error:
@@ -68,13 +71,15 @@ def _reason(error: ValueError) -> str:
     return reason[:1].lower() + reason[1:]
 
 
-def _refuse_long_lines(text: str, where: str) -> None:
+def _check_lines(text: str, where: str) -> None:
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > LONGEST_LINE:
             raise InputError(
                 f"{where}, line {number}: the line has {len(line)} characters, and at most {LONGEST_LINE} are read; "
                 "break it."
             )
+        if _DEEP_KEY.match(line):
+            raise InputError(f"{where}, line {number}: the key stands more than {DEEPEST} deep in tables.")
 
 
 def _check(tables: dict[str, Any], at: Place) -> None:
