@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint verify soak fleet bench clean
+.PHONY: help demo test lint verify fuzz soak fleet disk bench clean
 
 help: ## show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST)
@@ -27,15 +27,21 @@ lint: $(VENV)/.dev ## format, lint, types, direction of imports
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
-verify: $(VENV)/.dev ## check the claims: the verification study and the slow tests
+verify: $(VENV)/.dev fuzz soak fleet disk ## check the claims: the verification study, the slow tests and all trials below
 	$(BIN)/commonrail verify
 	$(BIN)/python -m pytest -q tests -m slow
+
+fuzz: $(VENV)/.dev ## feed 100,000 spoilt files to every reader
+	$(BIN)/python -m tools.fuzz 100000
 
 soak: $(VENV)/.runtime ## kill the paper's study 200 times at random instants and go on with it
 	$(BIN)/python tools/soak.py 200
 
 fleet: $(VENV)/.runtime ## calibrate a synthetic fleet of 200, killed once and restarted once
 	$(BIN)/python tools/fleet_trial.py
+
+disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status 77, where nothing may be mounted)
+	$(BIN)/python tools/no_room.py || test $$? -eq 77
 
 bench: $(VENV)/.bench ## time and quality against peers
 	$(BIN)/python -m benchmarks.run

@@ -59,3 +59,20 @@ def test_nearest_takes_any_iterable_once() -> None:
 
 def test_examples_in_docstrings() -> None:
     assert doctest.testmod(errors).failed == 0
+
+
+def test_a_message_is_one_line_without_what_moves_a_cursor() -> None:
+    error = errors.InputError("a\nb\x1b[2J\u2028c\u202ed\ud800.csv: \tµ, é, 🙂 stay.")
+    assert str(error) == "a b [2J c d .csv:  µ, é, 🙂 stay."
+
+
+def test_a_long_message_keeps_its_place_and_its_advice() -> None:
+    text = str(errors.InputError("study.toml: " + "x" * 100_000 + "; shorten it."))
+    assert len(text) == 1005
+    assert text.startswith("study.toml: xxx")
+    assert text.endswith("xxx; shorten it.")
+
+
+def test_no_search_for_a_name_that_nobody_wrote() -> None:
+    assert nearest("a" * 100, ["a" * 99])
+    assert nearest("a" * 101, ["a" * 100]) == ""

@@ -6,6 +6,7 @@ simulation inside a study is not an error but a status with an infinite cost.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import ClassVar
@@ -21,10 +22,20 @@ __all__ = [
 ]
 
 
+LONGEST_SENTENCE = 1000
+LONGEST_NAME = 100  # that is worth comparing: the search for the nearest one costs as the square of the length
+
+# What ends a line or moves the cursor of a terminal: parts of a sentence come from files and their names.
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]+")
+
+
 class CommonrailError(Exception):
-    """Root of the project's errors; its text is meant to be read by the user as it stands."""
+    """Root of the project's errors; its text is one line, meant to be read by the user as it stands."""
 
     exit_code: ClassVar[int] = 1
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(_one_line(sentence))
 
 
 class InputError(CommonrailError):
@@ -57,6 +68,14 @@ class SimulationError(CommonrailError):
     exit_code: ClassVar[int] = 4
 
 
+def _one_line(sentence: str) -> str:
+    line = _CONTROL.sub(" ", sentence)
+    if len(line) <= LONGEST_SENTENCE:
+        return line
+    half = LONGEST_SENTENCE // 2  # a place stands at the beginning, what to do at the end
+    return f"{line[:half]} ... {line[-half:]}"
+
+
 def nearest(name: str, options: Iterable[str]) -> str:
     """Suggest the option that `name` was probably meant to be.
 
@@ -77,6 +96,8 @@ def nearest(name: str, options: Iterable[str]) -> str:
     >>> nearest("presure", ["pressure", "voltage"])
     ' (did you mean "pressure"?)'
     """
+    if len(name) > LONGEST_NAME:
+        return ""
     # Reversed, so that of two options that differ in case alone the first one listed wins.
     known = {option.casefold(): option for option in reversed(list(options))}
     found = get_close_matches(name.casefold(), known, n=1)

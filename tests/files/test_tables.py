@@ -118,8 +118,43 @@ def test_two_units_for_one_column(table_file: Write) -> None:
 
 def test_size_limit(table_file: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(csv_rows, "LARGEST_FILE", 20)
-    with pytest.raises(InputError, match="more than the 0 MB that are read"):
+    with pytest.raises(InputError, match="more than the 2e-05 MB that are read"):
         read(table_file(GOOD))
+
+
+def test_row_limit(table_file: Write) -> None:
+    assert len(list(csv_rows.read_rows(table_file(GOOD), most=4).rows)) == 4
+    with pytest.raises(InputError, match=r"line 6: the file has more than the 4 rows that are read; keep only"):
+        list(csv_rows.read_rows(table_file(GOOD + "12,9\n"), most=4).rows)
+
+
+HEADERS = {
+    "many columns": (GOOD.replace("rate [mm3/ms]", "rate [mm3/ms]" + ",x" * 999), "the header has 1001 columns"),
+    "long name": (GOOD.replace("rate", "rate" * 51), "the name of column 2 is longer than 200 characters"),
+    "control character": (GOOD.replace("rate", "ra\x1bte"), "the name of column 2 .* not printed"),
+    "line end": (GOOD.replace("rate [mm3/ms]", '"rate\n [mm3/ms]"'), "the name of column 2 .* not printed"),
+    "long line": ("x" * 100_001 + GOOD, "line 1: the line has 100024 characters, more than the 100000"),
+    "digits without end": (GOOD.replace("3,2", "3," + "2" * 5000), 'line 3, column "rate": "2{40}" is not a finite'),
+    "beyond a float": (GOOD.replace("3,2", "3,1e400"), '"1e400" is not a finite number'),
+    "beyond a float in its unit": (
+        GOOD.replace("[mm3/ms]", "[m3/us]").replace("3,2", "3,1e305"),
+        'line 3, column "rate": the number is too large for its unit',
+    ),
+    "quote without end": (GOOD.replace("3,2", '3,"2'), "line 3: the row cannot be read"),
+}
+
+
+@pytest.mark.parametrize("fault", HEADERS)
+def test_hostile_table_is_one_sentence(table_file: Write, fault: str) -> None:
+    text, message = HEADERS[fault]
+    with pytest.raises(InputError, match=message) as caught:
+        read(table_file(text))
+    assert str(caught.value).isprintable()
+
+
+def test_header_of_many_columns_is_not_shown_whole(table_file: Write) -> None:
+    with pytest.raises(InputError, match=r'the header has "x0", .*"x11", …\.$'):
+        read(table_file(",".join(f"x{i}" for i in range(50)) + "\n"))
 
 
 @pytest.mark.parametrize(("name", "kind"), [("a.mf4", "MDF4"), ("a.MAT", "MATLAB"), ("a.xlsx", "Excel")])

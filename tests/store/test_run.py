@@ -236,7 +236,7 @@ def test_files_from_elsewhere_come_along(tmp_path: Path, whole: Whole) -> None:
     (study.parent / "injector.toml").rename(injector)
     text = study.read_text(encoding="utf-8").replace('"data/evi.csv"', f'"{data}"')
     text = text.replace('"injector.toml"', '"../injectors/mine.toml"')
-    study.write_text(text, encoding="utf-8")
+    study.write_text(f"allow_outside = true\n{text}", encoding="utf-8")
     run = stopped_run(tmp_path / "run", load_study(study), 4)
     shutil.rmtree(tmp_path / "a")
     data.unlink()

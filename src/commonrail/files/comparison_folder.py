@@ -9,8 +9,9 @@ from typing import Any
 
 from commonrail.calibration.comparison import Comparison
 from commonrail.files.atomic import write_text
-from commonrail.files.run_folder import TRACES, rate_curves, read_folder
-from commonrail.files.traces_file import MEASURED, Traces, write_traces
+from commonrail.files.record_file import read_record
+from commonrail.files.run_folder import TRACES, rate_curves
+from commonrail.files.traces_file import MEASURED, Traces, read_traces, write_traces
 
 __all__ = ["COMPARISON", "read_comparison", "write_comparison"]
 
@@ -38,4 +39,4 @@ def read_comparison(folder: Path) -> tuple[dict[str, Any], Traces]:
     InputError
         If the folder was not left by ``commonrail compare``, or a file of it is broken.
     """
-    return read_folder(folder, COMPARISON, "commonrail compare")
+    return read_record(folder / COMPARISON, "commonrail compare"), read_traces(folder / TRACES)

@@ -1,4 +1,7 @@
-"""Rows of a CSV text with their lines in the file: comments, blank lines and delimiters are dealt with here."""
+"""Rows of a CSV text with their lines in the file: comments, blank lines and delimiters are dealt with here.
+
+Rows come one after the other, so that a large file never stands in memory as cells.
+"""
 
 from __future__ import annotations
 
@@ -6,71 +9,155 @@ import csv
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from commonrail.errors import InputError
-from commonrail.files.text_file import read_text
+from commonrail.files.text_file import read_lines
 
-__all__ = ["Rows", "read_rows"]
+__all__ = ["LARGEST_FILE", "MOST_ROWS", "Rows", "check_count", "check_header", "check_row", "parse_cells", "read_rows"]
 
-LARGEST_FILE = 100_000_000  # [bytes]; held in memory some ten times over
+LARGEST_FILE = 100_000_000  # [bytes]
+MOST_ROWS = 1_000_000  # one second at 1 MHz
+MOST_COLUMNS = 1000
+LONGEST_NAME = 200
+MOST_COMMENTS = 1000  # that are kept
+
+NumberedRows = Iterator[tuple[int, list[str]]]  # line of the file on which a row begins, and its cells
 
 _QUOTED = re.compile(r'"[^"]*"')
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Header and rows of cells with their lines in the file."""
+    """Header, and rows of cells with the line in the file on which each begins; they can be gone through once."""
 
     header: list[str]
-    cells: list[list[str]]
-    lines: list[int]
-    comments: tuple[str, ...]
+    rows: NumberedRows
+    comments: list[str]
 
 
-def read_rows(path: Path) -> Rows:
+def read_rows(path: Path, most: int = MOST_ROWS) -> Rows:
     """Rows of a CSV file whose first row is its header.
+
+    Comments are complete once the rows have been gone through, and so are the errors: a row that cannot be read is
+    found when its turn comes.
+
+    Parameters
+    ----------
+    path : Path
+    most : int
+        Rows that are read at most.
 
     Raises
     ------
     InputError
-        If the file cannot be read, has no row, or a row has more or fewer cells than the header.
+        If the file cannot be read, has no row, too many columns or rows, or a row has more or fewer cells than the
+        header.
     """
-    kept, numbers, comments = _lines(read_text(path, LARGEST_FILE))
-    if not kept:
-        raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
-    (header, _), *rows = _parsed(path, kept, numbers)
-    for row, line in rows:
-        if len(row) != len(header):
-            hint = "; the decimal sign must be a point" if len(row) > len(header) else ""
-            raise InputError(f"{path}, line {line}: the row has {len(row)} cells, the header {len(header)}{hint}.")
-    names = [cell.strip() for cell in header]
-    return Rows(names, [row for row, _ in rows], [line for _, line in rows], comments)
-
-
-def _parsed(path: Path, kept: list[str], numbers: list[int]) -> Iterator[tuple[list[str], int]]:
-    """Cells of each row, and the line on which it begins."""
-    reader = csv.reader(kept, delimiter=_delimiter(kept[0]), strict=True, skipinitialspace=True)
-    while reader.line_num < len(kept):
-        line = numbers[reader.line_num]
-        try:
-            yield next(reader), line
-        except csv.Error as error:
-            raise InputError(f"{path}, line {line}: the row cannot be read ({error}).") from error
-
-
-def _lines(text: str) -> tuple[list[str], list[int], tuple[str, ...]]:
-    """Lines that count, their numbers, and the comments."""
-    kept: list[str] = []
-    numbers: list[int] = []
     comments: list[str] = []
-    for number, line in enumerate(text.split("\n"), start=1):
+    lines = _lines(path, comments)
+    first = next(lines, None)
+    if first is None:
+        raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
+    rows = parse_cells(path, chain((first,), lines), _delimiter(first[1]))
+    _, header = next(rows)
+    names = [cell.strip() for cell in header]
+    check_header(path, names)
+    return Rows(names, _checked(path, rows, len(header), most), comments)
+
+
+def check_header(path: Path, names: list[str]) -> None:
+    """Refuse a header with too many columns or a name that nobody would write.
+
+    Raises
+    ------
+    InputError
+        If it is one.
+    """
+    if len(names) > MOST_COLUMNS:
+        raise InputError(f"{path}: the header has {len(names)} columns, and at most {MOST_COLUMNS} are read.")
+    for number, name in enumerate(names, start=1):
+        if len(name) > LONGEST_NAME or not name.isprintable():
+            raise InputError(
+                f"{path}: the name of column {number} is longer than {LONGEST_NAME} characters or has one that is not "
+                "printed; rename it."
+            )
+
+
+def check_row(path: Path, line: int, row: list[str], columns: int) -> None:
+    """Refuse a row with more or fewer cells than the header.
+
+    Raises
+    ------
+    InputError
+        If it is one.
+    """
+    if len(row) != columns:
+        hint = "; the decimal sign must be a point" if len(row) > columns else ""
+        raise InputError(f"{path}, line {line}: the row has {len(row)} cells, the header {columns}{hint}.")
+
+
+def check_count(path: Path, line: int, count: int, most: int = MOST_ROWS) -> None:
+    """Refuse the first row of too many.
+
+    Raises
+    ------
+    InputError
+        If it is that.
+    """
+    if count > most:
+        raise InputError(
+            f"{path}, line {line}: the file has more than the {most} rows that are read; keep only what is needed."
+        )
+
+
+def _checked(
+    path: Path, rows: Iterator[tuple[int, list[str]]], columns: int, most: int
+) -> Iterator[tuple[int, list[str]]]:
+    for count, (line, row) in enumerate(rows, start=1):
+        check_row(path, line, row, columns)
+        check_count(path, line, count, most)
+        yield line, row
+
+
+def parse_cells(
+    path: Path, lines: Iterator[tuple[int, str]], delimiter: str, *, trimmed: bool = True
+) -> Iterator[tuple[int, list[str]]]:
+    """Cells of each row and the line on which it begins, from lines with their numbers.
+
+    Raises
+    ------
+    InputError
+        If a row cannot be read.
+    """
+    taken: list[int] = []  # lines of the row at hand: a quoted cell may go on
+
+    def texts() -> Iterator[str]:
+        for number, text in lines:
+            taken.append(number)
+            yield text + "\n"
+
+    reader = csv.reader(texts(), delimiter=delimiter, strict=True, skipinitialspace=trimmed)
+    while True:
+        taken.clear()
+        try:
+            row = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            raise InputError(f"{path}, line {taken[0]}: the row cannot be read ({error}).") from error
+        yield taken[0], row
+
+
+def _lines(path: Path, comments: list[str]) -> Iterator[tuple[int, str]]:
+    """Lines that count with their numbers; the others join the comments."""
+    for number, line in enumerate(read_lines(path, LARGEST_FILE), start=1):
         if line.lstrip().startswith("#"):
-            comments.append(line.lstrip()[1:].strip())
+            if len(comments) < MOST_COMMENTS:
+                comments.append(line.lstrip()[1:].strip())
         elif line.strip():
-            kept.append(line)
-            numbers.append(number)
-    return kept, numbers, tuple(comments)
+            yield number, line
 
 
 def _delimiter(header: str) -> str:

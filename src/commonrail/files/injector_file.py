@@ -21,8 +21,9 @@ from commonrail.files.injector_values import (
     read_value,
 )
 from commonrail.files.injector_writer import FORMAT, dump_injector
-from commonrail.files.place import Place
-from commonrail.files.text_file import parse_toml, read_toml
+from commonrail.files.place import Place, located
+from commonrail.files.reach import ALLOW, Reach, read_allowed
+from commonrail.files.toml_file import parse_toml, read_toml
 from commonrail.fuel.catalogue import load_fuel, parse_fuel
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import (
@@ -51,13 +52,16 @@ def injector_catalogue() -> list[str]:
     return sorted(name.removesuffix(".toml") for name in files if name.endswith(".toml"))
 
 
-def load_injector(source: str | Path) -> Injector:
+def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     """Read an injector.
 
     Parameters
     ----------
     source : str or Path
         Path of a ``.toml`` file, or a name of `injector_catalogue`.
+    reach : Reach, optional
+        Where the file of its fuel may lie; by default in the injector's folder or below, unless the injector's file
+        says ``allow_outside = true``.
 
     Returns
     -------
@@ -72,7 +76,8 @@ def load_injector(source: str | Path) -> Injector:
     """
     if isinstance(source, Path) or source.endswith(".toml"):
         path = Path(source)
-        return _injector(read_toml(path)[0], Place(str(path)), path.stem, path.parent)
+        data, at = read_toml(path)[0], Place(str(path))
+        return _injector(data, at, path.stem, reach or Reach(path, read_allowed(data, at)))
     known = injector_catalogue()
     if source not in known:
         raise InputError(
@@ -81,32 +86,31 @@ def load_injector(source: str | Path) -> Injector:
         )
     file = f"{source}.toml"
     data = parse_toml((_FOLDER / file).read_text(encoding="utf-8"), file)
-    return _injector(data, Place(file), source, Path())
+    return _injector(data, Place(file), source, Reach(Path(file), False))
 
 
-def _injector(data: Mapping[str, Any], at: Place, stem: str, folder: Path) -> Injector:
+def _injector(data: Mapping[str, Any], at: Place, stem: str, reach: Reach) -> Injector:
     rooms = tuple(get_type_hints(Parameters))
     _check_format(data, at)
-    at.refuse_unknown(data, ("format", "name", "title", "synthetic", "fuel", *_VARIANT, *rooms))
+    at.refuse_unknown(data, ("format", "name", "title", "synthetic", ALLOW, "fuel", *_VARIANT, *rooms))
     given: dict[str, Given] = {}
     for room in rooms:
         given |= _room(room, _table(data, room, at), at / room)
     fuel_table = _table(data, "fuel", at)
     given[FUEL_TEMPERATURE] = _temperature(fuel_table, at / "fuel")
     name = _text(data, "name", at, stem)
-    return Injector(
-        name,
-        _text(data, "title", at, name),
-        {path: given[path].value for path in parameter_quantities()},
-        _fuel(fuel_table, given[FUEL_TEMPERATURE].value, at / "fuel", folder),
-        Variant(
-            _choice(data, _VARIANT[0], Body, at),
-            _choice(data, _VARIANT[1], Boundary, at),
-            _choice(data, _VARIANT[2], Drive, at),
-        ),
-        {path: item.source for path, item in given.items()},
-        _text(data, "synthetic", at, ""),
+    title, synthetic = _text(data, "title", at, name), _text(data, "synthetic", at, "")
+    fuel = _fuel(fuel_table, given[FUEL_TEMPERATURE].value, at / "fuel", reach)
+    variant = Variant(
+        _choice(data, _VARIANT[0], Body, at),
+        _choice(data, _VARIANT[1], Boundary, at),
+        _choice(data, _VARIANT[2], Drive, at),
     )
+    values = {path: given[path].value for path in parameter_quantities()}
+    with located(at):  # a drawing may lead to a stiffness without bounds
+        return Injector(
+            name, title, values, fuel, variant, {path: item.source for path, item in given.items()}, synthetic
+        )
 
 
 def _check_format(data: Mapping[str, Any], at: Place) -> None:
@@ -151,11 +155,11 @@ def _temperature(table: Mapping[str, Any], at: Place) -> Given:
     return read_value(table["temperature"], quantity, origin, at / "temperature")
 
 
-def _fuel(table: Mapping[str, Any], temperature: float, at: Place, folder: Path) -> Fuel:
+def _fuel(table: Mapping[str, Any], temperature: float, at: Place, reach: Reach) -> Fuel:
     forms = [key for key in _FUEL_FORMS if key in table]
     if len(forms) != 1:
         raise at.error('give either name = "iso4113" (a fuel of the catalogue) or file = "my-fuel.toml"')
-    fuel = _read_fuel(table, forms[0], at, folder)
+    fuel = _read_fuel(table, forms[0], at, reach)
     low, high = fuel.temperature_range
     if not low - 1e-6 <= temperature <= high + 1e-6:  # rounding of a conversion from °C
         raise (at / "temperature").error(
@@ -164,7 +168,7 @@ def _fuel(table: Mapping[str, Any], temperature: float, at: Place, folder: Path)
     return fuel
 
 
-def _read_fuel(table: Mapping[str, Any], form: str, at: Place, folder: Path) -> Fuel:
+def _read_fuel(table: Mapping[str, Any], form: str, at: Place, reach: Reach) -> Fuel:
     if form == "definition":
         definition = _table(table, "definition", at)
         inner = at / "definition"
@@ -172,7 +176,7 @@ def _read_fuel(table: Mapping[str, Any], form: str, at: Place, folder: Path) -> 
         return parse_fuel(laws, _text(definition, "name", inner, "fuel"), str(inner))
     text = _text(table, form, at, "")
     if form == "file":
-        path = folder / text
+        path = reach.path(Path(at.file).parent, text, at / form)
         return parse_fuel(read_toml(path)[0], path.stem, str(path))
     try:
         return load_fuel(text)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import math
+from array import array
 from collections.abc import Mapping
-from itertools import dropwhile
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError
 from commonrail.files.atomic import replacing, write_text
+from commonrail.files.csv_rows import check_count, check_row
+from commonrail.files.record_file import read_record
+from commonrail.files.traces_file import MOST_SETS, read_curve_rows
 from commonrail.reproduction.repetition import LABELS, Repetition
 from commonrail.reproduction.run import Reproduction
 
@@ -24,6 +28,7 @@ Traces = dict[int, dict[str, dict[str, Floats]]]
 
 RECORD, TRACES, TRUTH = "reproduce.json", "traces.csv", "truth.toml"
 EXPERIMENT = "experiment"
+_KEYS = ("seed", "data", "time [us]")
 _COLUMNS = (EXPERIMENT, *LABELS)
 
 
@@ -36,7 +41,7 @@ def write_reproduction(folder: Path, reproduction: Reproduction, record: Mapping
         stream.write(f"# SYNTHETIC: {' '.join(reproduction.bench.truth.synthetic.split())}\n")
         stream.write("# a row is the mean rate of one sample, whose middle is the time\n")
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["seed", "data", "time [us]", *(f"{column} [mm3/ms]" for column in _COLUMNS)])
+        writer.writerow([*_KEYS, *(f"{column} [mm3/ms]" for column in _COLUMNS)])
         for repetition in reproduction.repetitions:
             writer.writerows(_rows(repetition))
 
@@ -62,21 +67,32 @@ def read_reproduction(folder: Path) -> tuple[dict[str, Any], Traces]:
         If the folder was not left by ``commonrail reproduce``, or its files are broken.
     """
     try:
-        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        with (folder / TRACES).open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.reader(dropwhile(lambda line: line.startswith("#"), stream)))
-        return record, _traces(rows)
-    except (OSError, ValueError, LookupError, RecursionError) as error:
+        return read_record(folder / RECORD, "commonrail reproduce"), _traces(folder / TRACES)
+    except (InputError, ValueError, LookupError) as error:
+        reason = str(error).removesuffix(".")
         raise InputError(
-            f"{folder}: not a whole folder of commonrail reproduce ({type(error).__name__}: {error}); reproduce again."
+            f"{folder}: not a whole folder of commonrail reproduce ({reason}); reproduce again."
         ) from error
 
 
-def _traces(rows: list[list[str]]) -> Traces:
-    lists: dict[int, dict[str, dict[str, list[float]]]] = {}
-    for seed, data, moment, *values in rows[1:]:
-        trace = lists.setdefault(int(seed), {}).setdefault(data, {key: [] for key in ("time_s", *_COLUMNS)})
-        trace["time_s"].append(1e-6 * float(moment))
-        for column, text in zip(_COLUMNS, values, strict=True):
-            trace[column].append(1e-6 * float(text) if text else float("nan"))
-    return {seed: {d: {k: np.array(v) for k, v in t.items()} for d, t in sets.items()} for seed, sets in lists.items()}
+def _traces(path: Path) -> Traces:
+    lists: dict[tuple[int, str], array[float]] = {}
+    rows = read_curve_rows(path)
+    next(rows, None)
+    for count, (line, cells) in enumerate(rows, start=1):
+        check_row(path, line, cells, len(_KEYS) + len(_COLUMNS))
+        check_count(path, line, count)
+        seed, data, moment, *values = cells
+        found = [1e-6 * float(text) if text else math.nan for text in (moment, *values)]
+        lists.setdefault((int(seed), data), array("d")).extend(found)
+        if len(lists) > MOST_SETS:
+            raise InputError(f"{path}, line {line}: the file has more than the {MOST_SETS} curves that are read.")
+    traces: Traces = {}
+    for (number, data), found_values in lists.items():
+        traces.setdefault(number, {})[data] = _trace(found_values)
+    return traces
+
+
+def _trace(values: array[float]) -> dict[str, Floats]:
+    columns = np.array(values).reshape(-1, 1 + len(_COLUMNS)).T
+    return dict(zip(("time_s", *_COLUMNS), columns, strict=True))

@@ -1,4 +1,4 @@
-"""What every data set of a study shares: the injector, the time step and the folder of the study file."""
+"""What every data set of a study shares: the injector, the time step and where its files may lie."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import reference_density
+from commonrail.files.place import Place
+from commonrail.files.reach import Reach
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Drive
 
@@ -18,11 +20,11 @@ class Context(NamedTuple):
 
     injector: Injector
     time_step: float
-    folder: Path
+    reach: Reach
 
-    def path(self, file: str) -> Path:
-        """Path of a file that the study names."""
-        return self.folder / file
+    def path(self, file: str, at: Place) -> Path:
+        """Path of a file that the study names; InputError if it lies where the study may not look."""
+        return self.reach.path(self.reach.file.parent, file, at)
 
     def per_volume(self, unit: str, point: OperatingPoint) -> float:
         """Divisor that makes a volume of a value in `unit`: the density at cylinder pressure for a mass, else 1."""

@@ -63,5 +63,6 @@ def _plain(kind: str, message: str) -> str:
         "int_type": "a whole number",
         "float_type": "a number",
         "string_too_short": "a text that is not empty",
+        "string_too_long": "a text of at most 200 characters",
     }
     return known.get(kind, message)

@@ -10,13 +10,16 @@ from commonrail.calibration.optimisers.evolution_settings import EvolutionSettin
 from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, QuantityData, RateData, Study
+from commonrail.engine.operating_point import Trace
 from commonrail.engine.simulate import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.files.injector_file import load_injector
 from commonrail.files.place import Place, located
+from commonrail.files.reach import Reach
 from commonrail.files.study_context import Context
 from commonrail.files.study_faults import read_model
 from commonrail.files.study_models import (
+    MOST_CONSTRAINTS,
     ConstraintsModel,
     OptimiserModel,
     ParameterModel,
@@ -25,7 +28,8 @@ from commonrail.files.study_models import (
 )
 from commonrail.files.study_quantities import read_quantities
 from commonrail.files.study_rates import read_rate
-from commonrail.files.text_file import noting_files, read_toml
+from commonrail.files.text_file import noting_files
+from commonrail.files.toml_file import read_toml
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.parts.furniture import Q
 from commonrail.units import parse, to_text
@@ -33,6 +37,7 @@ from commonrail.units import parse, to_text
 __all__ = ["FORMAT", "load_study"]
 
 FORMAT = "commonrail-study/1"
+MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
 
 
 def load_study(path: str | Path) -> Study:
@@ -54,6 +59,10 @@ def load_study(path: str | Path) -> Study:
     ConfigurationError
         If values contradict one another: crossed bounds, constraints without room, a window outside
         the data.
+
+    Notes
+    -----
+    Files that the study names lie in its folder or below, unless it says ``allow_outside = true``.
     """
     with noting_files() as files:
         study = _study(Path(path))
@@ -66,14 +75,15 @@ def _study(file: Path) -> Study:
     if "format" not in document:
         raise at.error(f'format is missing; a study file begins with format = "{FORMAT}"')
     model = read_model(document, at)
-    injector = load_injector(_injector_source(model.injector, file.parent))
+    reach = Reach(file, model.allow_outside)
+    injector = _injector(model.injector, reach, at / "injector")
     time_step = parse(model.time_step, "s", str(at / "time_step"))
     with located(at / "time_step"):
         check_step(time_step)
     return Study(
         model.title,
         injector,
-        _data(model.data, Context(injector, time_step, file.parent), at / "data"),
+        _data(model.data, Context(injector, time_step, reach), at / "data"),
         _space(model.parameter, model.constraints, injector, at),
         _method(model.optimiser, at / "optimiser"),
         model.seed,
@@ -83,22 +93,44 @@ def _study(file: Path) -> Study:
     )
 
 
-def _injector_source(text: str, folder: Path) -> str | Path:
-    return folder / text if text.endswith(".toml") else text
+def _injector(text: str, reach: Reach, at: Place) -> Injector:
+    if text.endswith(".toml"):
+        return load_injector(reach.path(reach.file.parent, text, at), reach)
+    with located(at):
+        return load_injector(text)
 
 
 def _data(
     models: Sequence[RateModel | QuantitiesModel], context: Context, at: Place
 ) -> tuple[RateData | QuantityData, ...]:
+    _refuse_twice(models, at)
+    found: list[RateData | QuantityData] = []
+    samples = 0
+    for m, place in zip(models, (at[i] for i in range(len(models))), strict=True):
+        found.append(read_rate(m, context, place) if isinstance(m, RateModel) else read_quantities(m, context, place))
+        samples += _samples(found[-1])
+        if samples > MOST_SAMPLES:
+            raise place.error(
+                f"the data have more than {MOST_SAMPLES} samples up to here; give windows or thin them out"
+            )
+    return tuple(found)
+
+
+def _refuse_twice(models: Sequence[RateModel | QuantitiesModel], at: Place) -> None:
     names: set[str] = set()
     for i, model in enumerate(models):
         if model.name in names:
             raise (at[i] / "name").error(f'there are two data sets "{model.name}"; rename one')
         names.add(model.name)
-    return tuple(
-        read_rate(m, context, at[i]) if isinstance(m, RateModel) else read_quantities(m, context, at[i])
-        for i, m in enumerate(models)
-    )
+
+
+def _samples(data: RateData | QuantityData) -> int:
+    """Samples of a curve and of the courses that belong to it, or rows of a map."""
+    if isinstance(data, QuantityData):
+        return len(data.points)
+    point = data.point
+    courses = (point.rail_pressure, point.cylinder_pressure, point.return_pressure, point.drive)
+    return len(data.rate) + sum(len(c.time) for c in courses if isinstance(c, Trace))
 
 
 def _method(model: OptimiserModel, at: Place) -> Method:
@@ -118,8 +150,12 @@ def _method(model: OptimiserModel, at: Place) -> Method:
 
 def _space(models: list[ParameterModel], constraints: ConstraintsModel, injector: Injector, at: Place) -> Space:
     parameters = [_parameter(m, injector, (at / "parameter")[i]) for i, m in enumerate(models)]
+    texts = [*constraints.order, *constraints.linear]
+    rows = sum(sign in "<>" for text in texts for sign in text)
+    if rows > MOST_CONSTRAINTS:
+        raise (at / "constraints").error(f"there are {rows} relations, and at most {MOST_CONSTRAINTS} are read")
     with located(at):
-        return Space(parameters, [*constraints.order, *constraints.linear])
+        return Space(parameters, texts)
 
 
 def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Parameter:

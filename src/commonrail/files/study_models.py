@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Discriminator,
@@ -34,6 +35,14 @@ __all__ = [
 
 UNSTATED = "no source stated"
 
+# Far above what anybody calibrates; below what would fill the memory. The loader counts samples and rows.
+MOST_SETS = 1000
+MOST_PARAMETERS = 1000
+MOST_CONSTRAINTS = 1000
+MOST_MEMBERS = 100_000
+MOST_GENERATIONS = 1_000_000
+LONGEST_NAME = 200
+
 
 class _TableModel(BaseModel):
     """A table of the file: no key beyond its fields, no type converted in silence."""
@@ -55,6 +64,15 @@ def _value(item: Any) -> str | float:
         raise PydanticCustomError("value", 'must be a text with a unit, such as "160 MPa"')
     return item
 
+
+def _name(item: str) -> str:
+    if not item.isprintable():
+        raise PydanticCustomError("value", "must be one line of characters that are printed")
+    return item
+
+
+# What tables, legends and files call something.
+Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_name)]
 
 # A number with its unit; a plain number is refused by `units`, unless its unit is 1.
 Value = Annotated[str | float, PlainValidator(_value)]
@@ -87,7 +105,7 @@ class PulseModel(_TableModel):
 
 
 class _DataModel(_TableModel):
-    name: str = Field(min_length=1)
+    name: Name
     role: Literal["fit", "validation"]
     file: str
     weight: float = Field(default=1.0, gt=0.0)
@@ -108,7 +126,7 @@ class RateModel(_DataModel):
     return_pressure: Course
     drive: TraceModel | None = None
     energising_time: Value | None = None
-    energisings: list[PulseModel] | None = Field(default=None, min_length=1)
+    energisings: list[PulseModel] | None = Field(default=None, min_length=1, max_length=100)
     window: list[Value] | None = Field(default=None, min_length=2, max_length=2)
     sampling: Literal["mean", "centred"] = "mean"
     first_bound: Value | None = None
@@ -130,8 +148,8 @@ class QuantitiesModel(_DataModel):
     rail_pressure_unit: str | None = None
     energising_time_unit: str | None = None
     quantity_unit: str | None = None
-    rail_pressure: list[Value] | None = Field(default=None, min_length=1)
-    energising_time: list[Value] | None = Field(default=None, min_length=1)
+    rail_pressure: list[Value] | None = Field(default=None, min_length=1, max_length=1000)
+    energising_time: list[Value] | None = Field(default=None, min_length=1, max_length=1000)
     dead_times: DeadTimesModel | None = None
     cylinder_pressure: Value
     return_pressure: Value
@@ -174,34 +192,35 @@ class ParameterModel(_TableModel):
 class ConstraintsModel(_TableModel):
     """Orderings and other linear inequalities between parameters, Eq. (14), (15)."""
 
-    order: list[str] = []
-    linear: list[str] = []
+    order: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
+    linear: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
 
 
 class OptimiserModel(_TableModel):
     """Settings of the optimiser; what is left out keeps the paper's value."""
 
-    members: int | None = None
-    generations: int | None = None
+    members: int | None = Field(default=None, le=MOST_MEMBERS)
+    generations: int | None = Field(default=None, le=MOST_GENERATIONS)
     crossover: float | None = None
     factor: list[float] | None = Field(default=None, min_length=2, max_length=2)
     treatment: Treatment | None = Field(default=None, strict=False)
     initial: InitialSampling | None = Field(default=None, strict=False)
-    redraws: int | None = None
-    polish: int = Field(default=0, ge=0)
-    polish_iterations: int = Field(default=30, ge=1)
+    redraws: int | None = Field(default=None, le=1000)
+    polish: int = Field(default=0, ge=0, le=10_000)
+    polish_iterations: int = Field(default=30, ge=1, le=10_000)
 
 
 class StudyModel(_TableModel):
     """The whole file."""
 
     format: Literal["commonrail-study/1"]
-    title: str = Field(min_length=1)
+    title: Name
     note: str = ""
+    allow_outside: bool = False
     injector: str
     seed: int = Field(default=1, ge=0)
     time_step: Value = "1 us"
-    data: list[DataModel] = Field(min_length=1)
-    parameter: list[ParameterModel] = Field(min_length=1)
+    data: list[DataModel] = Field(min_length=1, max_length=MOST_SETS)
+    parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()
     optimiser: OptimiserModel = OptimiserModel()

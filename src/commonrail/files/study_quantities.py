@@ -22,6 +22,7 @@ __all__ = ["read_quantities"]
 Floats = NDArray[np.float64]
 
 AFTER_ENERGISING = 3e-3  # simulated after the end of energising; it ends early once the needle has closed [s]
+MOST_POINTS = 10_000
 SAME = 1e-6  # relative difference below which a row is at a pressure or time that was asked for
 
 
@@ -75,7 +76,7 @@ def read_quantities(model: QuantitiesModel, context: Context, at: Place) -> Quan
 
 def _map_rows(model: QuantitiesModel, context: Context, at: Place) -> list[_Row]:
     table = read_columns(
-        context.path(model.file),
+        context.path(model.file, at / "file"),
         {"rail_pressure": "Pa", "energising_time": "s", "quantity": ("m3", "kg")},
         stated={
             "rail_pressure": model.rail_pressure_unit,
@@ -97,7 +98,7 @@ def _dead_time_rows(model: QuantitiesModel, context: Context, at: Place) -> list
     if dead is None:
         return []
     table = read_columns(
-        context.path(dead.file),
+        context.path(dead.file, at / "dead_times" / "file"),
         {"rail_pressure": "Pa", "energising_time": "s"},
         stated={
             "rail_pressure": dead.rail_pressure_unit,
@@ -150,6 +151,11 @@ def _choose(table: Table, filters: Mapping[str, tuple[list[float], str]], at: Pl
     if not keep.any():
         raise ConfigurationError(
             f"{at}: no row of {table.path} is at a rail pressure and an energising time that were asked for."
+        )
+    if np.count_nonzero(keep) > MOST_POINTS:
+        raise ConfigurationError(
+            f"{at}: {np.count_nonzero(keep)} rows of {table.path} would be simulated, and at most {MOST_POINTS} are; "
+            "choose some with rail_pressure and energising_time."
         )
     return [int(i) for i in np.flatnonzero(keep)]
 

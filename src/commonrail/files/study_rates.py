@@ -65,7 +65,7 @@ def read_rate(model: RateModel, context: Context, at: Place) -> RateData:
 
 def _samples(model: RateModel, context: Context, at: Place) -> _Samples:
     table = read_columns(
-        context.path(model.file),
+        context.path(model.file, at / "file"),
         {model.time: "s", model.rate: ("m3/s", "kg/s")},
         stated={model.time: model.time_unit, model.rate: model.rate_unit},
         increasing=model.time,
@@ -113,7 +113,7 @@ def _window(samples: _Samples, model: RateModel, at: Place) -> _Samples:
             f"{LEAST_SAMPLES} are needed; widen it."
         )
     first, last = int(inside[0]), int(inside[-1])
-    return _Samples(bounds[first : last + 1], samples.rate[first:last], samples.unit)
+    return _Samples(bounds[first : last + 1].copy(), samples.rate[first:last], samples.unit)
 
 
 def _point(model: RateModel, bounds: Floats, context: Context, at: Place) -> OperatingPoint:
@@ -177,7 +177,7 @@ def _trace(item: TraceModel, unit: str, model: RateModel, context: Context, at: 
     time = item.time or model.time
     time_unit = item.time_unit or (model.time_unit if item.file is None else None)
     table = read_columns(
-        context.path(item.file or model.file),
+        context.path(item.file or model.file, at / "file"),
         {time: "s", item.column: unit},
         stated={time: time_unit, item.column: item.unit},
         increasing=time,

@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError, nearest
-from commonrail.files.csv_rows import Rows, read_rows
+from commonrail.files.csv_rows import read_rows
 from commonrail.units import compatible, convert
 
 __all__ = ["Table", "read_columns"]
@@ -26,6 +28,7 @@ Floats = NDArray[np.float64]
 Units = str | tuple[str, ...]
 
 LEAST_SAMPLES = 4
+LONGEST_NUMBER = 100  # [characters]
 _BINARY = {".mf4": "MDF4", ".mdf": "MDF", ".mat": "MATLAB", ".nc": "NetCDF", ".xlsx": "Excel", ".xls": "Excel"}
 
 
@@ -96,22 +99,38 @@ def read_columns(
     rows = read_rows(path)
     names, in_header = (list(parts) for parts in zip(*map(_name_and_unit, rows.header), strict=True))
     places = {column: _find(path, column, names) for column in wanted}
-    units = _units_row(rows, [i for i in places.values() if not in_header[i]]) or in_header
-    cells = rows.cells[1:] if units is not in_header else rows.cells
-    lines = rows.lines[1:] if units is not in_header else rows.lines
-    if len(cells) < least:
-        raise InputError(f"{path}: the file has {len(cells)} rows of numbers, and at least {least} are needed.")
+    first = next(rows.rows, None)
+    units = _units_row(first, [i for i in places.values() if not in_header[i]])
+    body = rows.rows if first is None or units else chain((first,), rows.rows)
+    lines, numbers = _numbers(path, body, places)
+    if len(lines) < least:
+        raise InputError(f"{path}: the file has {len(lines)} rows of numbers, and at least {least} are needed.")
     columns: dict[str, Floats] = {}
     kinds: dict[str, str] = {}
     for column, place in places.items():
-        given = _unit(path, column, units[place], (stated or {}).get(column))
+        given = _unit(path, column, (units or in_header)[place], (stated or {}).get(column))
         kinds[column] = _kind(path, column, given, wanted[column])
-        values = np.array([_number(path, line, column, row[place]) for line, row in zip(lines, cells, strict=True)])
-        columns[column] = convert(values, given, kinds[column], f'{path}, column "{column}"')
-    table = Table(path, columns, kinds, np.array(lines), rows.comments)
+        with np.errstate(over="ignore"):  # _check_finite names the line
+            columns[column] = convert(numbers[column], given, kinds[column], f'{path}, column "{column}"')
+    table = Table(path, columns, kinds, lines, tuple(rows.comments))
+    for column in columns:
+        _check_finite(table, column)
     if increasing:
         _check_increasing(table, increasing)
     return table
+
+
+def _numbers(
+    path: Path, rows: Iterator[tuple[int, list[str]]], places: Mapping[str, int]
+) -> tuple[NDArray[np.intp], dict[str, Floats]]:
+    """Lines of the rows, and the numbers of the columns at the places; the other cells are let go at once."""
+    lines = array("q")
+    numbers = {column: array("d") for column in places}
+    for line, row in rows:
+        lines.append(line)
+        for column, place in places.items():
+            numbers[column].append(_number(path, line, column, row[place]))
+    return np.array(lines, np.intp), {column: np.array(values) for column, values in numbers.items()}
 
 
 def _name_and_unit(cell: str) -> tuple[str, str]:
@@ -125,18 +144,18 @@ def _name_and_unit(cell: str) -> tuple[str, str]:
 def _find(path: Path, column: str, names: Sequence[str]) -> int:
     count = names.count(column)
     if count == 0:
-        known = ", ".join(f'"{name}"' for name in names)
+        known = ", ".join(f'"{name}"' for name in names[:12]) + (", …" if len(names) > 12 else "")
         raise InputError(f'{path}: there is no column "{column}"{nearest(column, names)}; the header has {known}.')
     if count > 1:
         raise InputError(f'{path}: the column "{column}" stands {count} times in the header; rename one.')
     return names.index(column)
 
 
-def _units_row(rows: Rows, places: Sequence[int]) -> list[str] | None:
+def _units_row(first: tuple[int, list[str]] | None, places: Sequence[int]) -> list[str] | None:
     """Units of the row below the header, if that row holds units: text all over, a unit where it counts."""
-    if not rows.cells:
+    if first is None:
         return None
-    row = [cell.strip().removeprefix("[").removesuffix("]").strip() for cell in rows.cells[0]]
+    row = [cell.strip().removeprefix("[").removesuffix("]").strip() for cell in first[1]]
     if any(_is_number(cell) for cell in row) or not any(_is_unit(row[place]) for place in places):
         return None
     return row
@@ -186,7 +205,7 @@ def _kind(path: Path, column: str, unit: str, wanted: Units) -> str:
 def _number(path: Path, line: int, column: str, cell: str) -> float:
     text = cell.strip()
     try:
-        value = float(text)
+        value = float(text) if len(text) <= LONGEST_NUMBER else math.nan
     except ValueError:
         value = math.nan
     if math.isfinite(value) and "_" not in text:
@@ -197,6 +216,13 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
     if re.fullmatch(r"[+-]?\d+,\d+", text):
         raise InputError(f'{where}: "{text}" has a decimal comma; write the decimal sign as a point.')
     raise InputError(f'{where}: "{text[:40]}" is not a finite number.')
+
+
+def _check_finite(table: Table, column: str) -> None:
+    """Refuse what has grown too large for a number when it became SI."""
+    beyond = np.flatnonzero(~np.isfinite(table.columns[column]))
+    if len(beyond):
+        raise InputError(f"{table.cell(column, int(beyond[0]))}: the number is too large for its unit.")
 
 
 def _check_increasing(table: Table, column: str) -> None:

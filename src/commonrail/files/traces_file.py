@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
+from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from io import StringIO
+from itertools import dropwhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,16 +15,19 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError
 from commonrail.files.atomic import replacing
-from commonrail.files.csv_rows import LARGEST_FILE
-from commonrail.files.text_file import read_text
+from commonrail.files.csv_rows import LARGEST_FILE, check_count, check_header, check_row, parse_cells
+from commonrail.files.tables import LONGEST_NUMBER
+from commonrail.files.text_file import read_lines
 
-__all__ = ["MEASURED", "Curve", "Traces", "read_traces", "write_traces"]
+__all__ = ["MEASURED", "Curve", "Traces", "read_curve_rows", "read_traces", "write_traces"]
 
 Floats = NDArray[np.float64]
 Traces = dict[str, dict[str, Floats]]
 
 MEASURED = "measured"
 TIME = "time_s"
+MOST_COLUMNS = 20  # eight models, the data and what names them
+MOST_SETS = 1000  # curves
 
 _KEYS = ("data", "time [us]")
 _UNIT = " [mm3/ms]"
@@ -69,34 +73,39 @@ def read_traces(path: Path) -> Traces:
     InputError
         If the file cannot be read, or a row in it is not one of such a file; the message has the line.
     """
-    rows = _lines(path)
+    rows = read_curve_rows(path)
     _, header = next(rows, (0, []))
     labels = [cell.removesuffix(_UNIT) for cell in header[len(_KEYS) :]]
     whole = all(cell.endswith(_UNIT) for cell in header[len(_KEYS) :]) and len({*labels}) == len(labels)
     if tuple(header[: len(_KEYS)]) != _KEYS or MEASURED not in labels or not whole:
         raise InputError(f'{path}: the header is not that of curves, "data,time [us],{MEASURED}{_UNIT},…".')
-    lists: dict[str, list[list[float]]] = {}
-    for line, cells in rows:
+    check_header(path, header)
+    if len(header) > MOST_COLUMNS:
+        raise InputError(f"{path}: the header has {len(header)} columns, and at most {MOST_COLUMNS} are read.")
+    lists: dict[str, array[float]] = {}
+    for count, (line, cells) in enumerate(rows, start=1):
+        check_row(path, line, cells, len(header))
+        check_count(path, line, count)
         where = f"{path}, line {line}"
-        if len(cells) != len(header):
-            raise InputError(f"{where}: the row has {len(cells)} cells, the header {len(header)}.")
         values = [_number(text, column, where) for text, column in zip(cells[1:], header[1:], strict=True)]
-        lists.setdefault(cells[0], []).append(values)
-    return {name: _trace(np.array(values), labels) for name, values in lists.items()}
+        lists.setdefault(cells[0], array("d")).extend(values)
+        if len(lists) > MOST_SETS:
+            raise InputError(f"{where}: the file has more than the {MOST_SETS} data sets that are read.")
+    return {name: _trace(np.array(values).reshape(-1, len(header) - 1), labels) for name, values in lists.items()}
 
 
-def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Rows with the lines on which they end; only lines before the header are comments."""
-    lines = list(StringIO(read_text(path, LARGEST_FILE)))
-    notes = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
-    reader = csv.reader(lines[notes:], strict=True)
-    try:
-        for cells in reader:
-            if cells:
-                yield notes + reader.line_num, cells
-    except csv.Error as error:
-        line = notes + reader.line_num
-        raise InputError(f"{path}, line {line}: the row cannot be read ({error}).") from error
+def read_curve_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Rows of a file of curves, header first, and the line on which each begins; comments stand only before the header.
+
+    Raises
+    ------
+    InputError
+        If the file or a row cannot be read.
+    """
+    lines = enumerate(read_lines(path, LARGEST_FILE), start=1)
+    counting = dropwhile(lambda line: line[1].startswith("#"), lines)
+    rows = parse_cells(path, counting, ",", trimmed=False)
+    return ((line, cells) for line, cells in rows if cells)
 
 
 def _number(text: str, column: str, where: str) -> float:
@@ -105,7 +114,7 @@ def _number(text: str, column: str, where: str) -> float:
     if not needed and text in ("", "nan"):  # "nan": files of early versions
         return math.nan
     try:
-        value = float(text)
+        value = float(text) if len(text) <= LONGEST_NUMBER else math.nan
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

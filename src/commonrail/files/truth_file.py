@@ -17,7 +17,9 @@ from commonrail.errors import InputError, nearest
 from commonrail.files.injector_file import load_injector
 from commonrail.files.injector_values import Given, read_origin, read_room, read_value
 from commonrail.files.place import Place, located
-from commonrail.files.text_file import LARGEST_TOML, parse_toml, read_text
+from commonrail.files.reach import ALLOW, Reach, read_allowed
+from commonrail.files.text_file import read_text
+from commonrail.files.toml_file import LARGEST_TOML, parse_toml
 from commonrail.injector.definition import Injector, Source, parameter_quantities
 from commonrail.injector.model import Parameters
 from commonrail.injector.variants import Body, Boundary, Drive
@@ -29,7 +31,7 @@ __all__ = ["FORMAT", "load_truth", "truth_catalogue", "truth_text"]
 FORMAT = "commonrail-truth/1"
 
 _FOLDER = resources.files("commonrail.analysis") / "truths"
-_KEYS = ("format", "title", "injector", "rail_boundary", "numerics", "values", "friction", *QUANTITIES)
+_KEYS = ("format", "title", ALLOW, "injector", "rail_boundary", "numerics", "values", "friction", *QUANTITIES)
 _UNSTATED = Source("E", "no source stated")
 _MOST_CELLS = 2000
 _TIME_STEP = Q("s", "time step")
@@ -127,7 +129,9 @@ def _injector_name(data: Mapping[str, Any], at: Place, folder: Path | None) -> s
     if "injector" not in data:
         raise at.error('there is no injector; add injector = "virtual-lino-2016"')
     name = _text(data, "injector", at, "")
-    return str(folder / name) if folder is not None and name.endswith(".toml") else name
+    if folder is None or not name.endswith(".toml"):
+        return name
+    return str(Reach(Path(at.file), read_allowed(data, at)).path(folder, name, at / "injector"))
 
 
 def _boundary(data: Mapping[str, Any], at: Place) -> Boundary:

@@ -11,7 +11,7 @@ from commonrail.errors import InputError, nearest
 from commonrail.files.place import Place
 from commonrail.files.study_faults import read_model
 from commonrail.files.study_models import StudyModel
-from commonrail.files.text_file import read_toml
+from commonrail.files.toml_file import read_toml
 from commonrail.fleet.row_supply import RowSupply
 from commonrail.fleet.supply import FileSupply, Layout, Supply
 from commonrail.units import parse

@@ -11,6 +11,7 @@ from typing import Any
 import tomlkit
 
 from commonrail.files.atomic import write_text, writing
+from commonrail.files.reach import ALLOW
 from commonrail.fleet.fleet_file import Fleet, Template
 from commonrail.fleet.supply import DEAD_TIMES, fingerprint_of
 
@@ -53,7 +54,7 @@ def write_study(fleet: Fleet, name: str, folder: Path) -> Path:
 def _text(fleet: Fleet, name: str, files: Mapping[str, Path]) -> str:
     template = fleet.template
     base = template.path.parent
-    tables = dict(template.document)
+    tables = {ALLOW: True} | dict(template.document)  # the paths are absolute, and lead out of the member's folder
     tables["title"] = f"{template.model.title}: injector {name}"
     tables["seed"] = seed_of(fleet.seed, name)
     tables["injector"] = _absolute(base, tables["injector"]) if _is_file(tables["injector"]) else tables["injector"]

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError, nearest
-from commonrail.files.csv_rows import Rows, read_rows
+from commonrail.files.csv_rows import read_rows
 
 __all__ = ["Table", "bare_name", "read_table"]
 
 Indices = NDArray[np.intp]
 Groups = dict[tuple[str, ...], Indices]
 
+MOST_ROWS = 10_000_000  # many injectors, each with a curve
 PARQUET = (".parquet", ".pq")
 
 
@@ -50,7 +51,7 @@ def read_table(path: Path) -> Table:
     InputError
         If the file cannot be read, or is Parquet and pyarrow is not installed.
     """
-    return _read_parquet(path) if path.suffix.lower() in PARQUET else _Csv(path, read_rows(path))
+    return _read_parquet(path) if path.suffix.lower() in PARQUET else _read_csv(path)
 
 
 def bare_name(cell: str) -> str:
@@ -82,23 +83,21 @@ def find_column(table: Table, name: str, what: str) -> int:
 @dataclass(frozen=True)
 class _Csv:
     path: Path
-    rows: Rows
-
-    @property
-    def header(self) -> list[str]:
-        return self.rows.header
+    header: list[str]
+    rows: list[list[str]]
+    lines: list[int]
 
     def groups(self, columns: Sequence[int]) -> Groups:
         found: dict[tuple[str, ...], list[int]] = {}
-        for i, row in enumerate(self.rows.cells):
+        for i, row in enumerate(self.rows):
             found.setdefault(tuple(row[column].strip() for column in columns), []).append(i)
         return {key: np.array(places, dtype=np.intp) for key, places in found.items()}
 
     def cells(self, rows: Indices) -> list[list[str]]:
-        return [[cell.strip() for cell in self.rows.cells[row]] for row in rows]
+        return [[cell.strip() for cell in self.rows[row]] for row in rows]
 
     def place(self, row: int) -> str:
-        return f"{self.path}, line {self.rows.lines[row]}"
+        return f"{self.path}, line {self.lines[row]}"
 
 
 @dataclass(frozen=True)
@@ -141,6 +140,15 @@ def _decoded(code: int, texts: Sequence[Sequence[str]]) -> tuple[str, ...]:
         code, place = divmod(code, max(len(known), 1))
         found.append(known[place])
     return tuple(reversed(found))
+
+
+def _read_csv(path: Path) -> _Csv:
+    found = read_rows(path, MOST_ROWS)
+    lines, rows = [], []
+    for line, row in found.rows:
+        lines.append(line)
+        rows.append(row)
+    return _Csv(path, found.header, rows, lines)
 
 
 def _text(value: Any) -> str:

@@ -83,6 +83,11 @@ def figure_html(figure: Figure, key: str, height: int = 0) -> str:
     return fragment
 
 
+def _plain(text: str) -> str:
+    """Text as plotly shows it unchanged: it reads tags and a few entities, but not that of a quotation mark."""
+    return escape(text, quote=False)
+
+
 def draw(figure: Figure, height: int) -> go.Figure:
     """Plotly figure of a `Figure`, panels above one another."""
     count = len(figure.panels)
@@ -98,10 +103,10 @@ def draw(figure: Figure, height: int) -> go.Figure:
             canvas.add_trace(trace, row=row, col=1)
         canvas.update_yaxes(_y_axis(panel), row=row, col=1)
         if panel.categories:
-            names = [escape(name) for name in panel.categories]
+            names = [_plain(name) for name in panel.categories]
             canvas.update_xaxes(tickvals=list(range(len(names))), ticktext=names, row=row, col=1)
     canvas.update_xaxes(showgrid=True, gridcolor=GRID, linecolor=INK, ticks="outside", zeroline=False)
-    canvas.update_xaxes(title_text=escape(figure.x_title), row=count, col=1)
+    canvas.update_xaxes(title_text=_plain(figure.x_title), row=count, col=1)
     canvas.update_layout(_layout(height))
     return canvas
 
@@ -130,7 +135,7 @@ def _boxes(boxes: Boxes) -> go.Box:
         median=median,
         q3=q3,
         upperfence=high,
-        name=escape(boxes.label),
+        name=_plain(boxes.label),
         legendgroup=boxes.label,
         marker={"color": colour},
         line={"color": colour, "width": 1.4},
@@ -152,7 +157,7 @@ def _trace(series: Series) -> go.Scatter:
     return go.Scatter(
         x=series.x,
         y=series.y,
-        name=escape(series.label),
+        name=_plain(series.label),
         showlegend=bool(series.label),
         mode=series.mode,
         line=line,
@@ -185,7 +190,7 @@ def _y_axis(panel: Panel) -> dict[str, Any]:
     ticks = {"tickvals": _log_ticks(panel)} if panel.logarithmic else {}
     return {
         **ticks,
-        "title": {"text": escape(panel.y_title), "standoff": 6},
+        "title": {"text": _plain(panel.y_title), "standoff": 6},
         "type": "log" if panel.logarithmic else "linear",
         "gridcolor": GRID,
         "linecolor": INK,

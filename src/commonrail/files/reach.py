@@ -1,0 +1,65 @@
+"""How far the names in a file reach: a study may come from anywhere, and must not read what is not its own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from commonrail.files.place import Place
+
+__all__ = ["ALLOW", "Reach", "read_allowed"]
+
+ALLOW = "allow_outside"
+
+
+class Reach(NamedTuple):
+    """Folder that no name may lead out of, unless the file that sets it says so.
+
+    Attributes
+    ----------
+    file : Path
+        File that the user named; what it names lies in its folder or below.
+    outside : bool
+        Whether that file allows other places.
+    """
+
+    file: Path
+    outside: bool
+
+    def path(self, folder: Path, name: str, at: Place) -> Path:
+        """Path of a file named in a file of `folder`.
+
+        Raises
+        ------
+        InputError
+            If it lies outside, be it by its name or because it is a link, and that is not allowed.
+        """
+        path = folder / name
+        if self.outside or self._inside(path):
+            return path
+        shown = name if len(name) <= 80 else f"{name[:77]}..."
+        raise at.error(
+            f'"{shown}" lies outside the folder of {self.file.name}; move it there, or write {ALLOW} = true at the top '
+            f"of {self.file.name} if you know where it comes from"
+        )
+
+    def _inside(self, path: Path) -> bool:
+        # both with their links followed: a folder that is itself a link stays the folder that was meant
+        root = os.path.realpath(self.file.parent)
+        return Path(os.path.realpath(path)).is_relative_to(root)
+
+
+def read_allowed(data: Mapping[str, Any], at: Place) -> bool:
+    """Whether a file allows that what it names lies elsewhere.
+
+    Raises
+    ------
+    InputError
+        If it says something other than true or false.
+    """
+    found = data.get(ALLOW, False)
+    if not isinstance(found, bool):
+        raise (at / ALLOW).error("this must be true or false")
+    return found

@@ -1,0 +1,41 @@
+"""JSON records of run folders, read without trust in who wrote them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from commonrail.errors import InputError
+from commonrail.files.text_file import read_text
+
+__all__ = ["LARGEST_RECORD", "read_record"]
+
+LARGEST_RECORD = 20_000_000  # [bytes]; its tables take up to 30 times as much
+
+
+def read_record(path: Path, made_by: str) -> dict[str, Any]:
+    """A record, which is one JSON object.
+
+    Parameters
+    ----------
+    path : Path
+    made_by : str
+        Command that leaves such a file, for the message.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is no such object.
+    """
+    try:
+        record = json.loads(read_text(path, LARGEST_RECORD))
+    except (ValueError, RecursionError) as error:
+        raise _broken(path, made_by, str(error)) from error
+    if not isinstance(record, dict):
+        raise _broken(path, made_by, "this is not one object in braces")
+    return record
+
+
+def _broken(path: Path, made_by: str, reason: str) -> InputError:
+    return InputError(f"{path.parent}: not a run folder of {made_by} ({path.name}: {reason}); make it again.")

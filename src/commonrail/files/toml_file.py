@@ -1,0 +1,121 @@
+"""TOML from disk: tables of moderate size, depth and texts, whatever was in the file."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from commonrail.errors import InputError
+from commonrail.files.place import Place
+from commonrail.files.text_file import read_text
+
+__all__ = ["LARGEST_TOML", "parse_toml", "read_toml"]
+
+LARGEST_TOML = 1_000_000  # [bytes]; a file of settings has some thousands. Its tables take up to 600 times as much.
+LONGEST_LINE = 10_000  # [characters]
+LONGEST_TEXT = 10_000
+LONGEST_KEY = 200
+DEEPEST = 20
+LARGEST_INTEGER = 2**63 - 1  # all that TOML promises
+
+# The reader copies a dotted key once for each of its parts, and each level of tables takes a kilobyte.
+_DEEP_KEY = re.compile(rf"""\s*\[*\s*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')\s*\.\s*){{{DEEPEST}}}""")
+
+# What moves a terminal's cursor or turns the direction of writing; tab and line end may stand in a text.
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+def read_toml(path: Path) -> tuple[dict[str, Any], str]:
+    """Tables and text of a TOML file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or `parse_toml` refuses it.
+    """
+    text = read_text(path, LARGEST_TOML)
+    return parse_toml(text, str(path)), text
+
+
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """Tables of a TOML text.
+
+    Raises
+    ------
+    InputError
+        If it is not TOML, or a line, key, text or number in it is beyond its limit; the message has line or key.
+    """
+    _check_lines(text, where)
+    try:
+        tables = tomllib.loads(text)
+    except RecursionError as error:
+        raise InputError(f"{where}: tables and lists stand too deep in one another.") from error
+    except ValueError as error:  # not TOML, or an integer of more digits than Python reads
+        found = re.search(r"\(at line (\d+), column \d+\)", str(error))
+        line = found[1] if found else text.rstrip().count("\n") + 1
+        raise InputError(
+            f'{where}, line {line}: this is not TOML ({_reason(error)}); texts stand in quotes, as in key = "160 MPa".'
+        ) from error
+    _check(tables, Place(where))
+    return tables
+
+
+def _reason(error: ValueError) -> str:
+    if not isinstance(error, tomllib.TOMLDecodeError):
+        return "an integer has too many digits"
+    reason = re.sub(r"\s*\(at .*", "", str(error))
+    return reason[:1].lower() + reason[1:]
+
+
+def _check_lines(text: str, where: str) -> None:
+    for number, line in enumerate(text.split("\n"), start=1):
+        if len(line) > LONGEST_LINE:
+            raise InputError(
+                f"{where}, line {number}: the line has {len(line)} characters, and at most {LONGEST_LINE} are read; "
+                "break it."
+            )
+        if _DEEP_KEY.match(line):
+            raise InputError(f"{where}, line {number}: the key stands more than {DEEPEST} deep in tables.")
+
+
+def _check(tables: dict[str, Any], at: Place) -> None:
+    """Refuse values beyond the limits; a list of what is still to be looked at, because the depth is not known."""
+    waiting: list[tuple[Any, Place, int]] = [(tables, at, 0)]
+    while waiting:
+        value, place, depth = waiting.pop()
+        if isinstance(value, dict | list):
+            if depth == DEEPEST:
+                raise place.error(f"tables and lists stand more than {DEEPEST} deep in one another")
+            waiting += [(inner, inside, depth + 1) for inner, inside in _inside(value, place)]
+        else:
+            _check_value(value, place)
+
+
+def _inside(value: dict[str, Any] | list[Any], place: Place) -> Iterator[tuple[Any, Place]]:
+    if isinstance(value, list):
+        yield from ((inner, place[i]) for i, inner in enumerate(value))
+        return
+    for key, inner in value.items():
+        if len(key) > LONGEST_KEY or _CONTROL.search(key) or not key.isprintable():
+            raise place.error(f'the key "{_shown(key)}" is too long or has a character that is not printed')
+        yield inner, place / key
+
+
+def _check_value(value: Any, place: Place) -> None:
+    if isinstance(value, str):
+        if len(value) > LONGEST_TEXT:
+            raise place.error(f"the text has {len(value)} characters, and at most {LONGEST_TEXT} are read; shorten it")
+        if found := _CONTROL.search(value):
+            raise place.error(f"the text holds the control character U+{ord(found[0]):04X}; remove it")
+    elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        raise place.error("the integer is larger than 64 bits hold")
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise place.error("the number is not finite")
+
+
+def _shown(key: str) -> str:
+    return "".join(sign if sign.isprintable() else "?" for sign in key[:40])

@@ -1,0 +1,227 @@
+"""What reads files, the good files that inputs are made from, and what reading may do: return, or say one sentence."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterable
+from functools import cache
+from io import SEEK_END, StringIO
+from pathlib import Path
+from random import Random
+from typing import NamedTuple
+
+import numpy as np
+
+from commonrail.calibration.study import QuantityData, RateData, Study
+from commonrail.engine.plan import candidate_matrix, make_job
+from commonrail.engine.stability import longest_step
+from commonrail.errors import CommonrailError
+from commonrail.files.injector_file import load_injector
+from commonrail.files.injector_writer import injector_text
+from commonrail.files.run_folder import read_run
+from commonrail.files.study_file import load_study
+from commonrail.files.truth_file import load_truth
+from commonrail.injector.definition import Injector, parameter_paths
+from commonrail.report.build import write_report
+from tests.fuzz.mutation import mutated
+from tests.report.comparison_samples import compared_maps, compared_rates, compared_traces
+from tests.report.reproduction_sample import record as reproduction_record
+from tests.report.samples import map_record, rate_record, rate_traces
+
+__all__ = ["TARGETS", "Broken", "check", "write_input"]
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "src" / "commonrail"
+PLANNED = 200_000  # steps of a plan that is made
+LONGEST_SENTENCE = 1100
+LEAKS = ("Traceback", "object at 0x", "<class ", "built-in", "pydantic", "tomllib", "commonrail.files.")
+
+Files = dict[str, bytes]
+
+
+class Broken(AssertionError):
+    """An input after which the program did what it must not."""
+
+
+class Target(NamedTuple):
+    """A reader, the good files it reads, those of them that get faults, and how often it is tried among the others."""
+
+    read: Callable[[Path], None]
+    files: Callable[[], list[Files]]
+    spoilt: tuple[str, ...]
+    weight: int
+
+
+def write_input(random: Random, name: str, folder: Path) -> None:
+    """Write good files of a target into an empty folder, at least one of them with faults."""
+    target = TARGETS[name]
+    files = random.choice(target.files())
+    open_ones = [file for file in files if file.endswith(target.spoilt)]
+    chosen = {random.choice(open_ones)} | {file for file in open_ones if random.random() < 0.1}
+    for file, data in files.items():
+        path = folder / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(mutated(random, file, data) if file in chosen else data)
+
+
+def check(name: str, folder: Path) -> str:
+    """Read the input in a folder; returns the sentence of its refusal, or an empty text.
+
+    Raises
+    ------
+    Broken
+        If reading ended in any other way, or the sentence is not one that a user can use.
+    """
+    try:
+        TARGETS[name].read(folder)
+    except CommonrailError as error:
+        _judge(str(error), folder)
+        return str(error)
+    except Exception as error:
+        raise Broken(f"{type(error).__name__}: {str(error)[:300]}") from error
+    return ""
+
+
+def _judge(sentence: str, folder: Path) -> None:
+    faults = [leak for leak in LEAKS if leak in sentence]
+    if len(sentence.splitlines()) != 1 or len(sentence) > LONGEST_SENTENCE:
+        faults.append("not one line of moderate length")
+    if str(folder) not in sentence and folder.name not in sentence:
+        faults.append("no file is named")
+    if not sentence.endswith("."):
+        faults.append("no sentence")
+    if faults:
+        raise Broken(f"{', '.join(faults)}: {sentence[:300]!r}")
+
+
+def _read_study(folder: Path) -> None:
+    study = load_study(folder / "study.toml")
+    try:
+        _plan(study.injector)
+        _plan_study(study)
+    except CommonrailError:
+        return  # the loader has said where; a plan knows no files
+
+
+def _read_injector(folder: Path) -> None:
+    injector = load_injector(folder / "injector.toml")
+    try:
+        _plan(injector)
+    except CommonrailError:
+        return
+
+
+def _plan(injector: Injector) -> None:
+    """The cheap steps before a simulation."""
+    theta = candidate_matrix(injector, (), np.zeros((1, 0)))
+    longest_step(injector, theta[0, : len(parameter_paths())])
+    injector_text(injector, {}, "")
+
+
+def _plan_study(study: Study) -> None:
+    names = study.space.names
+    bounds = np.array([study.space.lower, study.space.upper])
+    theta = candidate_matrix(study.injector, names, bounds)
+    for data in study.data:
+        points = data.points if isinstance(data, QuantityData) else (data.point,)
+        assert isinstance(data, QuantityData | RateData)
+        steps = max(point.duration for point in points) / study.time_step * len(points)
+        if steps <= PLANNED:
+            make_job(study.injector, theta, points, study.time_step, True)
+
+
+def _read_truth(folder: Path) -> None:
+    load_truth(folder / "truth.toml")
+
+
+def _read_run(folder: Path) -> None:
+    read_run(folder)
+
+
+def _report(folder: Path) -> None:
+    write_report(folder)
+
+
+def _folder(path: Path, *names: str) -> Files:
+    return {name: (path / name).read_bytes() for name in names}
+
+
+@cache
+def _studies() -> list[Files]:
+    templates = _folder(PACKAGE / "files" / "templates", "study.toml", "injector.toml", "data/evi.csv")
+    case = _folder(ROOT / "cases" / "cri2-16", "study.toml", "data/quantity.csv", "data/dead_time.csv")
+    paper = _folder(ROOT / "cases" / "paper", "study.toml", *(f"data/evi_{p}MPa.csv" for p in (80, 120, 160)))
+    return [templates, templates, templates, case, case, paper]
+
+
+@cache
+def _injectors() -> list[Files]:
+    fuel = (PACKAGE / "fuel" / "catalogue" / "iso4113.toml").read_bytes()
+    folder = PACKAGE / "injector" / "catalogue"
+    own = [(folder / f"{name}.toml").read_bytes() for name in ("virtual-lino-2016", "cri2-16")]
+    own.append((PACKAGE / "files" / "templates" / "injector.toml").read_bytes())
+    with_fuel = own[-1].replace(b'name = "iso4113"', b'file = "fuel.toml"')
+    written = injector_text(load_injector("cri2-16"), {}, "calibrated").encode()
+    files = [{"injector.toml": text} for text in (*own, written)]
+    return [*files, {"injector.toml": with_fuel, "fuel.toml": fuel}]
+
+
+@cache
+def _truths() -> list[Files]:
+    folder = PACKAGE / "analysis" / "truths"
+    texts = [path.read_bytes() for path in sorted(folder.glob("*.toml"))]
+    local = texts[0].replace(b'injector = "virtual-lino-2016"', b'injector = "injector.toml"')
+    return [*({"truth.toml": text} for text in texts), {"truth.toml": local, **_injectors()[0]}]
+
+
+@cache
+def _runs() -> list[Files]:
+    """Run folders of every kind."""
+    curves = rate_record()
+    compared = compared_rates()
+    return [
+        {"result.json": _json(curves), "traces.csv": _traces(rate_traces(curves), ("rigid", "start", "best"))},
+        {"result.json": _json(map_record()), "traces.csv": _traces({}, ("start", "best"))},
+        {"comparison.json": _json(compared), "traces.csv": _traces(compared_traces(compared), compared["labels"])},
+        {"comparison.json": _json(compared_maps()), "traces.csv": _traces({}, ("start", "best"))},
+        {"reproduce.json": _json(reproduction_record()), "traces.csv": REPRODUCED.encode()},
+    ]
+
+
+REPRODUCED = (
+    "# SYNTHETIC: made up for a test\nseed,data,time [us],experiment [mm3/ms],rigid [mm3/ms],theoretical [mm3/ms],\
+paper [mm3/ms],optimised [mm3/ms]\n"
+    + "".join(
+        f"{seed},{rail} MPa,{1.5 + 3 * i},{10.5 * i},{9.0 * i},{8.0 * i},,{10.0 * i}\n"
+        for seed in (4, 7)
+        for rail in (160, 120, 80)
+        for i in range(4)
+    )
+)
+
+
+def _json(record: object) -> bytes:
+    return json.dumps(record, indent=1).encode()
+
+
+def _traces(traces: dict[str, dict[str, np.ndarray]], labels: Iterable[str]) -> bytes:
+    """traces.csv with every twentieth sample."""
+    stream = StringIO("# made up for a test\n")
+    stream.seek(0, SEEK_END)
+    columns = ("measured", *labels)
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["data", "time [us]", *(f"{column} [mm3/ms]" for column in columns)])
+    for name, trace in traces.items():
+        for k in range(0, len(trace["time_s"]), 20):
+            writer.writerow([name, repr(float(trace["time_s"][k] * 1e6)), *(float(trace[c][k] * 1e6) for c in columns)])
+    return stream.getvalue().encode()
+
+
+TARGETS = {
+    "study": Target(_read_study, _studies, (".toml", ".csv"), 50),
+    "injector": Target(_read_injector, _injectors, (".toml",), 20),
+    "truth": Target(_read_truth, _truths, (".toml",), 15),
+    "run": Target(_read_run, lambda: _runs()[:2], (".json", ".csv"), 6),
+    "report": Target(_report, _runs, (".json", ".csv"), 9),
+}

@@ -1,0 +1,87 @@
+"""Texts of files are shown as what they are: on the page, and in what plotly gets."""
+
+from __future__ import annotations
+
+import html
+import json
+from typing import Any
+
+import pytest
+
+from commonrail.report.build import report_html
+from commonrail.report.comparison import comparison_html
+from commonrail.report.draw import plotly_script
+from commonrail.report.reproduction import reproduction_html
+from tests.report.comparison_samples import compared_rates, compared_traces
+from tests.report.reproduction_sample import record as record_of_a_reproduction
+from tests.report.reproduction_sample import traces as traces_of_a_reproduction
+from tests.report.samples import rate_record, rate_traces
+from tests.report.test_build import Page
+
+TEXTS = {
+    "script": "<script>alert(1)</script>",
+    "end of script": "a</script><script>alert(1)//",
+    "end of script in capitals": "</SCRIPT ><svg onload=alert(1)>",
+    "quotes": "\"' onmouseover='alert(1)' x=\"",
+    "link": '<a href="javascript:alert(1)">x</a>',
+    "comment": "<!--<script>",
+    "template": "{{ 7 * 7 }}{% raw %}{# x #}",
+    "line separators": "a\u2028b\u2029c",
+    "entities": "&lt;b&gt;&#60;&amp;",
+}
+NAMES = ("title", "name", "source", "synthetic", "note", "meaning", "variant", "fuel", "reason", "claim", "comment")
+
+
+def poisoned(value: Any, text: str, key: str = "") -> Any:
+    """The record with the text at the end of everything that a user has named."""
+    if isinstance(value, dict):
+        return {k: poisoned(v, text, k) for k, v in value.items()}
+    if isinstance(value, list):
+        return [poisoned(v, text, key) for v in value]
+    return value + text if value and isinstance(value, str) and key in NAMES else value
+
+
+def check(page: str, clean: str, text: str) -> None:
+    """The text has made no element, no attribute and no script, and can be read."""
+    own, reference = (Page(whole.replace(plotly_script(), "")) for whole in (page, clean))
+    assert [tag for tag, _ in own.tags if tag != "wbr"] == [tag for tag, _ in reference.tags if tag != "wbr"]
+    assert {key for _, found in own.tags for key in found} == {key for _, found in reference.tags for key in found}
+    assert " ".join(text.split()) in own.text
+
+
+def plotted(page: str) -> list[str]:
+    """Names of the series that are handed to plotly."""
+    parts = page.replace(plotly_script(), "").split("Plotly.newPlot(")[1:]
+    series = [s for part in parts for s in json.JSONDecoder().raw_decode(part[part.index("[") :])[0]]
+    return [s["name"] for s in series if s.get("name")]
+
+
+@pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS)
+def test_page_of_a_calibration(text: str) -> None:
+    record = rate_record()
+    traces = rate_traces(record)
+    spoilt = {name + text: trace for name, trace in traces.items()}
+    check(report_html(poisoned(record, text), spoilt), report_html(record, traces), text)
+
+
+@pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS)
+def test_page_of_a_comparison_and_what_plotly_gets(text: str) -> None:
+    record = compared_rates()
+    traces = compared_traces(record)
+    clean = comparison_html(record, traces)
+    named = poisoned(record, text) | {"labels": {label: shown + text for label, shown in record["labels"].items()}}
+    page = comparison_html(named, {name + text: trace for name, trace in traces.items()})
+    check(page, clean, text)
+    names = plotted(page)
+    assert sum(html.unescape(name).endswith(text) for name in names) >= 9  # three models on three curves
+    assert not any("<" in name for name in names)  # plotly would read tags,
+    assert not any("&quot;" in name or "&#x27;" in name for name in names)  # and show these as they stand
+
+
+@pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS)
+def test_page_of_a_reproduction(text: str) -> None:
+    named = poisoned(record_of_a_reproduction(), text) | {"data": record_of_a_reproduction()["data"]}
+    for row, own in zip(named["table1"], record_of_a_reproduction()["table1"], strict=True):
+        row["name"] = own["name"]  # a parameter of the program
+    clean = reproduction_html(record_of_a_reproduction(), traces_of_a_reproduction())
+    check(reproduction_html(named, traces_of_a_reproduction()), clean, text)

@@ -1,0 +1,145 @@
+"""Feed spoilt files to every reader: python -m tools.fuzz 100000 [--seed 1] [--keep DIR].
+
+Each input must be read or refused with one sentence that names a file, within 5 s and 1 GB. Inputs after which
+something else happened are kept in a folder, with a note beside them. Exit status 1 if there is any.
+"""
+
+from __future__ import annotations
+
+import argparse
+import faulthandler
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from pathlib import Path
+from random import Random
+
+LONGEST = 5.0  # for one input [s]
+HUNG = 60.0  # after which a process that does not even hear its clock is given up [s]
+MEMORY = 1_000_000_000  # of a process in addition to what the program itself takes [bytes]
+PROCESSES = 2
+
+
+class TooLong(BaseException):
+    """The watchdog; no reader catches it."""
+
+
+def main() -> int:
+    """Run the inputs in processes and add up."""
+    options = _options()
+    options.keep.mkdir(parents=True, exist_ok=True)
+    if options.part is not None:
+        return _run_part(options)
+    command = [sys.executable, "-m", "tools.fuzz", str(options.inputs), "--seed", str(options.seed)]
+    command += ["--keep", str(options.keep)]
+    parts = [
+        subprocess.Popen([*command, "--part", str(i)], stdout=subprocess.PIPE, text=True) for i in range(PROCESSES)
+    ]
+    results = [_result(part) for part in parts]
+    done, failed, refused = (sum(int(r[i]) for r in results) for i in range(3))
+    slowest, peak = (max(r[i] for r in results) for i in (3, 4))
+    crashed = sum(part.returncode not in (0, 1) for part in parts)
+    print(
+        f"{done} of {options.inputs}, {failed} tracebacks, slowest {slowest:.2f} s, peak memory {peak:.0f} MB "
+        f"({refused} refused, {done - refused - failed} read; seed {options.seed})"
+    )
+    if crashed:
+        print(f"{crashed} of {PROCESSES} processes died; their last inputs are in {options.keep}")
+    return int(failed > 0 or crashed > 0 or done != options.inputs)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("inputs", type=int)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", type=Path, default=Path("fuzz-findings"), help="folder for inputs that fail")
+    parser.add_argument("--part", type=int, help=argparse.SUPPRESS)
+    return parser.parse_args()
+
+
+def _result(part: subprocess.Popen[str]) -> list[float]:
+    """Done, failed, refused, slowest, peak: the last line that the process has left."""
+    lines = part.communicate()[0].splitlines()
+    for line in lines[:-1]:
+        print(line)
+    return [float(word) for word in lines[-1].split()] if lines else [0.0] * 5
+
+
+def _run_part(options: argparse.Namespace) -> int:
+    from tests.fuzz.targets import TARGETS, Broken, check, write_input
+
+    warnings.simplefilter("error", RuntimeWarning)  # NumPy's would stand on the user's terminal
+    signal.signal(signal.SIGALRM, _ring)
+    with tempfile.TemporaryDirectory() as place:
+        _warm_up(Path(place))
+        base = _limit_memory()
+        names, weights = zip(*((name, target.weight) for name, target in TARGETS.items()), strict=True)
+        done = failed = refused = 0
+        slowest = 0.0
+        for number in range(options.part, options.inputs, PROCESSES):
+            random = Random(f"{options.seed} {number}")
+            (name,) = random.choices(names, weights)
+            # of the names of the folders alone the sentence must hold this one
+            folder = Path(place) / f"input-{number}"
+            folder.mkdir()
+            write_input(random, name, folder)
+            faulthandler.dump_traceback_later(HUNG, exit=True)
+            begin = time.monotonic()
+            try:
+                signal.setitimer(signal.ITIMER_REAL, LONGEST)
+                refused += bool(check(name, folder))
+            except (Broken, TooLong) as error:
+                failed += 1
+                _keep(folder, options.keep / f"{name}-{options.seed}-{number}", error)
+            finally:
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+            slowest = max(slowest, time.monotonic() - begin)
+            faulthandler.cancel_dump_traceback_later()
+            shutil.rmtree(folder)
+            done += 1
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    print(done, failed, refused, slowest, peak)
+    del base
+    return int(failed > 0)
+
+
+def _ring(*_: object) -> None:
+    raise TooLong(f"took longer than {LONGEST} s")
+
+
+def _warm_up(place: Path) -> None:
+    """Read good files once: what is compiled or built at the first use counts for no input."""
+    from tests.fuzz.targets import TARGETS
+
+    for name, target in TARGETS.items():
+        for i, files in enumerate(target.files()):
+            folder = place / f"good-{name}-{i}"
+            for file, data in files.items():
+                (folder / file).parent.mkdir(parents=True, exist_ok=True)
+                (folder / file).write_bytes(data)
+            target.read(folder)
+
+
+def _limit_memory() -> float:
+    """Bound what the process may still take."""
+    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1000
+    resource.setrlimit(resource.RLIMIT_DATA, (own + MEMORY, own + MEMORY))
+    return float(own)
+
+
+def _keep(folder: Path, target: Path, error: BaseException) -> None:
+    shutil.copytree(folder, target, dirs_exist_ok=True)
+    (target / "note.txt").write_text("".join(traceback.format_exception(error)), encoding="utf-8", errors="replace")
+    print(f"{target}: {' '.join(str(error).split())[:200]}", flush=True)
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    sys.exit(main())
