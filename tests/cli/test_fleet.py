@@ -44,6 +44,14 @@ def test_a_fleet_from_end_to_end(
     assert 'was begun with seed "1", and it is "2" now' in refused.sentence
 
 
+def test_a_failure_is_told_as_it_comes_and_listed(command: Command, fleet_file: Path, tmp_path: Path) -> None:
+    (fleet_file.parent / "data" / "SN000002_160MPa.csv").unlink()
+    done = command("fleet", fleet_file, "--workers", "1", "--out", tmp_path / "run")
+    assert done.status == 0, done.err
+    assert "SN000002 failed: " in done.err
+    assert "SN000002_160MPa.csv: there is no such file" in " ".join(done.out.split())
+
+
 def test_ctrl_c_ends_in_order_with_130(
     command: Command, fleet_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

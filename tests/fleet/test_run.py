@@ -147,6 +147,16 @@ def test_a_bad_file_costs_one_injector_and_is_tried_again_once_it_is_mended(
     assert results(tmp_path / "run") == results(whole.folder)
 
 
+def test_a_failed_injector_may_leave_the_table(fleet_file: Path, whole: FleetRun, tmp_path: Path) -> None:
+    (fleet_file.parent / "data" / "SN000001_160MPa.csv").unlink()
+    run = run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=2)
+    assert [failure["injector"] for failure in run.record["failures"]] == ["SN000001"]
+    edited(fleet_file.parent / "injectors.csv", "SN000001,data/SN000001_160MPa.csv,data/SN000001_80MPa.csv\n", "")
+    run = run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=2)
+    assert run.record["counts"] == {"injectors": COUNT - 1, "finished": COUNT - 1, "failed": 0, "pending": 0}
+    assert results(tmp_path / "run")[1:] == results(whole.folder)[2:]
+
+
 def test_a_fault_of_all_is_told_before_any_work(fleet_file: Path, tmp_path: Path) -> None:
     edited(fleet_file.parent / "study.toml", 'name = "valve.spring_preload"', 'name = "valve.spring_prelaod"')
     with pytest.raises(InputError, match=r"Not one of the first 3 injectors can be read; the first: .*spring_prelaod"):

@@ -24,7 +24,9 @@ from commonrail.files.study_file import load_study
 from commonrail.files.truth_file import load_truth
 from commonrail.injector.definition import Injector, parameter_paths
 from commonrail.report.build import write_report
-from tests.fuzz.mutation import mutated
+from tests.fuzz import kept
+from tests.fuzz.database import spoilt_database
+from tests.fuzz.mutation import BYTES, mutated
 from tests.report.comparison_samples import compared_maps, compared_rates, compared_traces
 from tests.report.reproduction_sample import record as reproduction_record
 from tests.report.samples import map_record, rate_record, rate_traces
@@ -62,7 +64,14 @@ def write_input(random: Random, name: str, folder: Path) -> None:
     for file, data in files.items():
         path = folder / file
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(mutated(random, file, data) if file in chosen else data)
+        path.write_bytes(_spoilt(random, file, data) if file in chosen else data)
+
+
+def _spoilt(random: Random, file: str, data: bytes) -> bytes:
+    kind = file.rpartition(".")[2]
+    if kind == "parquet":
+        return random.choice(BYTES)(random, data)
+    return spoilt_database(random, data) if kind == "sqlite" else mutated(random, file, data)
 
 
 def check(name: str, folder: Path) -> str:
@@ -87,7 +96,11 @@ def _judge(sentence: str, folder: Path) -> None:
     faults = [leak for leak in LEAKS if leak in sentence]
     if len(sentence.splitlines()) != 1 or len(sentence) > LONGEST_SENTENCE:
         faults.append("not one line of moderate length")
-    if str(folder) not in sentence and folder.name not in sentence:
+    if (
+        str(folder) not in sentence
+        and folder.name not in sentence
+        and not sentence.startswith(f"{kept.TITLE}: not one")
+    ):
         faults.append("no file is named")
     if not sentence.endswith("."):
         faults.append("no sentence")
@@ -219,9 +232,12 @@ def _traces(traces: dict[str, dict[str, np.ndarray]], labels: Iterable[str]) -> 
 
 
 TARGETS = {
-    "study": Target(_read_study, _studies, (".toml", ".csv"), 50),
-    "injector": Target(_read_injector, _injectors, (".toml",), 20),
-    "truth": Target(_read_truth, _truths, (".toml",), 15),
-    "run": Target(_read_run, lambda: _runs()[:2], (".json", ".csv"), 6),
-    "report": Target(_report, _runs, (".json", ".csv"), 9),
+    "study": Target(_read_study, _studies, (".toml", ".csv"), 45),
+    "injector": Target(_read_injector, _injectors, (".toml",), 18),
+    "truth": Target(_read_truth, _truths, (".toml",), 12),
+    "run": Target(_read_run, lambda: _runs()[:2], (".json", ".csv"), 5),
+    "report": Target(_report, _runs, (".json", ".csv"), 6),
+    "journal": Target(kept.read_journal, kept.runs, (".sqlite",), 6),
+    "fleet": Target(kept.read_fleet, kept.fleets, ("fleet.toml", "study.toml", "s.csv", ".parquet"), 5),
+    "fleet journal": Target(kept.read_fleet_journal, kept.fleet_runs, (".sqlite",), 3),
 }

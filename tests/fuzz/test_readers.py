@@ -15,7 +15,16 @@ from tests.fuzz import targets
 from tests.fuzz.mutation import mutated
 from tests.fuzz.targets import TARGETS, Broken, check, write_input
 
-EXAMPLES = {"study": 300, "injector": 300, "truth": 200, "run": 100, "report": 40}
+EXAMPLES = {
+    "study": 300,
+    "injector": 300,
+    "truth": 200,
+    "run": 100,
+    "report": 40,
+    "journal": 100,
+    "fleet": 100,
+    "fleet journal": 60,
+}
 
 # No deadline: a first reading compiles and builds; derandomised: the same inputs on every machine.
 FEW = settings(deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
@@ -49,17 +58,18 @@ def test_bytes_of_no_file(name: str) -> None:
     @given(data=st.binary(max_size=300) | st.text(max_size=300).map(lambda text: text.encode("utf-8", "surrogatepass")))
     def run(data: bytes) -> None:
         with tempfile.TemporaryDirectory() as folder:
-            assert check(name, written(Path(folder), {**files, spoilt: data}))
+            refused = check(name, written(Path(folder), {**files, spoilt: data}))
+            # to SQLite a file of a byte at most is a database that has just begun
+            assert refused or (name == "fleet journal" and len(data) < 2)
 
     run()
 
 
-@pytest.mark.parametrize(
-    ("name", "number"), [(name, i) for name, target in TARGETS.items() for i in range(len(target.files()))]
-)
-def test_the_files_are_good_before_they_are_spoilt(name: str, number: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", TARGETS)
+def test_the_files_are_good_before_they_are_spoilt(name: str, tmp_path: Path) -> None:
     """Otherwise every input would be refused for one and the same reason."""
-    assert check(name, written(tmp_path, TARGETS[name].files()[number])) == ""
+    for i, files in enumerate(TARGETS[name].files()):
+        assert check(name, written(tmp_path / str(i), files)) == ""
 
 
 def test_a_reader_that_fails_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,12 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.calibration.optimisers import Optimiser
+from commonrail.errors import StudyError
 
-__all__ = ["Checkpoint", "Evolved", "Found", "Generation", "Recorder"]
+__all__ = ["Checkpoint", "CheckpointError", "Evolved", "Found", "Generation", "Recorder"]
 
 Floats = NDArray[np.float64]
 
 NOT_SIMULATED = -1  # in place of a status
+
+
+class CheckpointError(StudyError):
+    """A checkpoint is damaged, or another search's."""
 
 
 class Evolved(NamedTuple):

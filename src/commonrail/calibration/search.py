@@ -11,7 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.calibration.checkpoint import NOT_SIMULATED, Checkpoint, Evolved, Found, Generation, Recorder
+from commonrail.calibration.checkpoint import (
+    NOT_SIMULATED,
+    Checkpoint,
+    CheckpointError,
+    Evolved,
+    Found,
+    Generation,
+    Recorder,
+)
 from commonrail.calibration.interrupt import Wish
 from commonrail.calibration.objective import Objective, of_role
 from commonrail.calibration.optimisers import (
@@ -83,7 +91,9 @@ class Search:
     Raises
     ------
     StudyError
-        If the study has no data to fit, or the checkpoint belongs to another search.
+        If the study has no data to fit.
+    CheckpointError
+        If the checkpoint belongs to another search.
     """
 
     def __init__(
@@ -201,7 +211,7 @@ class Search:
         try:
             self._take_up(checkpoint)
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, ConfigurationError) as error:
-            raise StudyError(
+            raise CheckpointError(
                 f"{self.study.title}: what was kept of the search is damaged or another study's ({error})."
             ) from error
 
@@ -210,7 +220,14 @@ class Search:
         self.history = list(checkpoint.history)
         self.simulations, self.failures = checkpoint.simulations, Counter(checkpoint.failures)
         self.refinements, self.refined = checkpoint.refinements, checkpoint.refined
+        if self.refined is not None and not self._is_inside(self.refined.x):
+            raise ValueError("a refinement has left the bounds")
         if checkpoint.hops is not None:
             self._hops = np.random.default_rng()
             self._hops.bit_generator.state = checkpoint.hops
         self._start -= checkpoint.seconds
+
+    def _is_inside(self, x: Floats) -> bool:
+        space = self.study.space
+        slack = 1e-9 * (space.upper - space.lower)
+        return bool(np.all((x >= space.lower - slack) & (x <= space.upper + slack)))

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["fleet"]
 
+TOLD = 20  # failures that are told as they come; the tables list all
+
 
 def fleet(
     file: Annotated[Path, typer.Argument(metavar="FLEET.toml", help="Fleet file.")],
@@ -49,7 +51,7 @@ def fleet(
     loaded = load_fleet(file)
     folder = out or Path("runs") / _stem(file)
     with Bar(f"{loaded.title}: {len(loaded.supply.names):,} injectors") as bar:
-        run = run_fleet(loaded, folder, workers=workers, retry=retry, progress=lambda p: bar.show(_stage(p)))
+        run = run_fleet(loaded, folder, workers=workers, retry=retry, progress=lambda p: _show(bar, p))
     report = write_fleet_report(folder, run.record, _command(file, folder))
     if json:
         print_json({"kind": "fleet", "folder": str(folder), "report": str(report), "result": run.record})
@@ -69,9 +71,11 @@ def _command(file: Path, folder: Path) -> str:
     return f"commonrail fleet {shlex.quote(file.as_posix())} --out {shlex.quote(folder.as_posix())}"
 
 
-def _stage(p: FleetProgress) -> Stage:
+def _show(bar: Bar, p: FleetProgress) -> None:
+    if p.last.reason and p.failed <= TOLD:
+        bar.note(f"{p.last.name} failed: {p.last.reason}")
     speed = p.now / p.seconds if p.seconds > 0.0 else 0.0
-    return Stage("injectors", p.done, p.total, f"{p.failed} failed, {speed:.2f} injectors/s")
+    bar.show(Stage("injectors", p.done, p.total, f"{p.failed} failed, {speed:.2f} injectors/s"))
 
 
 def _print(run: FleetRun, report: Path) -> None:

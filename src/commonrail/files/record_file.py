@@ -28,6 +28,8 @@ def read_record(path: Path, made_by: str) -> dict[str, Any]:
     InputError
         If the file cannot be read or is no such object.
     """
+    if not path.exists():
+        raise _broken(path, made_by, "there is no such file")
     try:
         record = json.loads(read_text(path, LARGEST_RECORD))
     except (ValueError, RecursionError) as error:

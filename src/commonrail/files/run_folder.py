@@ -14,6 +14,7 @@ from commonrail.calibration.study import QuantityData, RateData
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import dump_injector
+from commonrail.files.record_file import read_record
 from commonrail.files.traces_file import MEASURED, Curve, Traces, read_traces, write_traces
 
 __all__ = [
@@ -21,7 +22,6 @@ __all__ = [
     "TRACES",
     "create_run_folder",
     "rate_curves",
-    "read_folder",
     "read_run",
     "refuse_used",
     "write_run",
@@ -84,22 +84,7 @@ def read_run(folder: Path) -> tuple[dict[str, Any], Traces]:
     InputError
         If the folder is not a run folder, or a file of it is broken.
     """
-    return read_folder(folder, RESULT, "commonrail calibrate")
-
-
-def read_folder(folder: Path, name: str, made_by: str) -> tuple[dict[str, Any], Traces]:
-    """The record of that name in a folder, and its traces.csv.
-
-    Raises
-    ------
-    InputError
-        If one of them is missing or broken.
-    """
-    try:
-        record: dict[str, Any] = json.loads((folder / name).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{folder}: not a run folder of {made_by} ({error}).") from error
-    return record, read_traces(folder / TRACES)
+    return read_record(folder / RESULT, "commonrail calibrate"), read_traces(folder / TRACES)
 
 
 def _write_traces(path: Path, calibration: Calibration) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from commonrail.errors import InputError, nearest
-from commonrail.files.place import Place
+from commonrail.files.place import Place, located
 from commonrail.files.study_faults import read_model
 from commonrail.files.study_models import StudyModel
 from commonrail.files.toml_file import read_toml
@@ -159,7 +159,8 @@ def _time_limit(document: Mapping[str, Any], at: Place) -> float:
 
 
 def _template(path: Path, document: Mapping[str, Any], at: Place) -> Template:
-    tables, text = read_toml(path)
+    with located(at / "study"):
+        tables, text = read_toml(path)
     model = read_model(tables, Place(str(path)))
     left_out = tuple(document.get("leave_out", ()))
     names = [data.name for data in model.data]
@@ -183,5 +184,7 @@ def _supply(folder: Path, template: Template, document: Mapping[str, Any], at: P
     if files is not None:
         if dead is not None:
             raise (at / "dead_times").error('this key goes with rows; with files the table has a column "… dead times"')
-        return FileSupply(folder / files, layout)
-    return RowSupply(folder / str(rows), layout, None if dead is None else folder / dead)
+        with located(at / "files"):
+            return FileSupply(folder / files, layout)
+    with located(at / "rows"):
+        return RowSupply(folder / str(rows), layout, None if dead is None else folder / dead)

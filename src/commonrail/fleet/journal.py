@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import socket
 import sqlite3
@@ -123,7 +124,7 @@ class Journal:
 
     def inputs(self) -> dict[str, str]:
         """Fingerprints of what is common to all injectors, by name; empty for a new journal."""
-        with explained(self.path):
+        with explained(self.path), trusted(self.path):
             return dict(self._connection.execute("SELECT name, fingerprint FROM input"))
 
     def write_inputs(self, inputs: Mapping[str, str]) -> None:
@@ -134,9 +135,8 @@ class Journal:
     def entries(self) -> dict[str, Entry]:
         """All injectors that are done, by name."""
         columns = "name, status, reason, attempts, inputs, record, seconds"
-        with explained(self.path):
+        with explained(self.path), trusted(self.path):
             rows = self._connection.execute(f"SELECT {columns} FROM injector").fetchall()
-        with trusted(self.path):
             return {str(row[0]): _entry(row) for row in rows}
 
     def write(self, entry: Entry) -> None:
@@ -160,15 +160,10 @@ class Journal:
 
 def _entry(row: tuple[Any, ...]) -> Entry:
     name, status, reason, attempts, inputs, record, seconds = row
-    return Entry(
-        str(name),
-        str(status),
-        str(reason),
-        int(attempts),
-        dict(json.loads(inputs)),
-        dict(json.loads(record)),
-        float(seconds),
-    )
+    if status not in (FINISHED, FAILED) or not 0.0 <= seconds < math.inf:
+        raise ValueError("an injector's state")
+    fingerprints = {str(source): str(text) for source, text in json.loads(inputs).items()}
+    return Entry(str(name), status, str(reason), int(attempts), fingerprints, dict(json.loads(record)), float(seconds))
 
 
 def _now() -> str:

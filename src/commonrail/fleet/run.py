@@ -22,6 +22,7 @@ from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, Entry, Journal
 from commonrail.fleet.member import folders_of, shared_files, write_study
 from commonrail.fleet.pool import Limits, Outcome, Pool
 from commonrail.fleet.results import write_results
+from commonrail.fleet.summary import check_entries
 from commonrail.fleet.supply import fingerprint_of
 from commonrail.fleet.task import Done, Refused
 
@@ -32,13 +33,17 @@ TRIED = 3  # injectors that are read before the workers start
 
 
 class FleetProgress(NamedTuple):
-    """How far a fleet has come: injectors done, failed among them, in all, done since the start, seconds since then."""
+    """How far a fleet has come.
+
+    Injectors done, failed among them, in all, done since the start, seconds since then, and the one done last.
+    """
 
     done: int
     failed: int
     total: int
     now: int
     seconds: float
+    last: Entry
 
 
 @dataclass(frozen=True)
@@ -129,6 +134,8 @@ class _Run:
         self.inputs = {name: fleet.supply.fingerprints(name) for name in fleet.supply.names}
         self.entries = journal.entries()
         self._check_inputs()
+        self.entries = {name: entry for name, entry in self.entries.items() if name in self.inputs}
+        check_entries(fleet, self.entries, folder)
         self.pending = [name for name in fleet.supply.names if self._is_pending(name, retry)]
         self.entries = {name: entry for name, entry in self.entries.items() if name not in set(self.pending)}
         self.now = self.workers = 0
@@ -176,15 +183,15 @@ class _Run:
         self.entries[outcome.name] = entry
         self.now += 1
         self.first = self.seconds if self.first is None else self.first
-        self._tell()
+        self._tell(entry)
 
-    def _tell(self) -> None:
+    def _tell(self, last: Entry) -> None:
         if self.progress is None:
             return
         failed = sum(entry.status == FAILED for entry in self.entries.values())
         total = len(self.fleet.supply.names)
         with suppress(OSError, ValueError):  # a terminal that went away must not end the work
-            self.progress(FleetProgress(len(self.entries), failed, total, self.now, self.seconds))
+            self.progress(FleetProgress(len(self.entries), failed, total, self.now, self.seconds, last))
 
     def _is_pending(self, name: str, retry: bool) -> bool:
         entry = self.entries.get(name)
@@ -201,6 +208,8 @@ class _Run:
             changed = next(name for name in {**before, **now} if before.get(name) != now.get(name))
             raise StudyError(f"{self.folder} {_difference(changed, before, now)}; {_CURE}")
         for name, entry in self.entries.items():
+            if name not in self.inputs and entry.status == FAILED:
+                continue
             if name not in self.inputs:
                 raise StudyError(
                     f'{self.folder} has injector "{name}", which {self.fleet.supply.path} has no more; {_CURE}'

@@ -148,6 +148,9 @@ def fingerprint_of(content: bytes) -> str:
 
 def _of_file(path: Path) -> str:
     try:
-        return fingerprint_of(path.read_bytes())
+        if not path.is_file():
+            return MISSING_FILE
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError:
         return MISSING_FILE  # found out, and said in a sentence, when it is the injector's turn

@@ -57,6 +57,11 @@ def fuel_coefficients(fuel: Fuel, temperature: float) -> FuelCoefficients:
     ConfigurationError
         If the fuel's laws bend too sharply for a polynomial (an explicit density law does).
     """
+    with np.errstate(all="ignore"):  # what no polynomial fits is refused in a sentence
+        return _fitted(fuel, temperature)
+
+
+def _fitted(fuel: Fuel, temperature: float) -> FuelCoefficients:
     p, inside = _grid(fuel)
     weight = np.where(inside, 1.0, _OUTSIDE_WEIGHT)
     reference = float(fuel.density(0.0, temperature))
@@ -65,6 +70,11 @@ def fuel_coefficients(fuel: Fuel, temperature: float) -> FuelCoefficients:
     s = p * 1e-8
     fluidity = 1.0 / fuel.kinematic_viscosity(p, temperature)
     ratio = fuel.isentropic_bulk_modulus(p, temperature) / modulus
+    if not all(np.isfinite(law).all() for law in (x, modulus, fluidity, ratio)):
+        raise ConfigurationError(
+            f"Fuel {fuel.name} at {temperature:g} K cannot be simulated: within its range of pressure its laws give "
+            "values that are no numbers; check their coefficients."
+        )
     fitted = (
         _pressure_polynomial(x, p, modulus, weight),
         _polynomial(s, x, _DEGREE_START, 1, weight / (1.0 + x)),

@@ -75,7 +75,7 @@ class Journal:
         except BlockingIOError:
             raise StudyError(f"{folder}: {_holder(self.path)}; wait for it, or end it first.") from None
         try:
-            with explained(self.path):
+            with explained(self.path), trusted(self.path):
                 self._connection = sqlite3.connect(self.path, timeout=30.0, isolation_level=None)
                 migrate(self._connection, self.path)
                 self._connection.execute("PRAGMA journal_mode=WAL")
@@ -111,7 +111,7 @@ class Journal:
                 raise
 
     def _rows(self, text: str) -> list[tuple[Any, ...]]:
-        with explained(self.path):
+        with explained(self.path), trusted(self.path):
             return self._connection.execute(text).fetchall()
 
     @property
@@ -220,14 +220,14 @@ class Journal:
         search = json.loads(text)
         generations = self._rows("SELECT number, best, mean, simulations, seconds FROM generation ORDER BY number")
         _check_numbers(generations, 0, number)
-        history = tuple(Generation(row[0], float(row[1]), float(row[2])) for row in generations)
+        history = tuple(Generation(row[0], _cost(row[1]), _cost(row[2])) for row in generations)
         evolution = dict(search["optimiser"])
         evolution |= dict(zip(("unit", "costs", "violations"), (_array(item) for item in arrays), strict=True))
         evolution["unit"] = evolution["unit"].reshape(-1, len(evolution["names"]))
-        failures = {str(name): int(count) for name, count in search["failures"].items()}
+        failures = {str(name): _count(count) for name, count in search["failures"].items()}
         simulations, seconds = generations[-1][3:]
         return self._with_refinements(
-            Checkpoint(evolution, history, int(simulations), failures, seconds=float(seconds))
+            Checkpoint(evolution, history, _count(simulations), failures, seconds=_finite(seconds))
         )
 
     def _with_refinements(self, evolved: Checkpoint) -> Checkpoint:
@@ -235,16 +235,16 @@ class Journal:
         if not rows:
             return evolved
         _check_numbers(rows, 1, len(rows))
-        ends = [Found(_array(row[1]).reshape(evolved.evolution["unit"].shape[1]), float(row[2])) for row in rows]
+        ends = [Found(_array(row[1]).reshape(evolved.evolution["unit"].shape[1]), _cost(row[2])) for row in rows]
         best = min(ends, key=lambda end: end.cost)  # the first of equals, as in the search
         simulations, seconds, hops = rows[-1][3:]
         return replace(
             evolved,
-            simulations=int(simulations),
+            simulations=_count(simulations),
             refinements=len(rows),
             refined=best if best.cost < evolved.history[-1].best else None,
             hops=dict(json.loads(hops)),
-            seconds=float(seconds),
+            seconds=_finite(seconds),
         )
 
 
@@ -271,8 +271,8 @@ def read_about(folder: Path) -> dict[str, Any]:
             (facts["changed"],) = connection.execute("SELECT MAX(COALESCE(ended, started)) FROM session").fetchone()
         finally:
             connection.close()
-    facts["best"] = min((x for x in (best, cost) if x is not None), default=math.inf)
-    facts["seconds"] = max((x for x in (seconds, later) if x is not None), default=0.0)
+        facts["best"] = min((float(x) for x in (best, cost) if x is not None), default=math.inf)
+        facts["seconds"] = max((float(x) for x in (seconds, later) if x is not None), default=0.0)
     return facts
 
 
@@ -295,8 +295,27 @@ def _connect(address: str) -> sqlite3.Connection:
 
 
 def _check_numbers(rows: list[tuple[Any, ...]], first: int, last: int) -> None:
-    if [row[0] for row in rows] != list(range(first, last + 1)):
+    if len(rows) != last - first + 1 or any(row[0] != first + i for i, row in enumerate(rows)):
         raise ValueError("steps are missing")
+
+
+def _cost(value: Any) -> float:
+    """A cost, which is infinite where nothing was simulated."""
+    if not -math.inf < float(value):
+        raise ValueError("a cost is no number")
+    return float(value)
+
+
+def _finite(value: Any) -> float:
+    if not math.isfinite(value):
+        raise ValueError("a time is no number")
+    return float(value)
+
+
+def _count(value: Any) -> int:
+    if not isinstance(value, int) or value < 0:
+        raise ValueError("a count is no number")
+    return value
 
 
 def _holder(path: Path) -> str:

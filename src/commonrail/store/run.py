@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.analysis.identifiability import identify
-from commonrail.calibration.checkpoint import Checkpoint
+from commonrail.calibration.checkpoint import Checkpoint, CheckpointError
 from commonrail.calibration.interrupt import held_interrupts
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.search import Progress
@@ -152,6 +152,8 @@ def _ending(journal: Journal) -> Iterator[None]:
     """Note in the journal what ended a run too early, if that can still be done."""
     try:
         yield
+    except CheckpointError as error:
+        raise StudyError(f"{journal.path}: {error}") from error
     except BaseException as error:
         stopped = isinstance(error, KeyboardInterrupt)
         with suppress(CommonrailError):

@@ -227,6 +227,11 @@ class DifferentialEvolution:
         self._violations = np.array(state["violations"], dtype=float)
         self._counts = Counts(**state["counts"])
         self._pending = None
+        inside = np.all(np.abs(self._unit - 0.5) <= 0.5 + 1e-9)  # to unit coordinates and back rounds
+        if not (inside and np.all(self._costs > -np.inf) and np.all(self._violations >= 0.0)):
+            raise ConfigurationError("state: its population lies outside the bounds or has costs that are no numbers")
+        if not all(isinstance(count, int) and count >= 0 for count in asdict(self._counts).values()):
+            raise ConfigurationError("state: its counts are no whole numbers")
 
     def _identity(self) -> dict[str, Any]:
         """What a state must share with the search that takes it up; more generations may be wanted of that one."""
