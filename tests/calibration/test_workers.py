@@ -20,7 +20,7 @@ from commonrail.calibration import workers as module
 from commonrail.calibration.objective import Objective, of_role
 from commonrail.calibration.study import Role
 from commonrail.calibration.worker import pack, unpack
-from commonrail.calibration.worker_pool import Limits, WorkerPool
+from commonrail.calibration.worker_pool import Limits, WorkerPool, how_it_ended
 from commonrail.calibration.workers import LONGEST, SHORTEST, Workers, cut
 from commonrail.errors import ConfigurationError, StudyError
 from commonrail.files.study_file import load_study
@@ -307,3 +307,10 @@ def test_pieces_of_the_populations_that_are_met() -> None:
     assert len(cut(512, 2, 2.3e-3)) == 2  # 147 ms for two: not three pieces
     assert len(cut(100, 2, 35e-3)) == 7  # 13 blocks, two in each
     assert len(cut(20_000, 2, 35e-3)) == 44  # 87 s in pieces of 2 s
+
+
+@pytest.mark.parametrize(
+    ("code", "words"), [(-9, "was ended by SIGKILL"), (-40, "was ended by signal 40"), (3, "ended with exit code 3")]
+)
+def test_how_a_worker_ended(code: int, words: str) -> None:
+    assert how_it_ended(code) == words

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.errors import OutputError
-from commonrail.files.atomic import replacing, write_text, writing
+from commonrail.files.atomic import PART, replacing, write_text, writing
 
 
 def names(folder: Path) -> list[str]:
@@ -73,3 +73,14 @@ def test_a_device_a_pipe_and_a_folder_are_refused(tmp_path: Path) -> None:
 def test_an_error_of_the_system_becomes_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"--out: .* cannot be written \(no room\)"), writing(tmp_path, "--out"):
         raise OSError(errno.ENOSPC, "no room")
+
+
+def test_a_link_in_place_of_the_part_is_not_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    monkeypatch.setattr("secrets.token_hex", lambda _: "1234")
+    (tmp_path / f".out.txt.1234{PART}").symlink_to(victim)
+    with pytest.raises(OutputError, match="File exists"):
+        write_text(tmp_path / "out.txt", "new")
+    assert victim.read_text() == "mine"
+    assert not (tmp_path / "out.txt").exists()

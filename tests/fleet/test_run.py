@@ -237,3 +237,17 @@ def test_a_title_may_change(begun: tuple[Path, Path]) -> None:
 def test_another_folder_is_not_touched(fleet_file: Path) -> None:
     with pytest.raises(InputError, match="there already is something"):
         run_fleet(load_fleet(fleet_file), fleet_file.parent)
+
+
+def test_a_fault_of_the_template_can_be_mended(fleet_file: Path, tmp_path: Path) -> None:
+    study = edited(fleet_file.parent / "study.toml", 'name = "valve.spring_preload"', 'name = "valve.spring_prelaod"')
+    with pytest.raises(InputError, match="spring_prelaod"):
+        run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=1)
+    edited(study, 'name = "valve.spring_prelaod"', 'name = "valve.spring_preload"')
+    assert run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=2).record["counts"]["finished"] == COUNT
+
+
+def test_a_fleet_killed_before_its_journal_was_there_can_be_begun(fleet_file: Path, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "fleet.lock").touch()
+    assert run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=2).record["counts"]["finished"] == COUNT

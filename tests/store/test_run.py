@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.calibration.space import Space
-from commonrail.errors import ConfigurationError, InputError, OutputError, SimulationError, StudyError
+from commonrail.errors import CommonrailError, ConfigurationError, InputError, OutputError, SimulationError, StudyError
 from commonrail.files.study_file import load_study
 from commonrail.store.journal import Journal
 from commonrail.store.listing import list_runs
@@ -102,8 +103,11 @@ def test_more_generations_give_what_a_longer_study_gives(tmp_path: Path, study_f
     assert timeless(run) == timeless(tmp_path / "longer")
 
 
-def test_a_crash_while_it_is_lengthened_does_no_harm(stopped: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
-    run = stopped(3)
+@pytest.mark.parametrize("steps", [3, ALL])
+def test_a_crash_while_it_is_lengthened_does_no_harm(
+    tmp_path: Path, study_file: Path, monkeypatch: pytest.MonkeyPatch, steps: int
+) -> None:
+    run = stopped_run(tmp_path / "run", load_study(study_file), steps)
 
     def crash(*_: object) -> None:
         raise KeyboardInterrupt
@@ -113,6 +117,10 @@ def test_a_crash_while_it_is_lengthened_does_no_harm(stopped: Stop, monkeypatch:
         with pytest.raises(KeyboardInterrupt):
             resume(run, generations=2)
     assert len(resume(run).history) == 1 + GENERATIONS + 2
+    longer = study_file.read_text(encoding="utf-8").replace(f"generations = {GENERATIONS}", "generations = 7")
+    study_file.write_text(longer, encoding="utf-8")
+    calibrate_into(tmp_path / "longer", load_study(study_file))
+    assert timeless(run) == timeless(tmp_path / "longer")  # the refinements of the shorter one are forgotten
     assert load_study(run / "study.toml").method.evolution.generations == GENERATIONS + 2
 
 
@@ -341,3 +349,88 @@ def test_one_bad_folder_costs_the_list_one_line(whole: Whole, tmp_path: Path) ->
         ("lock", "damaged"),
         ("pipe", "damaged"),
     ]
+
+
+@pytest.mark.parametrize("damage", ["empty", "gone", "truncated"])
+def test_an_old_run_without_its_journal_is_left_alone(whole: Whole, tmp_path: Path, damage: str) -> None:
+    run = Path(shutil.copytree(whole.run, tmp_path / "run"))
+    journal = run / "journal.sqlite"
+    {
+        "empty": lambda: journal.write_bytes(b""),
+        "gone": journal.unlink,
+        "truncated": lambda: os.truncate(journal, 5000),
+    }[damage]()
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file() and "journal" not in path.name}
+    with pytest.raises(CommonrailError):
+        calibrate_into(run, load_study(whole.study))
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_what_somebody_else_has_put_into_a_new_run_stays(
+    tmp_path: Path, study_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = tmp_path / "run"
+
+    def late(*arguments: object, **named: object) -> None:
+        (run / "data" / "notes.md").write_text("mine")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("commonrail.store.run.calibrate", late)
+    with pytest.raises(KeyboardInterrupt):
+        calibrate_into(run, load_study(study_file))
+    assert [path.name for path in run.rglob("*") if path.is_file()] == ["notes.md"]
+
+
+@pytest.mark.parametrize("change", [lambda text: text.replace("\n", "\r\n"), lambda text: "\ufeff" + text])
+def test_a_study_of_another_editor_goes_on(tmp_path: Path, study_file: Path, change: Callable[[str], str]) -> None:
+    study_file.write_bytes(change(study_file.read_text(encoding="utf-8")).encode())
+    calibrate_into(tmp_path / "whole", load_study(study_file))
+    run = stopped_run(tmp_path / "run", load_study(study_file), 3)
+    for _ in range(2):  # the second time it is finished
+        resume(run)
+        assert timeless(run) == timeless(tmp_path / "whole")
+
+
+def test_inputs_named_like_results_are_kept_apart(tmp_path: Path, study_file: Path) -> None:
+    for old, new in (("injector.toml", "calibrated.toml"), ("data/evi.csv", "Traces.csv")):
+        (study_file.parent / old).rename(study_file.parent / new)
+        study_file.write_text(study_file.read_text("utf-8").replace(f'"{old}"', f'"{new}"'), encoding="utf-8")
+    given = (study_file.parent / "calibrated.toml").read_bytes()
+    calibrate_into(tmp_path / "run", load_study(study_file))
+    assert (tmp_path / "run" / "inputs" / "calibrated.toml").read_bytes() == given
+    before = timeless(tmp_path / "run")
+    resume(tmp_path / "run")
+    assert timeless(tmp_path / "run") == before
+
+
+@pytest.mark.parametrize(
+    ("table", "column"), [("population", "members"), ("population", "costs"), ("refinement", "stop")]
+)
+def test_a_flipped_bit_is_noticed(whole: Whole, tmp_path: Path, table: str, column: str) -> None:
+    run = Path(shutil.copytree(whole.run, tmp_path / "run"))
+    with closing(sqlite3.connect(run / "journal.sqlite", isolation_level=None)) as connection:
+        (numbers,) = connection.execute(f"SELECT {column} FROM {table}").fetchone()
+        flipped = bytes([numbers[0] ^ 1]) + numbers[1:]  # the last bit of the first number
+        connection.execute(f"UPDATE {table} SET {column} = ? WHERE rowid = 1 OR {table!r} = 'population'", (flipped,))
+    with pytest.raises(StudyError, match="the journal is damaged"):
+        resume(run)
+
+
+def test_the_holder_is_the_process_that_holds(stopped: Stop) -> None:
+    run = stopped(2)  # by another session, whose process is not at work any more
+    with Journal(run), pytest.raises(StudyError, match=f"process {os.getpid()} on .* is at work here since"):
+        resume(run)
+
+
+def test_a_reader_that_does_not_let_go_is_named(stopped: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = stopped(2)
+    code = "import sqlite3, sys; c = sqlite3.connect(sys.argv[1], isolation_level=None)\nc.execute('BEGIN EXCLUSIVE')"
+    code += "\nprint('open', flush=True)\ninput()"
+    line = [sys.executable, "-c", code, str(run / "journal.sqlite")]
+    with subprocess.Popen(line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as reader:
+        assert reader.stdout is not None
+        reader.stdout.readline()
+        monkeypatch.setattr("commonrail.store.journal.PATIENCE", 0.2)
+        with pytest.raises(StudyError, match="another program has it open; close it there"):
+            resume(run)
+        reader.communicate("\n")

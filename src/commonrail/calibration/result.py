@@ -76,7 +76,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
 
 def software_record() -> dict[str, str]:
     """Versions of what the numbers depend on."""
-    packages = {name: version(name) for name in ("commonrail", "numpy", "numba")}
+    packages = {name: version(name) for name in ("commonrail", "numpy", "scipy", "numba")}
     return {"commonrail": packages.pop("commonrail"), "python": platform.python_version(), **packages}
 
 

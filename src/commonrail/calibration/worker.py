@@ -120,7 +120,7 @@ def unpack(package: Package) -> Objective:
 
 def software() -> tuple[tuple[str, str], ...]:
     """Versions that decide over the bits of a result."""
-    return tuple((name, version(name)) for name in ("commonrail", "numpy", "numba"))
+    return tuple((name, version(name)) for name in ("commonrail", "numpy", "scipy", "numba"))
 
 
 def _probe(objective: Objective) -> bytes:

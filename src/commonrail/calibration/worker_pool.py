@@ -115,7 +115,15 @@ class _Worker:
         code = self.process.exitcode
         if code is None:
             return "broke off"
-        return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+        return how_it_ended(code)
+
+
+def how_it_ended(code: int) -> str:
+    """End of a sentence about a process with an exit code, which is negative if a signal ended it."""
+    if code >= 0:
+        return f"ended with exit code {code}"
+    known = {number.value: number.name for number in signal.Signals}
+    return f"was ended by {known.get(-code, f'signal {-code}')}"
 
 
 class WorkerPool:

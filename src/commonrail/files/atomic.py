@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -10,7 +11,9 @@ from typing import IO, Any, Literal
 
 from commonrail.errors import OutputError
 
-__all__ = ["check_target", "replacing", "write_text", "writing"]
+__all__ = ["PART", "check_target", "replacing", "write_text", "writing"]
+
+PART = ".part"  # end of the name of a file that is being written
 
 
 @contextmanager
@@ -49,10 +52,10 @@ def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
     """
     with writing(path):
         check_target(path)
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        part = path.with_name(f".{path.name}.{secrets.token_hex(6)}{PART}")
         text: dict[str, Any] = {} if mode == "wb" else {"encoding": "utf-8", "newline": ""}
         try:
-            with part.open(mode, **text) as stream:
+            with open(part, mode, opener=_create, **text) as stream:
                 yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
@@ -90,6 +93,11 @@ def check_target(path: Path) -> None:
     if path.exists() and not path.is_file():
         kind = "a folder" if path.is_dir() else "no plain file"
         raise OutputError(f"{path}: this is {kind}; name a file.")
+
+
+def _create(path: str, flags: int) -> int:
+    """Open a file that is not there yet: what somebody has put in its place is not followed."""
+    return os.open(path, flags | os.O_EXCL, 0o666)
 
 
 def _settle(folder: Path) -> None:

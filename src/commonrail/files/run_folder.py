@@ -24,6 +24,7 @@ __all__ = [
     "rate_curves",
     "read_run",
     "refuse_used",
+    "write_results",
     "write_run",
 ]
 
@@ -68,6 +69,11 @@ def refuse_used(path: Path) -> None:
 def write_run(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
     """Write study.toml, calibrated.toml, result.json and traces.csv."""
     write_text(folder / STUDY, calibration.study.text)
+    write_results(folder, calibration, identified)
+
+
+def write_results(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write calibrated.toml, result.json and traces.csv."""
     title = calibration.study.title
     notes = {name: f'calibrated by "{title}"' for name in calibration.best}
     dump_injector(calibration.injector, folder / "calibrated.toml", notes)

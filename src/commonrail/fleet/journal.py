@@ -105,7 +105,8 @@ class Journal:
 
     def _holder(self) -> str:
         with suppress(sqlite3.Error), closing(sqlite3.connect(self.path)) as connection:
-            return " ".join(*connection.execute("SELECT text FROM about WHERE name = 'holder'"))
+            row = connection.execute("SELECT text FROM about WHERE name = 'holder'").fetchone()
+            return str(row[0]) if row else "it has just begun"
         return "it has just begun"
 
     def _open(self) -> None:
@@ -130,6 +131,7 @@ class Journal:
     def write_inputs(self, inputs: Mapping[str, str]) -> None:
         """Keep the fingerprints of a new fleet."""
         with explained(self.path), self._connection:
+            self._connection.execute("DELETE FROM input")
             self._connection.executemany("INSERT INTO input VALUES (?, ?)", inputs.items())
 
     def entries(self) -> dict[str, Entry]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -11,7 +10,7 @@ from multiprocessing.connection import wait
 from pathlib import Path
 from typing import NamedTuple
 
-from commonrail.calibration.worker_pool import check_count, shielded
+from commonrail.calibration.worker_pool import check_count, how_it_ended, shielded
 from commonrail.errors import StudyError
 from commonrail.fleet.task import Answer, Lost, Refused, Up, serve
 
@@ -75,7 +74,7 @@ class _Worker:
         code = self.process.exitcode
         if code is None:
             return "broke off"
-        return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+        return how_it_ended(code)
 
 
 class Pool:

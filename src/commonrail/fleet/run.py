@@ -18,7 +18,7 @@ from commonrail.errors import CommonrailError, InputError, StudyError
 from commonrail.files.run_folder import create_run_folder
 from commonrail.files.study_file import load_study
 from commonrail.fleet.fleet_file import Fleet
-from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, Entry, Journal
+from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, LOCK, Entry, Journal
 from commonrail.fleet.member import folders_of, shared_files, write_study
 from commonrail.fleet.pool import Limits, Outcome, Pool
 from commonrail.fleet.results import write_results
@@ -104,7 +104,7 @@ def run_fleet(
     OutputError
         If the disk is full; finished injectors are kept.
     """
-    if not (folder / JOURNAL).is_file():
+    if not (folder / JOURNAL).is_file() and not _is_left_over(folder):
         create_run_folder(folder)
     with Journal(folder) as journal, held_interrupts() as wish:
         run = _Run(fleet, folder, journal, retry, progress)
@@ -116,6 +116,11 @@ def run_fleet(
         entries = run.in_order()
         clock = {"seconds": run.seconds, "first": run.first, "calibrated_now": run.now, "workers": run.workers}
         return FleetRun(folder, write_results(folder, fleet, entries, status, clock), entries)
+
+
+def _is_left_over(folder: Path) -> bool:
+    """Whether a folder holds only the lock of a fleet that was killed before its journal was there."""
+    return folder.is_dir() and {path.name for path in folder.iterdir()} in ({LOCK}, {LOCK, f"{LOCK}-journal"})
 
 
 class _Run:
@@ -202,7 +207,7 @@ class _Run:
     def _check_inputs(self) -> None:
         """Refuse to go on with another fleet than the one that was begun; injectors may have been added."""
         now, before = _common(self.fleet), self.journal.inputs()
-        if not before:
+        if not before or not self.entries:  # nothing is calibrated yet: a fault of the template may be mended
             self.journal.write_inputs(now)
         elif now != before:
             changed = next(name for name in {**before, **now} if before.get(name) != now.get(name))

@@ -54,7 +54,7 @@ def check_files(journal: Journal, as_begun: bool) -> None:
 
 def _finish_writing(folder: Path, about: Mapping[str, str], inputs: list[Input]) -> None:
     """Write the study with more generations, if a crash came between the journal's note of it and the file."""
-    if inputs and "before" in about and _digest(folder / STUDY) == about["before"]:
+    if inputs and about.get("before") and _digest(folder / STUDY) == about["before"]:
         write_text(folder / STUDY, about["study"])
 
 

@@ -13,15 +13,21 @@ from tomlkit.items import AoT, Array
 from commonrail.calibration.study import Study
 from commonrail.errors import InputError, StudyError
 from commonrail.files.atomic import replacing, write_text, writing
-from commonrail.files.run_folder import STUDY
+from commonrail.files.run_folder import RESULT, STUDY, TRACES
 from commonrail.files.study_file import load_study
 from commonrail.store.content import content_of, sha256
-from commonrail.store.journal import Input
+from commonrail.store.journal import JOURNAL, LOCK, Input
 
-__all__ = ["copy_study", "set_in_study"]
+__all__ = ["copies_of", "copy_study", "set_in_study"]
 
-OUTSIDE = "inputs"  # folder for files from beyond the study's own
+OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
+RESERVED = (STUDY, "calibrated.toml", RESULT, TRACES, "report.html", JOURNAL, LOCK)
 _NAMES_A_FILE = ("file", "injector")  # keys of TOML files
+
+
+def copies_of(study: Study) -> list[str]:
+    """Names of the files that `copy_study` will write into a run folder."""
+    return [place.as_posix() for place in _places(list(study.files)).values()] if study.files else []
 
 
 def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study]:
@@ -77,7 +83,8 @@ def _copy_files(sources: Mapping[Path, str], folder: Path) -> list[Input]:
             path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path, "wb") as stream:
             stream.write(content)
-        kept.append(Input(places[source].as_posix(), str(source), digest, sha256(content)))
+        origin = os.fsencode(source).decode("utf-8", "backslashreplace")
+        kept.append(Input(places[source].as_posix(), origin, digest, sha256(content)))
     return kept
 
 
@@ -88,7 +95,7 @@ def _places(sources: list[Path]) -> dict[Path, Path]:
     for source in sources[1:]:
         if source.is_relative_to(base):
             place = source.relative_to(base)
-            place = place if place != Path(STUDY) else Path(OUTSIDE, place)
+            place = Path(OUTSIDE, place) if place.as_posix().lower() in RESERVED else place
         else:
             place = Path(OUTSIDE, source.name)
         while place in places.values():

@@ -53,7 +53,10 @@ def explained(path: Path) -> Iterator[None]:
 
 
 def _sentence(path: Path, error: sqlite3.Error) -> CommonrailError:
-    if getattr(error, "sqlite_errorcode", 0) & 0xFF in _DISK:
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+        return StudyError(f"{path}: another program has it open; close it there, then go on.")
+    if code in _DISK:
         return OutputError(
             f"{path} cannot be written ({error}); what was done before is kept: make room or copy the folder to "
             "another place, then go on from it."

@@ -8,7 +8,7 @@ import os
 import platform
 import socket
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from commonrail.calibration.checkpoint import Checkpoint, Evolved, Found, Generation
 from commonrail.calibration.result import software_record
 from commonrail.errors import StudyError
-from commonrail.files.atomic import check_target
-from commonrail.store.faults import explained, trusted
+from commonrail.files.atomic import PART, check_target
+from commonrail.store.content import sha256
+from commonrail.store.faults import UNTRUE, explained, trusted
 from commonrail.store.lock import Lock
 from commonrail.store.schema import check_schema, migrate
 
@@ -31,6 +32,7 @@ __all__ = ["JOURNAL", "LOCK", "Input", "Journal", "State", "read_about"]
 Floats = NDArray[np.float64]
 
 JOURNAL, LOCK = "journal.sqlite", "journal.lock"
+PATIENCE = 30.0  # with others that have the journal open [s]
 
 
 class State:
@@ -78,14 +80,16 @@ class Journal:
         try:
             check_target(self.path)
             with explained(self.path), trusted(self.path):
-                self._connection = sqlite3.connect(self.path, timeout=30.0, isolation_level=None)
+                self._connection = sqlite3.connect(self.path, timeout=PATIENCE, isolation_level=None)
                 migrate(self._connection, self.path)
                 self._connection.execute("PRAGMA journal_mode=WAL")
                 # without a wait for the disk at every step: after a power cut the last steps are done again
                 self._connection.execute("PRAGMA synchronous=NORMAL")
+                self._note_holder(f"process {os.getpid()} on {socket.gethostname()} is at work here since {_now()}")
         except BaseException:
             self._lock.close()
             raise
+        _clear_parts(folder)
 
     def __enter__(self) -> Journal:
         return self
@@ -94,11 +98,15 @@ class Journal:
         self.close()
 
     def close(self) -> None:
-        """Give the folder free; the journal is one file then."""
+        """Give the folder free; the journal is one file then, unless somebody is still reading it."""
         with suppress(sqlite3.Error):
+            self._note_holder("")
             self._connection.execute("PRAGMA journal_mode=DELETE")
         self._connection.close()
         self._lock.close()
+
+    def _note_holder(self, text: str) -> None:
+        self._connection.execute("INSERT OR REPLACE INTO about VALUES ('holder', ?)", (text,))
 
     def _write(self, *statements: tuple[str, tuple[Any, ...]]) -> None:
         with explained(self.path):
@@ -143,15 +151,26 @@ class Journal:
         with trusted(self.path):
             return int(self.about["generations"])
 
-    def describe(self, facts: Mapping[str, str], inputs: list[Input] | None = None) -> None:
-        """Write facts of the run, and in place of the former ones the files that the study reads."""
+    def describe(
+        self, facts: Mapping[str, str], inputs: list[Input] | None = None, forget_refinements: bool = False
+    ) -> None:
+        """Write facts of the run, and in place of the former ones the files that the study reads; wait for the disk.
+
+        To forget the refinements goes back to the end of the evolution.
+        """
         statements: list[tuple[str, tuple[Any, ...]]] = [
             ("INSERT OR REPLACE INTO about VALUES (?, ?)", fact) for fact in facts.items()
         ]
         if inputs is not None:
             statements.append(("DELETE FROM input", ()))
             statements += [("INSERT INTO input VALUES (?, ?, ?, ?)", tuple(item)) for item in inputs]
+        if forget_refinements:
+            statements.append(("DELETE FROM refinement", ()))
+        with explained(self.path):
+            self._connection.execute("PRAGMA synchronous=FULL")
         self._write(*statements)
+        with explained(self.path):
+            self._connection.execute("PRAGMA synchronous=NORMAL")
 
     def start_session(self) -> None:
         """Note that this process is at work."""
@@ -182,26 +201,24 @@ class Journal:
         last, search = after.history[-1], dict(after.evolution)
         arrays = tuple(_bytes(search.pop(name)) for name in ("unit", "costs", "violations"))
         told = (_bytes(trials.x), _bytes(trials.costs), trials.statuses.astype("i1").tobytes())
-        search = {"optimiser": search, "failures": dict(after.failures)}
+        search = json.loads(json.dumps({"optimiser": search, "failures": dict(after.failures)}, default=_plain))
+        search["sha256"] = _digest(arrays, search, after.history)
         row = (last.generation, last.best, last.mean, after.simulations, after.seconds)
         self._write(
             ("INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*row, *told)),
             ("DELETE FROM population", ()),
             (
                 "INSERT INTO population VALUES (?, ?, ?, ?, ?)",
-                (last.generation, json.dumps(search, default=_plain), *arrays),
+                (last.generation, json.dumps(search), *arrays),
             ),
         )
 
     def refined(self, start: Floats, end: Found, after: Checkpoint) -> None:
         """Keep one refinement."""
         row = (after.refinements, _bytes(start), _bytes(end.x), end.cost, after.simulations, after.seconds)
-        hops = json.dumps(after.hops, default=_plain)
-        self._write(("INSERT INTO refinement VALUES (?, ?, ?, ?, ?, ?, ?)", (*row, hops)))
-
-    def forget_refinements(self) -> None:
-        """Go back to the end of the evolution."""
-        self._write(("DELETE FROM refinement", ()))
+        hops = json.loads(json.dumps(after.hops, default=_plain))
+        hops["sha256"] = _digest((_bytes([end.cost]), row[2]), hops)
+        self._write(("INSERT INTO refinement VALUES (?, ?, ?, ?, ?, ?, ?)", (*row, json.dumps(hops))))
 
     def checkpoint(self) -> Checkpoint | None:
         """Where to go on; None at the very beginning.
@@ -219,7 +236,8 @@ class Journal:
         if not population:
             return None
         number, text, *arrays = population[-1]
-        search = json.loads(text)
+        search = dict(json.loads(text))
+        digest = search.pop("sha256", None)  # journals of the first days had none
         generations = self._rows("SELECT number, best, mean, simulations, seconds FROM generation ORDER BY number")
         _check_numbers(generations, 0, number)
         history = tuple(Generation(row[0], _cost(row[1]), _cost(row[2])) for row in generations)
@@ -227,6 +245,8 @@ class Journal:
         evolution |= dict(zip(("unit", "costs", "violations"), (_array(item) for item in arrays), strict=True))
         evolution["unit"] = evolution["unit"].reshape(-1, len(evolution["names"]))
         self._check_trials(evolution["unit"].shape)
+        if digest is not None and digest != _digest(tuple(arrays), search, history):
+            raise ValueError("a population is not the one that was written")
         failures = {str(name): _count(count) for name, count in search["failures"].items()}
         simulations, seconds = generations[-1][3:]
         return self._with_refinements(
@@ -246,13 +266,18 @@ class Journal:
         _check_numbers(rows, 1, len(rows))
         ends = [Found(_array(row[1]).reshape(evolved.evolution["unit"].shape[1]), _cost(row[2])) for row in rows]
         best = min(ends, key=lambda end: end.cost)  # the first of equals, as in the search
-        simulations, seconds, hops = rows[-1][3:]
+        for row in rows:
+            hops = dict(json.loads(row[5]))
+            digest = hops.pop("sha256", None)
+            if digest is not None and digest != _digest((_bytes([row[2]]), row[1]), hops):
+                raise ValueError("a refinement is not the one that was written")
+        simulations, seconds, _ = rows[-1][3:]
         return replace(
             evolved,
             simulations=_count(simulations),
             refinements=len(rows),
             refined=best if best.cost < evolved.history[-1].best else None,
-            hops=dict(json.loads(hops)),
+            hops=hops,
             seconds=_finite(seconds),
         )
 
@@ -310,6 +335,12 @@ def _check_numbers(rows: list[tuple[Any, ...]], first: int, last: int) -> None:
         raise ValueError("steps are missing")
 
 
+def _digest(arrays: tuple[bytes, ...], search: Mapping[str, Any], history: Sequence[Generation] = ()) -> str:
+    """SHA-256 of what a search goes on from; SQLite does not notice a bit that has flipped on the disk."""
+    past = _bytes([(step.generation, step.best, step.mean) for step in history])
+    return sha256(b"".join((*arrays, past, json.dumps(search, sort_keys=True).encode())))
+
+
 def _cost(value: Any) -> float:
     """A cost, which is infinite where nothing was simulated."""
     if not -math.inf < float(value):
@@ -331,14 +362,22 @@ def _count(value: Any) -> int:
 
 def _holder(path: Path) -> str:
     """Who is at work, as far as the journal tells."""
-    with suppress(sqlite3.Error):
+    with suppress(sqlite3.Error, *UNTRUE):
         connection = _read_only(path)
         try:
-            (row,) = connection.execute("SELECT process, host, started FROM session ORDER BY number DESC LIMIT 1")
+            row = connection.execute("SELECT text FROM about WHERE name = 'holder'").fetchone()
         finally:
             connection.close()
-        return "process {} on {} is at work here since {}".format(*row)
+        if row and row[0]:
+            return str(row[0])
     return "another process has just begun to work here"
+
+
+def _clear_parts(folder: Path) -> None:
+    """Remove what a process left of files that it was writing when it was killed."""
+    with suppress(OSError):
+        for path in folder.glob(f".*{PART}"):
+            path.unlink()
 
 
 def software_now() -> dict[str, str]:

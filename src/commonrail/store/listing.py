@@ -78,6 +78,8 @@ def _run(folder: Path) -> Run:
     try:
         about = read_about(folder)
         held = _is_held(folder / LOCK)
+        if not held and about.get("state") == State.RUNNING:
+            about = read_about(folder)  # it may have ended between the two looks
         state = about.get("state", STOPPED)
         return Run(
             folder,

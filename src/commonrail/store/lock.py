@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from pathlib import Path
 
+from commonrail.errors import OutputError
 from commonrail.files.atomic import check_target
 from commonrail.store.faults import explained
 
@@ -30,6 +32,8 @@ class Lock:
 
     def __init__(self, path: Path) -> None:
         check_target(path)
+        if path.exists() and not os.access(path, os.W_OK):  # SQLite would only read it, and lock nobody out
+            raise OutputError(f"{path} cannot be written (no permission); copy the folder and go on from the copy.")
         with explained(path):
             self._connection = sqlite3.connect(path, isolation_level=None, timeout=0.5)  # who only looks is quick
             try:

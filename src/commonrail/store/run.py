@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -17,13 +17,14 @@ from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
 from commonrail.calibration.workers import Workers
 from commonrail.errors import CommonrailError, ConfigurationError, StudyError
-from commonrail.files.atomic import write_text, writing
-from commonrail.files.run_folder import STUDY, refuse_used, write_run
+from commonrail.files.atomic import PART, write_text, writing
+from commonrail.files.run_folder import STUDY, refuse_used, write_results
 from commonrail.files.study_file import load_study
 from commonrail.files.study_models import MOST_GENERATIONS
 from commonrail.store.changes import check_files
 from commonrail.store.content import content_of, sha256
-from commonrail.store.copies import copy_study, set_in_study
+from commonrail.store.copies import copies_of, copy_study, set_in_study
+from commonrail.store.faults import trusted
 from commonrail.store.journal import JOURNAL, LOCK, Journal, State, read_about, software_now
 
 __all__ = ["Listener", "calibrate_into", "resume"]
@@ -144,7 +145,7 @@ def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener
         calibration = calibrate(study, progress=listener.progress, recorder=journal, checkpoint=checkpoint, **how)
         listener.note("judging which parameters the data pin down ...")
         identified = identify(calibration, how["threads"])
-        write_run(journal.folder, calibration, identified)
+        write_results(journal.folder, calibration, identified)
         journal.end_session(calibration.status, calibration.reason)
     return calibration
 
@@ -167,17 +168,14 @@ def _ending(journal: Journal) -> Iterator[None]:
 def _begun(folder: Path, study: Study) -> Iterator[tuple[Journal, Study]]:
     """A new run's journal and its study, read from the copy in the folder; nothing stays if nothing was simulated."""
     existed = folder.is_dir()
-    if (folder / LOCK).is_file():  # a run's, perhaps of one that was killed before it was ready to start
-        with suppress(StudyError):
-            if "content" in read_about(folder):
-                refuse_used(folder)
-    else:
-        refuse_used(folder)
-        with writing(folder, "--out"):
-            folder.mkdir(parents=True, exist_ok=True)
+    _check_free(folder)
+    with writing(folder, "--out"):
+        folder.mkdir(parents=True, exist_ok=True)
     with Journal(folder) as journal:
         if "content" in journal.about:
             refuse_used(folder)
+        copies = copies_of(study)
+        journal.describe({"copies": json.dumps(copies)})
         try:
             inputs, own = copy_study(study, folder)
             journal.describe(
@@ -193,15 +191,36 @@ def _begun(folder: Path, study: Study) -> Iterator[tuple[Journal, Study]]:
             yield journal, own
         except BaseException:
             if journal.checkpoint() is None:
-                _remove(folder, existed)
+                _remove(folder, copies, existed)
             raise
 
 
-def _remove(folder: Path, existed: bool) -> None:
-    """Take away what a run has put into an empty folder."""
+def _check_free(folder: Path) -> None:
+    """Refuse a folder in use, but not what a run left that was killed before it was ready to start."""
+    if not (folder / LOCK).is_file():
+        refuse_used(folder)
+        return
+    copies: list[str] = []
+    with suppress(StudyError):
+        about = read_about(folder)
+        with trusted(folder / JOURNAL):
+            copies = [] if "content" in about else [str(name) for name in json.loads(about.get("copies", "[]"))]
+    own = {folder / name for name in copies}
+    files = [path for path in folder.rglob("*") if not path.is_dir()]
+    if any(not (path in own or path.name.startswith(_LEFT) or path.suffix == PART) for path in files):
+        refuse_used(folder)
+
+
+_LEFT = (JOURNAL, LOCK)  # and what SQLite puts beside them
+
+
+def _remove(folder: Path, copies: list[str], existed: bool) -> None:
+    """Take away what a run has put into a folder, and nothing else."""
     with suppress(OSError):
-        for path in folder.iterdir():
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        for path in [folder / name for name in copies] + [p for p in folder.iterdir() if p.name.startswith(_LEFT)]:
+            path.unlink(missing_ok=True)
+        for place in sorted({folder / parent for name in copies for parent in Path(name).parents[:-1]}, reverse=True):
+            place.rmdir()
         if not existed:
             folder.rmdir()
 
@@ -259,10 +278,10 @@ def _extended(journal: Journal, study: Study, more: int) -> Study:
         facts["before"] = inputs[0].copy
         inputs[0] = inputs[0]._replace(copy=sha256(facts["study"].encode()))
         longer = replace(longer, text=facts["study"])
-    journal.describe(facts, inputs)
-    journal.forget_refinements()
+    journal.describe(facts, inputs, forget_refinements=True)
     if inputs:
         write_text(journal.folder / STUDY, facts["study"])
+        journal.describe({"before": ""})
     return longer
 
 
