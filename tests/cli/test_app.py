@@ -23,6 +23,7 @@ VERBS = {
     "catalogue",
     "new",
     "virtual-bench",
+    "bench",
 }
 HEAVY = ["jinja2", "numba", "numpy", "plotly", "pydantic", "scipy", "tomlkit"]
 

@@ -100,35 +100,42 @@ def measure_methods(
             "runs": timing.runs,
             "evaluations": evaluations,
             "status": solution.status.name,
-            **errors(solution, truth.solution)._asdict(),
+            **_finite(errors(solution, truth.solution)._asdict()),
             "times_the_first": seconds / first,
         }
 
 
-def right_hand_side(clocks: Clocks = CLOCKS) -> dict[str, float]:
-    """What one evaluation costs: compiled, and called back from Python [s].
+def right_hand_side(clocks: Clocks = CLOCKS) -> list[dict[str, float]]:
+    """What one evaluation costs at each of the peers' resolutions: compiled, and called back from Python [s].
 
-    Evaluations times the first are what a solver could not go below, were it all machine code.
+    A method's evaluations times the first are what it could not go below, were its solver all machine code.
     """
-    model = ScipyModel(injector(), POINT, MEDIUM)
-    y, many = model.start.copy(), range(2000)
-    dy = np.empty_like(y)
-    compiled = getattr(model.rates, "compiled", model.rates)
-    arguments = (y, model.outside, model.constants, model.cells, model.friction, dy)
+    found = []
+    for resolution in (COARSE, MEDIUM):
+        model = ScipyModel(injector(), POINT, resolution)
+        y, dy = model.start.copy(), np.empty_like(model.start)
+        arguments = (y, model.outside, model.constants, model.cells, model.friction, dy)
+        compiled = getattr(model.rates, "compiled", model.rates)
+        bare = _each(lambda k=compiled, a=arguments: k(*a), clocks)  # type: ignore[misc]
+        called_back = _each(lambda m=model, y=y: m.slopes(0.0, y), clocks)  # type: ignore[misc]
+        cells = float(resolution.cells[0])
+        found.append({"cells": cells, "compiled_seconds": bare, "from_python_seconds": called_back})
+    return found
 
-    def bare() -> None:
+
+def _each(action: Callable[[], Any], clocks: Clocks) -> float:
+    many = range(2000)  # fewer in all than a simulation may take
+
+    def run() -> None:
         for _ in many:
-            compiled(*arguments)
+            action()
 
-    def called_back() -> None:
-        for _ in many:
-            model.counted(0.0, y)
+    run()
+    return time_best(run, Effort(5, 1.0), clocks).seconds / len(many)
 
-    effort, found = Effort(5, 1.0), []
-    for action in (bare, called_back):
-        action()
-        found.append(time_best(action, effort, clocks).seconds / len(many))
-    return {"cells": MEDIUM.cells[0], "compiled_seconds": found[0], "from_python_seconds": found[1]}
+
+def _finite(figures: dict[str, float]) -> dict[str, float | None]:
+    return {name: value if np.isfinite(value) else None for name, value in figures.items()}
 
 
 def _lanes(step: float) -> Method:

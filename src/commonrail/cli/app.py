@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from commonrail.cli.bench import bench
 from commonrail.cli.calibrate import calibrate
 from commonrail.cli.catalogue import catalogue
 from commonrail.cli.compare import compare
@@ -46,6 +47,7 @@ _VERBS = (
     new,
     virtual_bench,
     reproduce,
+    bench,
 )
 for _verb in _VERBS:
     app.command(_verb.__name__.replace("_", "-"))(guarded(_verb))
