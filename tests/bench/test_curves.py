@@ -23,14 +23,14 @@ def test_a_population_tells_its_time_and_memory() -> None:
 @pytest.mark.parametrize(("status", "words"), [(-9, "ended by signal 9"), (1, "ended with status 1: MemoryError")])
 def test_a_process_that_dies_is_told_and_the_next_is_measured(status: int, words: str) -> None:
     ends = iter([Done([], status, "", "Traceback\nMemoryError\n"), Done([], 0, '{"candidates": 2}', "")])
-    dead, alive = curves.population_curve((1, 2), EFFORT, lambda command, seconds: next(ends))
+    dead, alive = curves.population_curve((1, 2), EFFORT, lambda *_: next(ends))
     assert words in dead["failed"]
     assert alive == {"candidates": 2}
 
 
 def test_a_process_that_never_ends_is_told() -> None:
-    def hang(command: list[str], seconds: float) -> Done[str]:
-        raise subprocess.TimeoutExpired(command, seconds)
+    def hang(module: str, arguments: list[str], seconds: float) -> Done[str]:
+        raise subprocess.TimeoutExpired(module, seconds)
 
     (row,) = curves.population_curve((1,), EFFORT, hang)
     assert "not done within" in row["failed"]

@@ -24,6 +24,7 @@ VERBS = {
     "new",
     "virtual-bench",
     "bench",
+    "doctor",
 }
 HEAVY = ["jinja2", "numba", "numpy", "plotly", "pydantic", "scipy", "tomlkit"]
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 from commonrail.bench.case import POINT, candidates, injector
+from commonrail.bench.child import reason, run_child
 from commonrail.bench.timing import CLOCKS, Clocks, Effort, time_best
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch, usable_threads
@@ -25,10 +23,10 @@ FULL = 512  # candidates
 MANY = 4096
 LONGEST = 900.0  # what a population may take in its own process, compilation included [s]
 
-Runner = Callable[[list[str], float], subprocess.CompletedProcess[str]]
+Runner = Callable[[str, list[str], float], subprocess.CompletedProcess[str]]
 
 
-def population_curve(counts: tuple[int, ...], effort: Effort, run: Runner | None = None) -> Iterator[dict[str, Any]]:
+def population_curve(counts: tuple[int, ...], effort: Effort, run: Runner = run_child) -> Iterator[dict[str, Any]]:
     """Time and greatest memory against candidates, each population in a process of its own.
 
     Yields
@@ -38,14 +36,13 @@ def population_curve(counts: tuple[int, ...], effort: Effort, run: Runner | None
         per_second; or candidates and failed, a sentence, where the process did not end well.
     """
     for count in counts:
-        command = [sys.executable, "-m", "commonrail.bench.probe", str(count), str(effort.runs), str(effort.seconds)]
         try:
-            done = (run or _run)(command, LONGEST)
+            done = run("commonrail.bench.probe", [str(count), str(effort.runs), str(effort.seconds)], LONGEST)
         except subprocess.TimeoutExpired:
             yield {"candidates": count, "failed": f"not done within {LONGEST:g} s"}
             continue
         if done.returncode != 0:
-            yield {"candidates": count, "failed": _reason(done)}
+            yield {"candidates": count, "failed": reason(done)}
             continue
         yield json.loads(done.stdout)
 
@@ -89,17 +86,3 @@ def _timed(points: list[OperatingPoint], count: int, threads: int, effort: Effor
         "runs": timing.runs,
         "per_second": count * len(points) / timing.seconds,
     }
-
-
-def _run(command: list[str], seconds: float) -> subprocess.CompletedProcess[str]:
-    # the child has to find the same package, also where it is not installed
-    path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
-    environment = os.environ | {"PYTHONPATH": path.rstrip(os.pathsep)}
-    return subprocess.run(command, capture_output=True, text=True, timeout=seconds, env=environment, check=False)
-
-
-def _reason(done: subprocess.CompletedProcess[str]) -> str:
-    if done.returncode < 0:
-        return f"the process was ended by signal {-done.returncode}, as a system does that is short of memory"
-    last = done.stderr.strip().splitlines()[-1:] or ["no message"]
-    return f"the process ended with status {done.returncode}: {last[0]}"
