@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 
+import numpy as np
 import pytest
 
 from commonrail.bench import curves
@@ -18,6 +19,12 @@ def test_a_population_tells_its_time_and_memory() -> None:
     assert row["candidates"] == 8
     assert row["per_second"] == pytest.approx(8 / row["seconds"])
     assert row["peak_bytes"] is None or row["peak_bytes"] >= row["before_bytes"] > 1e7
+
+
+def test_memory_is_that_of_the_population_and_not_of_who_asked() -> None:
+    asked_by = np.ones(100_000_000)  # 800 MB; the population's process needs a third
+    (row,) = curves.population_curve((8,), EFFORT)
+    assert row["peak_bytes"] is None or row["peak_bytes"] < asked_by.nbytes
 
 
 @pytest.mark.parametrize(("status", "words"), [(-9, "ended by signal 9"), (1, "ended with status 1: MemoryError")])

@@ -95,8 +95,15 @@ def test_more_than_half_a_process_a_core_is_busy(load: float | None, threads: in
     assert busy(load, threads) is is_busy
 
 
-def test_a_busy_machine_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench_run, "load", lambda: 98.0)
-    record = run_bench(Options(), planned=lambda _: [])
-    assert record["load"]["before"] == 98.0
-    assert "load 98.0" in record["notes"][0]
+@pytest.mark.parametrize("loads", [[98.0, 0.0, 0.0], [0.0, 98.0, 0.0]], ids=["before", "meanwhile"])
+def test_a_busy_machine_is_told(loads: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    given = iter(loads)
+    monkeypatch.setattr(bench_run, "load", lambda: next(given))
+    record = run_bench(Options(), planned=lambda _: [Stage("throughput", "populations", 1, lambda: rows(ROW))])
+    assert "busy with other work" in record["notes"][0]
+
+
+def test_its_own_load_is_not_other_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = iter([0.0, float(bench_run.usable_threads()), 0.0])
+    monkeypatch.setattr(bench_run, "load", lambda: next(given))
+    assert run_bench(Options(), planned=lambda _: [Stage("throughput", "", 1, lambda: rows(ROW))])["notes"] == []
