@@ -69,9 +69,8 @@ def _curve(
 
 def _title(record: Row) -> str:
     machine = record["machine"]
-    return (
-        f"SYNTHETIC case {record['case']}\n{machine['processor']}, {machine['threads']} threads, {record['date'][:10]}"
-    )
+    measured = f"{machine['processor']}, {machine['threads']} threads, {record['date'][:10]}"
+    return "\n".join([f"SYNTHETIC case {record['case']}", measured, *record["notes"]])
 
 
 FIGURES: dict[str, tuple[tuple[str, ...], Callable[[Row], Figure]]] = {
@@ -89,7 +88,7 @@ def draw(record: Row, folder: Path) -> list[Path]:
                 continue
             figure = make(record)
             figure.tight_layout()
-            figure.savefig(folder / name, metadata={"Date": None})
+            figure.savefig(folder / name, metadata={"Date": None}, bbox_inches="tight")
             plt.close(figure)
             drawn.append(folder / name)
     return drawn

@@ -12,6 +12,7 @@ from benchmarks.plot import draw, draw_methods
 RECORD: dict[str, Any] = {
     "case": "the case",
     "date": "2026-01-02T03:04:05+00:00",
+    "notes": ["The machine was busy."],
     "machine": {"processor": "a processor", "threads": 2},
     "methods": [
         {"method": "slow", "family": "SciPy", "seconds": 2.0, "L1_percent": 0.5},
@@ -29,7 +30,9 @@ def test_bars_are_the_times_and_errors_of_the_record() -> None:
 
 def test_what_was_not_measured_is_not_drawn(tmp_path: Path) -> None:
     assert draw(RECORD, tmp_path) == [tmp_path / "bench-methods.svg"]
-    assert "SYNTHETIC" in (tmp_path / "bench-methods.svg").read_text(encoding="utf-8")
+    drawn = (tmp_path / "bench-methods.svg").read_text(encoding="utf-8")
+    assert "SYNTHETIC" in drawn
+    assert "The machine was busy." in drawn
 
 
 def test_the_same_record_gives_the_same_bytes(tmp_path: Path) -> None:
