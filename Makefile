@@ -43,8 +43,9 @@ fleet: $(VENV)/.runtime ## calibrate a synthetic fleet of 200, killed once and r
 disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status 77, where nothing may be mounted)
 	$(BIN)/python tools/no_room.py || test $$? -eq 77
 
-bench: $(VENV)/.bench ## time and quality against peers
-	$(BIN)/python -m benchmarks.run
+bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results.json and docs/images/
+	$(BIN)/commonrail bench --peers --curves --out benchmarks/results.json
+	$(BIN)/python -m benchmarks.plot benchmarks/results.json docs/images
 
 clean: ## remove the environment, caches and build products
 	rm -rf $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis \

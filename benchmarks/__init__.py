@@ -1,1 +1,1 @@
-"""Benchmarks: time and accuracy in one run, with peers beside commonrail."""
+"""Figures of the benchmark; the benchmark itself is `commonrail bench`."""

@@ -23,6 +23,8 @@ VERBS = {
     "catalogue",
     "new",
     "virtual-bench",
+    "bench",
+    "doctor",
 }
 HEAVY = ["jinja2", "numba", "numpy", "plotly", "pydantic", "scipy", "tomlkit"]
 

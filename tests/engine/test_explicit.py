@@ -10,7 +10,7 @@ import pytest
 
 from commonrail.engine.explicit import march
 from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.engine.reference import Resolution, _Model, simulate_reference
+from commonrail.engine.reference import Model, Resolution, simulate_reference
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
@@ -71,7 +71,7 @@ def test_the_comparison_can_see_a_friction(throttled: Injector) -> None:
 def test_it_is_of_order_four_where_nothing_switches(pwm: Injector) -> None:
     """A closed injector while its rail pressure rises: pipe waves, the Z-hole and the chain, and no kink."""
     point = OperatingPoint(Trace((0.0, 60e-6), (120e6, 150e6)), 0.0, horizon=60e-6)
-    problem = _Model(pwm, point, Resolution((60, 30)), None).problem
+    problem = Model(pwm, point, Resolution((60, 30)), None).problem
     # every flow has its sign by now: a flow that begins or turns is a kink of order 1.5
     problem = problem._replace(start=march(problem, np.array([0.0, 40e-6]), 1e-8).states[-1])
 

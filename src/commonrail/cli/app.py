@@ -8,9 +8,11 @@ from typing import Annotated
 
 import typer
 
+from commonrail.cli.bench import bench
 from commonrail.cli.calibrate import calibrate
 from commonrail.cli.catalogue import catalogue
 from commonrail.cli.compare import compare
+from commonrail.cli.doctor import doctor
 from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
 from commonrail.cli.new import new
@@ -48,6 +50,8 @@ _VERBS = (
     new,
     virtual_bench,
     reproduce,
+    bench,
+    doctor,
 )
 for _verb in _VERBS:
     app.command(_verb.__name__.replace("_", "-"))(guarded(_verb))

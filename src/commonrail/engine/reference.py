@@ -84,7 +84,7 @@ def simulate_reference(
     """
     resolution = resolution or Resolution()
     _check(resolution)
-    model = _Model(injector, point, resolution, friction)
+    model = Model(injector, point, resolution, friction)
     samples = max(round(point.duration / sample_interval), 1)
     time: Floats = np.asarray(point.start + sample_interval * np.arange(samples + 1), float)
     if resolution.method == "explicit":
@@ -103,8 +103,8 @@ def _check(resolution: Resolution) -> None:
         )
 
 
-class _Model:
-    """One injector at one point, as functions of time and state."""
+class Model:
+    """One injector at one point, as functions of time and state; `solve` may be overridden by another solver."""
 
     def __init__(
         self, injector: Injector, point: OperatingPoint, resolution: Resolution, friction: Floats | None
@@ -131,7 +131,7 @@ class _Model:
         self.outside = np.zeros(7)
         self.variant = variant
         self._evaluations, self._looked_at = 0, point.start
-        self._last = self.start
+        self.last = self.start
 
     @property
     def problem(self) -> Problem:
@@ -153,10 +153,10 @@ class _Model:
             if not segment.on:
                 self.outside[5] = 2.0
             while now < segment.stop - 1e-15:
-                if self._past_limit(y) > 1e-9:
+                if self.past_limit(y) > 1e-9:
                     self.outside[5] = drive.turned(self.outside[5])
                 inside = time[(time > now) & (time <= segment.stop)]
-                result = self._solve(now, segment.stop, y, inside)
+                result = self.solve(now, segment.stop, y, inside)
                 if not result.success:
                     return states, *_instants(clears, falls), False
                 clears.extend(result.t_events[0])
@@ -166,46 +166,51 @@ class _Model:
                 if got:
                     states[k : k + got] = result.y.T[: len(inside)]
                 switched = result.status == 1
-                now, y = (result.t_events[2][-1], result.y_events[2][-1]) if switched else (segment.stop, self._last)
+                now, y = (result.t_events[2][-1], result.y_events[2][-1]) if switched else (segment.stop, self.last)
                 if switched:
                     self.outside[5] = drive.turned(self.outside[5])
         return states, *_instants(clears, falls), True
 
-    def _solve(self, start: float, stop: float, y: Floats, inside: Floats) -> Any:
+    def solve(self, start: float, stop: float, y: Floats, inside: Floats) -> Any:
+        """Solve between two switchings, with samples `inside`; a result as of `solve_ivp`, its last state in `last`."""
+        at = np.append(inside, stop) if not len(inside) or inside[-1] < stop else inside
+        common = {
+            "t_eval": at,
+            "events": self.events(),
+            "rtol": self.resolution.relative,
+            "atol": self.scales() * self.resolution.relative,
+            "max_step": self.resolution.longest_step,
+            "first_step": min(1e-10, stop - start),
+        }
+        self._evaluations, self._looked_at = 0, start
+        try:
+            result = solve_ivp(self._rhs, (start, stop), y, "LSODA", lband=self.band, uband=self.band, **common)
+        except _Crawling:
+            self._evaluations = 10**9  # DOP853 is explicit: many evaluations, but it never sticks
+            result = solve_ivp(self._rhs, (start, stop), y, "DOP853", **common)
+        if result.success and result.status == 0:
+            self.last = result.y[:, -1].copy()
+        return result
+
+    def events(self) -> list[Callable[[float, Floats], float]]:
+        """The needle is clear of its seat; it meets the seat; the PWM's current meets its limit, which ends a solve."""
         tip = self.core + tip_index(self.variant)
 
         def closes(t: float, y: Floats) -> float:
             return float(y[tip])
 
         def switches(t: float, y: Floats) -> float:
-            return self._past_limit(y)
+            return self.past_limit(y)
 
         def clears(t: float, y: Floats) -> float:
             return float(y[tip]) - CLEAR_LIFT
 
         clears.direction, closes.direction = 1.0, -1.0  # type: ignore[attr-defined]
         switches.terminal, switches.direction = True, 1.0  # type: ignore[attr-defined]
-        at = np.append(inside, stop) if not len(inside) or inside[-1] < stop else inside
-        common = {
-            "t_eval": at,
-            "events": [clears, closes, switches],
-            "rtol": self.resolution.relative,
-            "atol": self._scales() * self.resolution.relative,
-            "max_step": self.resolution.longest_step,
-            "first_step": min(1e-10, stop - start),
-        }
-        self._evaluations, self._looked_at = 0, start
-        try:
-            result = solve_ivp(self._rhs, (start, stop), y, "LSODA", lband=self._band, uband=self._band, **common)
-        except _Crawling:
-            self._evaluations = 10**9  # DOP853 is explicit: many evaluations, but it never sticks
-            result = solve_ivp(self._rhs, (start, stop), y, "DOP853", **common)
-        if result.success and result.status == 0:
-            self._last = result.y[:, -1].copy()
-        return result
+        return [clears, closes, switches]
 
     @property
-    def _band(self) -> int:
+    def band(self) -> int:
         """Half-width of the Jacobian: the injector's block couples among itself and to the pipes' ends.
 
         The pipe's inlet needs the rail's mass only where the rail has a volume; that far corner is left to the
@@ -221,6 +226,10 @@ class _Model:
             if t - self._looked_at < CRAWL[1]:
                 raise _Crawling
             self._evaluations, self._looked_at = 0, t
+        return self.slopes(t, y)
+
+    def slopes(self, t: float, y: Floats) -> Floats:
+        """The right-hand side."""
         dy = np.empty_like(y)
         self._set_outside(t)
         self.rates(y, self.outside, self.constants, self.cells, self.friction, dy)
@@ -230,12 +239,13 @@ class _Model:
         at_time = [value_at(course, t) for course in courses(self.point)]
         self.outside[:3], self.outside[6] = at_time[:3], at_time[3]
 
-    def _past_limit(self, y: Floats) -> float:
+    def past_limit(self, y: Floats) -> float:
+        """How far the PWM's current is past its limit, relative to the band; negative before it."""
         if self.variant.drive is not Drive.PWM or not self.outside[3]:
             return -1.0
         return past_limit(self.c, self.outside[4], self.outside[5], float(y[self.core]), float(y[self.core + 2]))
 
-    def _scales(self) -> Floats:
+    def scales(self) -> Floats:
         """Typical size of each state, for absolute tolerances."""
         rail = self.outside[0] or self.point.at_start(self.point.rail_pressure)
         pipe = np.empty(2 * self.cells[0] + 1)

@@ -1,0 +1,55 @@
+"""What is measured: the injector of the paper at 160 MPa, and the paper's study on synthetic data."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.study import Method, RateData, Study
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.files.injector_file import load_injector
+from commonrail.files.truth_file import load_truth
+from commonrail.injector.definition import Injector
+from commonrail.reproduction import paper
+from commonrail.reproduction.repetition import Bench, measure
+
+__all__ = ["CASE", "INJECTOR", "INTERVAL", "POINT", "candidates", "injector", "paper_study"]
+
+INJECTOR = "virtual-lino-2016"
+POINT = OperatingPoint(160e6, paper.ENERGISING_TIME, horizon=1.56e-3)
+INTERVAL = 3e-6  # between samples of the rate [s]
+TIME_STEP = 1e-6  # [s]
+SPREAD = 0.2  # candidates lie within this share of the drawn stiffness
+CASE = "virtual-lino-2016, flexible body, PWM; 160 MPa, 700 us, 1.56 ms simulated, 520 samples"
+
+
+@functools.cache
+def injector() -> Injector:
+    """The injector of every measurement."""
+    return load_injector(INJECTOR)
+
+
+def candidates(count: int) -> NDArray[np.float64]:
+    """Stiffnesses k1 to k7 (count, 7) [N/m] around the drawn ones, always the same."""
+    centre = np.array([injector().values[name] for name in paper.NAMES])
+    return np.asarray(centre * np.random.default_rng(1).uniform(1.0 - SPREAD, 1.0 + SPREAD, (count, len(centre))))
+
+
+def paper_study(seed: int = 1, generations: int = paper.BEST.generations) -> Study:
+    """The paper's search: seven stiffnesses, 50 members, 70 generations, one pressure; data are SYNTHETIC.
+
+    Parameters
+    ----------
+    seed : int
+        Of the search; the synthetic measurement is always the same.
+    generations : int
+    """
+    settings = paper.BEST._replace(generations=generations).settings
+    return Study("paper", injector(), _data(), paper.space(injector()), Method(settings), seed, TIME_STEP)
+
+
+@functools.cache
+def _data() -> tuple[RateData, ...]:
+    return measure(Bench(load_truth(INJECTOR), injector(), TIME_STEP), 1)[:1]

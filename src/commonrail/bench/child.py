@@ -1,0 +1,27 @@
+"""A module of this package in a fresh process of the same Python."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+__all__ = ["reason", "run_child"]
+
+
+def run_child(module: str, arguments: list[str], seconds: float) -> subprocess.CompletedProcess[str]:
+    """Run ``python -m module arguments``; raises `subprocess.TimeoutExpired` after so many seconds."""
+    # the child has to find the same package, also where it is not installed
+    path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"PYTHONPATH": path.rstrip(os.pathsep)}
+    command = [sys.executable, "-m", module, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=seconds, env=environment, check=False)
+
+
+def reason(done: subprocess.CompletedProcess[str]) -> str:
+    """Why it did not end well."""
+    if done.returncode < 0:
+        return f"the process was ended by signal {-done.returncode}, as a system does that is short of memory"
+    last = done.stderr.strip().splitlines()[-1:] or ["no message"]
+    return f"the process ended with status {done.returncode}: {last[0]}"

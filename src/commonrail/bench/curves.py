@@ -1,0 +1,88 @@
+"""How time and memory grow: with candidates, operating points, horizon and threads."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from commonrail.bench.case import POINT, candidates, injector
+from commonrail.bench.child import reason, run_child
+from commonrail.bench.timing import CLOCKS, Clocks, Effort, time_best
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate_batch, usable_threads
+from commonrail.reproduction import paper
+
+__all__ = ["CANDIDATES", "HORIZONS", "POINTS", "horizon_curve", "point_curve", "population_curve", "thread_curve"]
+
+CANDIDATES = (1, 8, 64, 512, 4096, 32_768, 262_144, 1_000_000)
+POINTS = (1, 2, 5, 10, 20, 30)
+HORIZONS = (1.56e-3, 3e-3, 6e-3, 12e-3, 24e-3)  # [s]
+FULL = 512  # candidates
+MANY = 4096
+LONGEST = 900.0  # what a population may take in its own process, compilation included [s]
+
+Runner = Callable[[str, list[str], float], subprocess.CompletedProcess[str]]
+
+
+def population_curve(counts: tuple[int, ...], effort: Effort, run: Runner = run_child) -> Iterator[dict[str, Any]]:
+    """Time and greatest memory against candidates, each population in a process of its own.
+
+    Yields
+    ------
+    dict
+        candidates, threads, seconds, runs, peak_bytes, before_bytes (of the same process before the population) and
+        per_second; or candidates and failed, a sentence, where the process did not end well.
+    """
+    for count in counts:
+        try:
+            done = run("commonrail.bench.probe", [str(count), str(effort.runs), str(effort.seconds)], LONGEST)
+        except subprocess.TimeoutExpired:
+            yield {"candidates": count, "failed": f"not done within {LONGEST:g} s"}
+            continue
+        if done.returncode != 0:
+            yield {"candidates": count, "failed": reason(done)}
+            continue
+        yield json.loads(done.stdout)
+
+
+def point_curve(counts: tuple[int, ...], effort: Effort, clocks: Clocks = CLOCKS) -> Iterator[dict[str, Any]]:
+    """Time against operating points, 40 to 180 MPa: points, candidates, threads, seconds, runs, per_second."""
+    for count in counts:
+        points = [
+            OperatingPoint(40e6 + 140e6 * i / max(count - 1, 1), paper.ENERGISING_TIME, horizon=POINT.horizon)
+            for i in range(count)
+        ]
+        yield {"points": count, **_timed(points, FULL, usable_threads(), effort, clocks)}
+
+
+def horizon_curve(horizons: tuple[float, ...], effort: Effort, clocks: Clocks = CLOCKS) -> Iterator[dict[str, Any]]:
+    """Time against the simulated horizon [s]: horizon, candidates, threads, seconds, runs, per_second."""
+    for horizon in horizons:
+        point = OperatingPoint(POINT.rail_pressure, paper.ENERGISING_TIME, horizon=horizon)
+        yield {"horizon": horizon, **_timed([point], FULL, usable_threads(), effort, clocks)}
+
+
+def thread_curve(most: int, effort: Effort, clocks: Clocks = CLOCKS) -> Iterator[dict[str, Any]]:
+    """Time against threads, one to `most` in doublings: candidates, threads, seconds, runs, per_second."""
+    counts = sorted({2**k for k in range(most.bit_length())} | {most})
+    for threads in counts:
+        yield _timed([POINT], MANY, threads, effort, clocks)
+
+
+def _timed(points: list[OperatingPoint], count: int, threads: int, effort: Effort, clocks: Clocks) -> dict[str, Any]:
+    values = candidates(count)
+
+    def run() -> None:
+        simulate_batch(injector(), points, paper.NAMES, values, threads=threads, stop_when_closed=False)
+
+    run()
+    timing = time_best(run, effort, clocks)
+    return {
+        "candidates": count,
+        "threads": threads,
+        "seconds": timing.seconds,
+        "runs": timing.runs,
+        "per_second": count * len(points) / timing.seconds,
+    }

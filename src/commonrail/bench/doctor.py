@@ -1,0 +1,173 @@
+"""What the machine is and what commonrail made of it, fact by fact, each with what to do if it is not well."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from commonrail import compile as compiling
+from commonrail.bench.child import reason, run_child
+from commonrail.bench.machine import busy, instruction_sets, load, processor, version
+from commonrail.bench.throughput import PRECISIONS
+from commonrail.engine.simulate import usable_threads
+from commonrail.injector.layout import LANES
+
+__all__ = ["OK", "Fact", "cache_facts", "examine", "extra_facts", "kernel_facts", "machine_facts", "usable"]
+
+OK = "ok"
+PATIENCE = 600.0  # for the first simulation, which may compile [s]
+# The paper's injector at 160 MPa, 700 us [m³]. The physics may be refined by less than the room; miscompiled it is not.
+VOLUME, ROOM = 53.8e-9, 0.05
+BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
+EXTRAS = {
+    "distributed": ("distributed", "to calibrate on a cluster", "pip install 'commonrail[cluster]'"),
+    "pyarrow": ("pyarrow", "for Parquet tables of fleets", "pip install 'commonrail[fleet]'"),
+    "sksundae": ("scikit-sundae", "for `commonrail bench --peers`", "pip install 'commonrail[bench]'"),
+}
+
+
+class Fact(NamedTuple):
+    """One line: what is looked at, what was found, "ok" or what to do, and whether one cannot do without it."""
+
+    name: str
+    value: str
+    verdict: str = OK
+    essential: bool = False
+
+
+def examine() -> Iterator[Fact]:
+    """Everything, one after another; the first simulation may take a minute where it has to be compiled."""
+    yield from machine_facts()
+    yield from cache_facts()
+    yield from kernel_facts()
+    yield from extra_facts()
+
+
+def usable(facts: list[Fact]) -> bool:
+    """Whether nothing essential is amiss."""
+    return all(fact.verdict == OK for fact in facts if fact.essential)
+
+
+def machine_facts() -> Iterator[Fact]:
+    """Versions, processor, instruction sets, threads."""
+    yield Fact("Python", platform.python_version())
+    for package in ("numpy", "scipy", "numba", "llvmlite"):
+        found = version(package)
+        lacking = f"Install it: pip install {package}."
+        yield Fact(package, found or "not installed", OK if found else lacking, True)
+    yield Fact("processor", processor())
+    sets = instruction_sets()
+    yield Fact("instruction sets", " ".join(sets) or "none known", _vectors(sets))
+    threads, now = usable_threads(), load()
+    crowded = "Others keep it busy: simulations take longer, with the same results."
+    yield Fact(
+        "threads",
+        f"{threads}, load {'unknown' if now is None else f'{now:.1f}'}",
+        crowded if busy(now, threads) else OK,
+    )
+    yield Fact("kernel", f"{LANES} candidates side by side, {' and '.join(PRECISIONS)}")
+
+
+def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fact]:
+    """Where compiled simulations are kept, and what is there."""
+    import platformdirs
+
+    usual = Path(platformdirs.user_cache_dir("commonrail", False))
+    found = (folder or compiling.cache_folder)()
+    if found is None:
+        cure = (
+            f"No place for compiled simulations is writable, so every run compiles anew: make {usual} writable, "
+            "or name another place in XDG_CACHE_HOME."
+        )
+        yield Fact("kernel cache", "none", cure)
+        return
+    fallen_back = f"{usual} is not writable and this place may be emptied at any time: make that one writable."
+    yield Fact("kernel cache", str(found), OK if found.parent == usual else fallen_back)
+    files = [path for path in found.glob("*.nbc") if path.is_file()]
+    size = sum(path.stat().st_size for path in files)
+    yield Fact("kernels in it", f"{len(files)}, {size / 1e6:.1f} MB")
+    old = sum(path.name != found.name for path in found.parent.glob("kernels-*"))
+    if old:
+        cure = (
+            "Other versions made them, perhaps still in use; those beside the cache above that are not may be deleted."
+        )
+        yield Fact("other caches", f"{old} folders", cure)
+
+
+def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fact]:
+    """Whether the paper's injector loads from the cache in a fresh process, and whether its simulation makes sense."""
+    probe = run or _first_simulation
+    first = probe()
+    if "failed" in first:
+        yield Fact("first simulation", "failed", f"Nothing can be simulated: {first['failed']}.", True)
+        return
+    if not first["compiled"]:
+        yield Fact("first simulation", "not compiled", "The compiler is off: unset NUMBA_DISABLE_JIT.")
+    elif first["from_cache"]:
+        yield Fact("first simulation", f"from the cache in {first['seconds']:.1f} s", OK, True)
+    else:
+        again = probe()
+        value = f"compiled in {first['seconds']:.1f} s"
+        if again.get("from_cache"):
+            yield Fact("first simulation", f"{value}, from the cache from now on ({again['seconds']:.1f} s)", OK, True)
+        else:
+            cure = "It was not kept, so every run compiles anew: see to the kernel cache above."
+            yield Fact("first simulation", value, cure)
+    yield self_check(first)
+
+
+def self_check(found: dict[str, Any]) -> Fact:
+    """Whether mass is conserved and the quantity is that of the paper's injector."""
+    volume, balance = found["volume"], found["balance"]
+    if volume is None or balance is None:
+        value, sound = found["status"], False
+    else:
+        value = f"{volume * 1e9:.1f} mm3 injected, mass kept to {abs(balance):.0e}"
+        sound = abs(balance) < BALANCE and abs(volume / VOLUME - 1.0) < ROOM
+    cure = f"It should be {VOLUME * 1e9:.1f} mm3 and 1e-14: empty the kernel cache; if it stays, report it."
+    return Fact("self-check", value, OK if sound else cure, True)
+
+
+def extra_facts(find: Callable[[str], object | None] = find_spec) -> Iterator[Fact]:
+    """What is optional."""
+    for module, (package, purpose, install) in EXTRAS.items():
+        if find(module) is None:
+            yield Fact(package, "not installed", f"Only needed {purpose}: {install}.")
+        else:
+            yield Fact(package, version(package))
+    yield Fact("numba-cuda", version("numba-cuda") or "not installed; commonrail does without")
+    yield Fact("CUDA device", _cuda_device(find))
+
+
+def _vectors(sets: list[str]) -> str:
+    if platform.machine().lower() in ("x86_64", "amd64") and "avx2" not in sets:
+        return "Without AVX2 simulations take several times as long; on a virtual machine, hand the processor through."
+    return OK
+
+
+def _first_simulation() -> dict[str, Any]:
+    try:
+        done = run_child("commonrail.bench.kernel_probe", [], PATIENCE)
+    except subprocess.TimeoutExpired:
+        return {"failed": f"not done within {PATIENCE:g} s"}
+    if done.returncode != 0:
+        return {"failed": reason(done)}
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def _cuda_device(find: Callable[[str], object | None]) -> str:
+    if find("numba_cuda") is None:
+        return "not looked for" if os.path.exists("/dev/nvidia0") else "none"
+    try:
+        from numba import cuda
+
+        return str(cuda.get_current_device().name) if cuda.is_available() else "none"
+    except Exception as error:  # drivers fail in ways of their own
+        return f"none ({type(error).__name__})"

@@ -1,0 +1,37 @@
+"""The first simulation of a fresh process: ``python -m commonrail.bench.kernel_probe`` prints JSON.
+
+It tells whether the machine code came from the cache, how long that took, and what the simulation gave.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+from commonrail.bench.case import POINT, injector
+from commonrail.engine.lanes import compiled
+from commonrail.engine.simulate import simulate
+
+__all__ = ["first_simulation"]
+
+
+def first_simulation() -> dict[str, Any]:
+    """Seconds to the first result, whether its kernel came from the cache, and the result's figures [SI]."""
+    case = injector()
+    begin = time.perf_counter()
+    found = simulate(case, POINT)
+    seconds = time.perf_counter() - begin
+    dispatcher = getattr(compiled(case.variant), "compiled", None)  # none where the JIT is off
+    return {
+        "seconds": seconds,
+        "from_cache": dispatcher is not None and sum(dispatcher.stats.cache_hits.values()) > 0,
+        "compiled": dispatcher is not None,
+        "status": found.status.name,
+        "volume": found.injected_volume if found.injected_volume == found.injected_volume else None,
+        "balance": found.balance if found.balance == found.balance else None,
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(first_simulation()))

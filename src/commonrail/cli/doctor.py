@@ -1,0 +1,35 @@
+"""commonrail doctor: what the machine is, what commonrail chose, and whether it works."""
+
+from __future__ import annotations
+
+import typer
+
+from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.options import Json
+
+__all__ = ["doctor"]
+
+UNUSABLE = 2
+
+
+def doctor(*, json: Json = False) -> None:
+    """Look at this machine: does commonrail work well on it?
+
+    Each line is a fact with "ok" or what to do. The exit status is 2 if commonrail cannot be used here.
+
+    \b
+    Example:
+      commonrail doctor
+    """
+    from commonrail.bench.doctor import examine, usable
+
+    say("looking; a simulation that is not compiled yet takes some ten seconds ...")
+    facts = list(examine())
+    well = usable(facts)
+    if json:
+        print_json({"kind": "doctor", "usable": well, "facts": [fact._asdict() for fact in facts]})
+    else:
+        print_rows(("", "found", ""), [(fact.name, fact.value, fact.verdict) for fact in facts])
+    if not well:
+        say("commonrail: cannot be used on this machine as it is; the lines above say what to do.")
+        raise typer.Exit(UNUSABLE)

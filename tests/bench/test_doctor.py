@@ -1,0 +1,88 @@
+"""Each fact can be well or not, and says what to do."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail import compile as compiling
+from commonrail.bench.doctor import OK, Fact, cache_facts, extra_facts, kernel_facts, self_check, usable
+
+SOUND: dict[str, Any] = {
+    "seconds": 0.5,
+    "from_cache": True,
+    "compiled": True,
+    "status": "OK",
+    "volume": 53.8e-9,
+    "balance": 1e-14,
+}
+
+
+def facts_of(*answers: dict[str, Any]) -> list[Fact]:
+    """Facts of kernels that answered so."""
+    given = iter(answers)
+    return list(kernel_facts(lambda: next(given)))
+
+
+def test_a_cache_that_cannot_be_written_is_told() -> None:
+    (fact,) = cache_facts(lambda: None)
+    assert fact.value == "none"
+    assert "every run compiles anew" in fact.verdict
+    assert not fact.essential  # slow, and usable
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="other systems keep caches elsewhere")
+def test_the_cache_falls_back_where_its_usual_place_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "commonrail").touch()  # even root cannot make a folder below a file
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    compiling.cache_folder.cache_clear()
+    try:
+        first = next(iter(cache_facts()))
+    finally:
+        compiling.cache_folder.cache_clear()
+    assert f"{tmp_path / 'commonrail'} is not writable" in first.verdict
+
+
+def test_kernels_are_counted(tmp_path: Path) -> None:
+    folder = tmp_path / "kernels-1"
+    folder.mkdir()
+    (tmp_path / "kernels-0").mkdir()
+    (folder / "a.nbc").write_bytes(bytes(1_500_000))
+    (folder / "a.nbi").write_bytes(b"index")
+    facts = {fact.name: fact for fact in cache_facts(lambda: folder)}
+    assert facts["kernels in it"].value == "1, 1.5 MB"
+    assert facts["other caches"].value == "1 folders"
+
+
+def test_a_kernel_from_the_cache_is_well() -> None:
+    facts = facts_of(SOUND)
+    assert [fact.verdict for fact in facts] == [OK, OK]
+    assert usable(facts)
+
+
+def test_a_kernel_that_is_never_kept_is_told() -> None:
+    compiled = SOUND | {"from_cache": False}
+    assert "not kept" in facts_of(compiled, compiled)[0].verdict
+    assert facts_of(compiled, SOUND)[0].verdict == OK
+
+
+def test_a_process_that_dies_makes_it_unusable() -> None:
+    facts = facts_of({"failed": "ended by signal 4"})
+    assert "signal 4" in facts[0].verdict
+    assert not usable(facts)
+
+
+@pytest.mark.parametrize("wrong", [{"volume": 40e-9}, {"balance": 1e-6}, {"volume": None, "status": "NOT_FINITE"}])
+def test_a_wrong_simulation_makes_it_unusable(wrong: dict[str, Any]) -> None:
+    fact = self_check(SOUND | wrong)
+    assert fact.verdict != OK
+    assert not usable([fact])
+
+
+def test_what_is_optional_is_named_with_its_cure() -> None:
+    facts = {fact.name: fact for fact in extra_facts(lambda module: None)}
+    assert "pip install 'commonrail[cluster]'" in facts["distributed"].verdict
+    assert usable(list(facts.values()))

@@ -1,0 +1,31 @@
+"""commonrail doctor: one line a fact, and the exit status."""
+
+from __future__ import annotations
+
+import pytest
+
+from commonrail.bench import doctor as bench_doctor
+from commonrail.bench.doctor import Fact
+from tests.cli.conftest import Command
+
+
+def test_this_machine_is_usable_and_said_in_json(command: Command) -> None:
+    done = command("doctor", "--json")
+    assert done.status == 0
+    record = done.record
+    assert record["usable"] is True
+    names = {fact["name"] for fact in record["facts"]}
+    assert {"Python", "numba", "processor", "instruction sets", "threads", "kernel cache", "self-check"} <= names
+
+
+def test_a_machine_that_cannot_be_used_ends_with_2(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_doctor, "examine", lambda: iter([Fact("self-check", "0 mm3", "Report it.", True)]))
+    done = command("doctor")
+    assert done.status == 2
+    assert "Report it." in done.out
+    assert "cannot be used" in done.sentence
+
+
+def test_what_is_only_slow_ends_with_0(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_doctor, "examine", lambda: iter([Fact("kernel cache", "none", "Make it writable.")]))
+    assert command("doctor").status == 0
