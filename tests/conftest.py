@@ -5,6 +5,7 @@ Each variant is one kernel, compiled at its first use and then kept on disk: tak
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
 
 import pytest
@@ -14,6 +15,13 @@ from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body, Boundary, Drive, Variant
 
 DRAWN = "virtual-lino-2016"
+
+# A shell that starts a job in the background lets it ignore signals, which a run respects; the tests send some.
+for _number, _handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGTERM, signal.SIG_DFL)):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, _handler)
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def wired(variant: Variant) -> Injector:
