@@ -172,7 +172,7 @@ def test_a_missing_package_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
         Workers.cluster("local")
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "foo://here", "here"])
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "foo://here"])
 def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
     pytest.importorskip("distributed", reason=DISTRIBUTED)
     monkeypatch.setattr(cluster_module, "CONNECT", 0.5)
@@ -180,7 +180,14 @@ def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPat
         Workers.cluster(address)
 
 
+@pytest.mark.parametrize("address", ["here", "", "lokal", "a b", "host:port"])
+def test_what_is_no_address_is_refused_at_once(address: str) -> None:
+    pytest.importorskip("distributed", reason=DISTRIBUTED)
+    with pytest.raises(InputError, match=f'"{address}" is no address of a scheduler; give one as "tcp://host:port"'):
+        Workers.cluster(address)
+
+
 def test_a_number_of_workers_that_makes_no_sense_is_refused() -> None:
     pytest.importorskip("distributed", reason=DISTRIBUTED)
-    with pytest.raises(ConfigurationError, match="must lie between 1 and 1024, not 0"):
+    with pytest.raises(ConfigurationError, match=r"must lie between 1 and \d+, 8 for each processor .*, not 0"):
         Workers.cluster("local", 0)

@@ -38,3 +38,16 @@ def test_a_new_block_begins_without_a_wish() -> None:
         os.kill(os.getpid(), signal.SIGINT)
     with held_interrupts() as wish:
         wish.heed()
+
+
+def test_a_signal_that_was_ignored_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        with held_interrupts() as wish:
+            signal.raise_signal(signal.SIGHUP)
+            assert not wish.asked
+            signal.raise_signal(signal.SIGTERM)
+            assert wish.asked
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)

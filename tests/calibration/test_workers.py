@@ -257,7 +257,7 @@ def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("count", [0, -1, 1025])
 def test_a_number_of_workers_that_makes_no_sense_is_refused(count: int) -> None:
-    with pytest.raises(ConfigurationError, match=f"must lie between 1 and 1024, not {count}"):
+    with pytest.raises(ConfigurationError, match=rf"must lie between 1 and \d+, 8 for each processor .*, not {count}"):
         Workers.processes(count)
 
 

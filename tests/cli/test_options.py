@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.cli.options import read_energisings, with_overrides
+from commonrail.cli.options import open_workers, read_energisings, with_overrides
 from commonrail.engine.operating_point import Energising
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.files.injector_file import load_injector
@@ -67,3 +67,8 @@ def test_settings_that_cannot_be_read_say_why(setting: str, words: str) -> None:
 def test_a_value_outside_its_domain_is_refused(value: str) -> None:
     with pytest.raises(ConfigurationError, match=r"plunger_needle\.k1 .*greater than zero"):
         with_overrides(load_injector("virtual-lino-2016"), [f"plunger_needle.k1={value}"])
+
+
+def test_workers_do_not_go_with_a_cluster_elsewhere() -> None:
+    with pytest.raises(InputError, match="a cluster has its own number of workers"):
+        open_workers(2, "tcp://somewhere:8786")

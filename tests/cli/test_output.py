@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -56,3 +58,19 @@ def test_the_first_free_run_folder_is_taken(tmp_path: Path) -> None:
     (tmp_path / "s-1").mkdir()
     (tmp_path / "s-3").mkdir()
     assert free_run_folder("s", tmp_path) == tmp_path / "s-2"
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_a_closed_stream_is_no_fault(closed: str) -> None:
+    line = f"exec {sys.executable} -m commonrail catalogue injectors {closed}"
+    done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_a_full_stdout_ends_with_3() -> None:
+    with Path("/dev/full").open("w") as full:
+        line = [sys.executable, "-m", "commonrail", "catalogue", "injectors"]
+        done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 3
+    assert "standard output cannot be written (No space left on device)" in done.stderr

@@ -75,5 +75,5 @@ def test_more_generations(command: Command, stopped: Path) -> None:
 def test_a_folder_without_a_run_ends_with_2(command: Command, tmp_path: Path, verb: tuple[str, ...]) -> None:
     done = command(*verb, tmp_path)
     assert (done.status, done.out) == (2, "")
-    assert f"commonrail calibrate STUDY --out {tmp_path}" in done.sentence
+    assert f"`commonrail runs {tmp_path}` lists those in it" in done.sentence
     assert list(tmp_path.iterdir()) == []

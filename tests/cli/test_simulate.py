@@ -149,3 +149,9 @@ def test_the_reference_can_be_asked(command: Command) -> None:
     assert record["time_step"] is None
     # the engines agree to a fraction of a percent; a wrong point or injector would not
     assert record["injected_volume"] == pytest.approx(solution().injected_volume, rel=5e-3)
+
+
+def test_an_absurd_value_fails_as_a_simulation_and_not_as_a_fault(command: Command) -> None:
+    line = ("simulate", "cri2-16", "--rail-pressure", "80MPa", "--energising-time", "500us")
+    done = command(*line, "--set", "nozzle.holes=1e308")
+    assert done.status == 4, done.err

@@ -123,9 +123,10 @@ def test_all_processes_end_with_the_pool() -> None:
             os.kill(pid, 0)
 
 
-def test_the_number_of_workers_has_limits() -> None:
-    with pytest.raises(ConfigurationError, match="must lie between 1 and 1024, not 0"):
-        Pool(0, Limits())
+@pytest.mark.parametrize("count", [-1, 0, 10_000])
+def test_the_number_of_workers_has_limits(count: int) -> None:
+    with pytest.raises(ConfigurationError, match=rf"must lie between 1 and \d+, 8 for each .*, not {count}"):
+        Pool(count, Limits())
 
 
 ENDLESS = """

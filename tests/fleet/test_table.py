@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.errors import InputError
+from commonrail.fleet.supply import check_name
 from commonrail.fleet.table import Table, bare_name, find_column, read_table
 
 HEADER = ["injector", "data", "quantity [mm3]"]
@@ -100,3 +101,23 @@ def test_without_pyarrow_the_cure_is_told(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
     with pytest.raises(InputError, match=r'pip install "commonrail\[fleet\]", or give CSV'):
         read_table(tmp_path / "t.parquet")
+
+
+def test_nested_values_in_parquet_are_refused(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    pytest.importorskip("pyarrow.parquet")
+    path = tmp_path / "rows.parquet"
+    pyarrow.parquet.write_table(pyarrow.table({"injector": [["A", "B"], ["C"]], "Q": [1.0, 2.0]}), path)
+    with pytest.raises(InputError, match=r'the column "injector" holds values of type list<.*>, and texts or numbers'):
+        read_table(path).groups([0])
+
+
+def test_a_name_like_a_formula_is_refused() -> None:
+    class Place:
+        def place(self, row: int) -> str:
+            return f"table.csv, line {row}"
+
+    for name in ("=cmd|calc", "+1", "-1", "@sum"):
+        with pytest.raises(InputError, match=r"table\.csv, line 2: .*begins like a formula"):
+            check_name(name, Place(), 2)  # type: ignore[arg-type]
+    check_name("A=1", Place(), 2)  # type: ignore[arg-type]

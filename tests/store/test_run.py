@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from commonrail.calibration.space import Space
-from commonrail.errors import ConfigurationError, InputError, StudyError
+from commonrail.errors import ConfigurationError, InputError, OutputError, SimulationError, StudyError
 from commonrail.files.study_file import load_study
 from commonrail.store.journal import Journal
 from commonrail.store.listing import list_runs
@@ -181,9 +183,10 @@ def test_two_at_once_are_told_of_each_other(stopped: Stop) -> None:
 
 
 def test_nothing_to_go_on_with(tmp_path: Path) -> None:
-    for folder in (tmp_path / "none", tmp_path):
-        with pytest.raises(StudyError, match="there is no run to go on with; begin one with"):
-            resume(folder)
+    with pytest.raises(StudyError, match="this is no folder of a run; `commonrail runs DIR` lists"):
+        resume(tmp_path / "none")
+    with pytest.raises(StudyError, match=r"there is no run to go on with; `commonrail runs .*` lists those in it"):
+        resume(tmp_path)
     with pytest.raises(ConfigurationError, match="generations = -1"):
         resume(tmp_path, generations=-1)
 
@@ -220,7 +223,7 @@ def test_a_search_in_which_all_fail_says_why_and_stays(tmp_path: Path, study_fil
     study_file.write_text(text, encoding="utf-8")
     study = load_study(study_file)
     with pytest.raises(
-        StudyError, match=r"not one of \d+ candidates could be simulated; \d+ of them: The time step is"
+        SimulationError, match=r"not one of \d+ candidates could be simulated; \d+ of them: The time step is"
     ):
         calibrate_into(tmp_path / "run", study)
     (found,) = list_runs(tmp_path)
@@ -295,3 +298,46 @@ def test_sigterm_ends_in_order_and_resume_goes_on(whole: Whole, tmp_path: Path) 
     resume(run)
     assert timeless(run) == timeless(whole.run)
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_too_many_generations_are_refused_before_anything_is_changed(whole: Whole, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(whole.run, tmp_path / "run"))
+    with pytest.raises(ConfigurationError, match=r"--generations: 1000000 more .* at most 1000000 are allowed"):
+        resume(run, generations=1_000_000)
+    assert timeless(run) == timeless(whole.run)
+    resume(run)
+
+
+def test_links_in_place_of_journal_and_lock_are_refused(whole: Whole, tmp_path: Path) -> None:
+    for name in ("journal.sqlite", "journal.lock"):
+        run = Path(shutil.copytree(whole.run, tmp_path / name))
+        elsewhere = tmp_path / f"elsewhere-{name}"
+        if (run / name).exists():
+            (run / name).rename(elsewhere)
+        (run / name).symlink_to(elsewhere)
+        before = elsewhere.read_bytes() if elsewhere.exists() else None
+        with pytest.raises(OutputError, match="this is a symbolic link, which is not followed"):
+            resume(run, generations=1)
+        assert (elsewhere.read_bytes() if elsewhere.exists() else None) == before
+
+
+@pytest.mark.parametrize("column", ["trials", "costs", "statuses"])
+def test_a_generation_that_lacks_trials_is_refused(whole: Whole, tmp_path: Path, column: str) -> None:
+    run = Path(shutil.copytree(whole.run, tmp_path / "run"))
+    with closing(sqlite3.connect(run / "journal.sqlite", isolation_level=None)) as connection:
+        connection.execute(f"UPDATE generation SET {column} = x'00' WHERE number = 1")
+    with pytest.raises(StudyError, match="the journal is damaged"):
+        resume(run)
+
+
+def test_one_bad_folder_costs_the_list_one_line(whole: Whole, tmp_path: Path) -> None:
+    for name in ("fine", "lock", "pipe"):
+        shutil.copytree(whole.run, tmp_path / name)
+    (tmp_path / "lock" / "journal.lock").write_text("no database at all, but some text that is long enough")
+    (tmp_path / "pipe" / "journal.sqlite").unlink()
+    os.mkfifo(tmp_path / "pipe" / "journal.sqlite")
+    assert [(run.folder.name, run.state) for run in list_runs(tmp_path)] == [
+        ("fine", "finished"),
+        ("lock", "damaged"),
+        ("pipe", "damaged"),
+    ]

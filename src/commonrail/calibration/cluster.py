@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import queue
+import re
 import time
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -14,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.calibration.worker import Answer, Lost, Outcome, Package, Task, evaluate
-from commonrail.calibration.worker_pool import SLICE, Limits, blocked_signals
-from commonrail.errors import CommonrailError, ConfigurationError, InputError, StudyError
+from commonrail.calibration.worker_pool import SLICE, Limits, blocked_signals, check_count
+from commonrail.errors import CommonrailError, InputError, StudyError
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+_ADDRESS = re.compile(r"([a-z]+://.+|[^:/]+:[0-9]+)")  # what Dask takes at once to be an address
 CONNECT = 5.0  # how long to try to reach a scheduler [s]
 FETCH = 10.0  # how long to wait for a result that is said to be there [s]
 APPEAR = 30.0  # how long to wait for its first worker [s]
@@ -196,6 +198,10 @@ def _distributed() -> Any:
 
 def _connect(address: str) -> Client:
     distributed = _distributed()
+    if not _ADDRESS.fullmatch(address):
+        raise InputError(
+            f'--cluster: "{address}" is no address of a scheduler; give one as "tcp://host:port", or "local".'
+        )
     try:
         with _quiet():
             return distributed.Client(address, timeout=CONNECT, set_as_default=False)
@@ -208,8 +214,7 @@ def _connect(address: str) -> Client:
 
 def _local(count: int, opened: ExitStack) -> Client:
     distributed = _distributed()
-    if not 1 <= count <= 1024:
-        raise ConfigurationError(f"The number of workers must lie between 1 and 1024, not {count}.")
+    check_count(count)
     with blocked_signals(), _quiet():
         cluster = distributed.LocalCluster(
             count, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=logging.CRITICAL

@@ -28,16 +28,20 @@ _WISH = Wish()
 def held_interrupts() -> Iterator[Wish]:
     """While inside, SIGINT, SIGTERM and SIGHUP only leave a wish: what is being computed or written is finished.
 
+    One that was ignored at the start, as by ``nohup``, stays ignored.
+
     Outside the main thread, where signals cannot be caught, nothing changes. Inside another such block the outer one's
     wish goes on.
     """
     names = ("SIGINT", "SIGTERM", "SIGHUP")
     signals = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is _ask:
+    held = any(signal.getsignal(number) is _ask for number in signals)
+    if threading.current_thread() is not threading.main_thread() or held:
         yield _WISH
         return
     _WISH.asked = False
-    before = {number: signal.signal(number, _ask) for number in signals}
+    heeded = [number for number in signals if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, _ask) for number in heeded}
     try:
         yield _WISH
     finally:

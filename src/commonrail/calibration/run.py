@@ -17,7 +17,7 @@ from commonrail.calibration.search import Listeners, Progress, Search
 from commonrail.calibration.study import QuantityData, RateData, Study
 from commonrail.calibration.workers import Workers
 from commonrail.engine.status import Status
-from commonrail.errors import StudyError
+from commonrail.errors import SimulationError
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body
 
@@ -97,8 +97,9 @@ def calibrate(
     Raises
     ------
     StudyError
-        If the study has no data to fit, if not one candidate could be simulated, if the workers failed, or if the
-        checkpoint belongs to another study.
+        If the study has no data to fit, if the workers failed, or if the checkpoint belongs to another study.
+    SimulationError
+        If not one candidate could be simulated.
     """
     with held_interrupts() as wish:
         search = Search(study, threads, workers, Listeners(progress, recorder, wish), checkpoint)
@@ -119,7 +120,7 @@ def _calibrate(search: Search, study: Study, threads: int | None) -> Calibration
     if not np.isfinite(cost):
         if status == "interrupted":
             raise KeyboardInterrupt
-        raise StudyError(_all_failed(study.title, search.failures))
+        raise SimulationError(_all_failed(study.title, search.failures))
     best = dict(zip(study.space.names, x.tolist(), strict=True))
     calibrated = replace(study.injector.with_values(best), name=f"{study.injector.name}-calibrated")
     return Calibration(

@@ -24,8 +24,10 @@ from commonrail.calibration.worker import (
     Up,
     serve,
 )
+from commonrail.engine.simulate import usable_threads
 from commonrail.errors import ConfigurationError, StudyError
 
+CROWD = 8  # workers for each processor; more would only take memory
 SLICE = 0.5  # how long to wait at a time [s]
 SINGLE_THREADED = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -53,6 +55,22 @@ class Limits(NamedTuple):
 
 
 USUAL = Limits()
+
+
+def check_count(count: int) -> None:
+    """Refuse a number of workers that makes no sense.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not between 1 and eight for each processor.
+    """
+    processors = usable_threads()
+    if not 1 <= count <= CROWD * processors:
+        raise ConfigurationError(
+            f"--workers: the number must lie between 1 and {CROWD * processors}, {CROWD} for each processor of this "
+            f"machine, not {count}; as many as processors, {processors}, are the fastest."
+        )
 
 
 class _Worker:
@@ -111,14 +129,13 @@ class WorkerPool:
     Raises
     ------
     ConfigurationError
-        If `count` is not between 1 and 1024.
+        If `count` is not between 1 and eight for each processor.
     StudyError
         If processes cannot be started.
     """
 
     def __init__(self, count: int, limits: Limits) -> None:
-        if not 1 <= count <= 1024:
-            raise ConfigurationError(f"The number of workers must lie between 1 and 1024, not {count}.")
+        check_count(count)
         self.limits = limits
         self._workers: list[_Worker] = []
         self._bad_starts = 0

@@ -87,7 +87,7 @@ class Workers:
         Raises
         ------
         ConfigurationError
-            If `count` is not between 1 and 1024.
+            If `count` is not between 1 and eight for each processor.
         StudyError
             If the processes cannot be started.
         """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from typing import Annotated
 
 import typer
@@ -80,4 +82,16 @@ def options(
 
 def main() -> None:
     """Run the command."""
+    _open_standard_streams()
     app(prog_name="commonrail")
+
+
+def _open_standard_streams() -> None:
+    """Put a sink where there is no stdout or stderr (`>&-`): what is opened next would take its number."""
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            sink = os.open(os.devnull, os.O_WRONLY)
+            if sink != number:
+                os.dup2(sink, number)
+                os.close(sink)
+            setattr(sys, name, os.fdopen(number, "w", encoding="utf-8"))

@@ -12,6 +12,7 @@ from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json
 from commonrail.cli.progress import Bar, Stage
+from commonrail.errors import SimulationError
 
 if TYPE_CHECKING:
     from commonrail.fleet.run import FleetProgress, FleetRun
@@ -60,6 +61,8 @@ def fleet(
     if run.interrupted:
         say(f"commonrail: interrupted; run the same command again to go on in {folder}.")
         raise typer.Exit(INTERRUPTED)
+    if run.record["counts"]["failed"]:
+        raise typer.Exit(SimulationError.exit_code)
 
 
 def _stem(file: Path) -> str:

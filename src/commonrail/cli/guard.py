@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import os
 import traceback
@@ -12,13 +13,14 @@ from typing import Any, TypeVar
 import typer
 
 from commonrail.cli.console import say
-from commonrail.errors import CommonrailError
+from commonrail.errors import CommonrailError, OutputError
 
 __all__ = ["INTERRUPTED", "guarded", "show_traceback"]
 
 INTERRUPTED = 130  # 128 + SIGINT, what a shell expects
 UNEXPECTED = 1
 UNUSABLE = 2
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 
 show_traceback: ContextVar[bool] = ContextVar("show_traceback", default=False)
 
@@ -45,6 +47,9 @@ def guarded(verb: _Verb) -> _Verb:
         except BrokenPipeError:
             raise  # the reader of our output has left; typer ends quietly
         except OSError as error:
+            if error.errno in NO_ROOM:
+                place = error.filename or "standard output"
+                _end(f"{place} cannot be written ({error.strerror}); make room there.", OutputError.exit_code)
             place = f"{error.filename}: " if error.filename else ""
             _end(f"{place}{error.strerror or error}.", UNUSABLE)
         except MemoryError:

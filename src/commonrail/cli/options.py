@@ -57,7 +57,7 @@ Threads = Annotated[
     typer.Option(min=1, help="Processors to use; all by default. The result does not depend on it."),
 ]
 WorkerCount = Annotated[
-    int | None, typer.Option("--workers", min=1, max=1024, help="Processes that simulate; for large populations.")
+    int | None, typer.Option("--workers", min=1, help="Processes that simulate; for large populations.")
 ]
 ClusterAddress = Annotated[
     str | None,
@@ -70,6 +70,8 @@ def open_workers(count: int | None, address: str | None) -> AbstractContextManag
     from commonrail.calibration.workers import Workers
 
     if address is not None:
+        if count is not None and address != "local":
+            raise InputError("--workers: a cluster has its own number of workers; leave this option or --cluster away.")
         return Workers.cluster(address, count)
     return nullcontext() if count is None else Workers.processes(count)
 

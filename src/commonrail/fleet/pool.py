@@ -11,14 +11,13 @@ from multiprocessing.connection import wait
 from pathlib import Path
 from typing import NamedTuple
 
-from commonrail.calibration.worker_pool import shielded
-from commonrail.errors import ConfigurationError, StudyError
+from commonrail.calibration.worker_pool import check_count, shielded
+from commonrail.errors import StudyError
 from commonrail.fleet.task import Answer, Lost, Refused, Up, serve
 
 __all__ = ["Limits", "Outcome", "Pool"]
 
 SLICE = 0.5  # how long to wait at a time [s]
-MOST_WORKERS = 1024
 
 
 class Limits(NamedTuple):
@@ -90,14 +89,13 @@ class Pool:
     Raises
     ------
     ConfigurationError
-        If `count` is not between 1 and 1024.
+        If `count` is not between 1 and eight for each processor.
     StudyError
         If processes cannot be started.
     """
 
     def __init__(self, count: int, limits: Limits) -> None:
-        if not 1 <= count <= MOST_WORKERS:
-            raise ConfigurationError(f"The number of workers must lie between 1 and {MOST_WORKERS}, not {count}.")
+        check_count(count)
         self.limits = limits
         self._bad_starts = 0
         self._workers: list[_Worker] = []

@@ -23,7 +23,7 @@ from commonrail.fleet.member import folders_of, shared_files, write_study
 from commonrail.fleet.pool import Limits, Outcome, Pool
 from commonrail.fleet.results import write_results
 from commonrail.fleet.summary import check_entries
-from commonrail.fleet.supply import fingerprint_of
+from commonrail.fleet.supply import MISSING_FILE, fingerprint_of
 from commonrail.fleet.task import Done, Refused
 
 __all__ = ["INJECTORS", "FleetProgress", "FleetRun", "run_fleet"]
@@ -217,9 +217,10 @@ class _Run:
             own = self.inputs[name]
             if entry.status == FINISHED and own != entry.inputs:
                 changed = next(s for s in {**entry.inputs, **own} if entry.inputs.get(s) != own.get(s))
+                what = "is missing now" if own.get(changed) == MISSING_FILE else "has changed since"
                 raise StudyError(
-                    f'{self.folder} has injector "{name}" calibrated to other data: those of "{changed}" have changed '
-                    f"since; {_CURE}"
+                    f'{self.folder} has injector "{name}" calibrated to other data: its file of "{changed}" {what}; '
+                    f"{_CURE}"
                 )
 
     def _try_first(self) -> None:

@@ -18,6 +18,7 @@ INJECTOR = "injector"
 DEAD_TIMES = " dead times"  # behind the name of a data set: its second file
 
 MISSING_FILE = "missing"
+FORMULA = "=+-@"
 
 
 class Layout(NamedTuple):
@@ -122,10 +123,15 @@ def check_name(name: str, table: Table, row: int) -> None:
     Raises
     ------
     InputError
-        If the name is empty.
+        If the name is empty, or begins like a formula.
     """
     if not name:
         raise InputError(f"{table.place(row)}: the name of the injector is missing; write it or remove the row.")
+    if name[0] in FORMULA:
+        raise InputError(
+            f'{table.place(row)}: the name of the injector, "{name}", begins like a formula, which a spreadsheet would '
+            "compute when it opens the results; begin it with a letter or a digit."
+        )
 
 
 def checked_names(names: Collection[str], path: Path) -> tuple[str, ...]:

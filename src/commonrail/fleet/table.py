@@ -113,7 +113,7 @@ class _Parquet:
         codes = np.zeros(self.table.num_rows, dtype=np.int64)
         texts = []
         for column in columns:
-            encoded = self.table.column(column).combine_chunks().dictionary_encode(null_encoding="encode")
+            encoded = self._encoded(column)
             known = [_text(value) for value in encoded.dictionary.to_pylist()]
             codes = codes * max(len(known), 1) + encoded.indices.to_numpy(zero_copy_only=False)
             texts.append(known)
@@ -124,6 +124,18 @@ class _Parquet:
         for part in parts:
             found.setdefault(_decoded(int(codes[part[0]]), texts), []).append(part)
         return {key: np.sort(np.concatenate(same)) for key, same in found.items()}
+
+    def _encoded(self, column: int) -> Any:
+        from pyarrow import ArrowException
+
+        cells = self.table.column(column)
+        try:
+            return cells.combine_chunks().dictionary_encode(null_encoding="encode")
+        except ArrowException:
+            raise InputError(
+                f'{self.path}: the column "{self.header[column]}" holds values of type {cells.type}, and texts or '
+                "numbers are expected; write one text or number in each row."
+            ) from None
 
     def cells(self, rows: Indices) -> list[list[str]]:
         taken = self.table.take(rows)

@@ -102,5 +102,7 @@ def _check(name: str, path: str, value: float, known: Mapping[str, Q]) -> None:
     quantity = known[path]
     if not (abs(value) < float("inf") and quantity.domain.admits(value)):
         raise ConfigurationError(
-            f"{name}: {path} ({quantity.meaning}) must be {quantity.domain.value}, not {value:g} {quantity.unit}."
+            f"{name}: {path} ({quantity.meaning}) must be {quantity.domain.value}, not "
+            f"{value:g} {quantity.unit.removesuffix('1')}".rstrip()
+            + "."
         )

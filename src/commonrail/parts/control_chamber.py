@@ -6,7 +6,7 @@ from math import pi
 from typing import NamedTuple
 
 from commonrail.compile import physics
-from commonrail.flow.orifice import laminar_offset
+from commonrail.flow.orifice import laminar_offset, square
 from commonrail.flow.wave import pipe_area
 from commonrail.parts.contents import Contents
 from commonrail.parts.furniture import Annotated, Domain, Q
@@ -70,11 +70,11 @@ def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
     reynolds = p.transition_reynolds
     return Coefficients(
         p.volume,
-        (p.z_hole_discharge * z_area) ** 2,
-        (p.z_hole_contraction * z_area) ** 2,
+        square(p.z_hole_discharge * z_area),
+        square(p.z_hole_contraction * z_area),
         laminar_offset(dynamic_viscosity, reynolds, 0.25 * pi * p.z_hole_diameter),
         p.z_hole_from_inlet,
-        (p.a_hole_discharge * a_area) ** 2,
-        (p.a_hole_contraction * a_area) ** 2,
+        square(p.a_hole_discharge * a_area),
+        square(p.a_hole_contraction * a_area),
         laminar_offset(dynamic_viscosity, reynolds, 0.25 * pi * p.a_hole_diameter),
     )

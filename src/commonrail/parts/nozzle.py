@@ -6,7 +6,7 @@ from math import pi
 from typing import NamedTuple
 
 from commonrail.compile import physics
-from commonrail.flow.orifice import laminar_offset
+from commonrail.flow.orifice import laminar_offset, square
 from commonrail.flow.wave import pipe_area
 from commonrail.parts.furniture import Annotated, Domain, Q
 
@@ -61,7 +61,7 @@ def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) 
     top = max(p.lift_maximum_slope * rail_pressure + p.lift_maximum_offset, knee + RESIDUAL_LIFT)
     return Coefficients(
         area * area,
-        (p.contraction * area) ** 2,
+        square(p.contraction * area),
         laminar_offset(dynamic_viscosity, p.transition_reynolds, p.holes * 0.25 * pi * p.hole_diameter),
         p.discharge_transition,
         knee,

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from commonrail.calibration.checkpoint import Checkpoint, Evolved, Found, Generation
 from commonrail.calibration.result import software_record
 from commonrail.errors import StudyError
+from commonrail.files.atomic import check_target
 from commonrail.store.faults import explained, trusted
 from commonrail.store.lock import Lock
 from commonrail.store.schema import check_schema, migrate
@@ -75,6 +76,7 @@ class Journal:
         except BlockingIOError:
             raise StudyError(f"{folder}: {_holder(self.path)}; wait for it, or end it first.") from None
         try:
+            check_target(self.path)
             with explained(self.path), trusted(self.path):
                 self._connection = sqlite3.connect(self.path, timeout=30.0, isolation_level=None)
                 migrate(self._connection, self.path)
@@ -224,11 +226,18 @@ class Journal:
         evolution = dict(search["optimiser"])
         evolution |= dict(zip(("unit", "costs", "violations"), (_array(item) for item in arrays), strict=True))
         evolution["unit"] = evolution["unit"].reshape(-1, len(evolution["names"]))
+        self._check_trials(evolution["unit"].shape)
         failures = {str(name): _count(count) for name, count in search["failures"].items()}
         simulations, seconds = generations[-1][3:]
         return self._with_refinements(
             Checkpoint(evolution, history, _count(simulations), failures, seconds=_finite(seconds))
         )
+
+    def _check_trials(self, shape: tuple[int, int]) -> None:
+        members, dimension = shape
+        lengths = "SELECT DISTINCT LENGTH(trials), LENGTH(costs), LENGTH(statuses) FROM generation"
+        if self._rows(lengths) != [(8 * members * dimension, 8 * members, members)]:
+            raise ValueError("a generation has not as many trials as the population has members")
 
     def _with_refinements(self, evolved: Checkpoint) -> Checkpoint:
         rows = self._rows("SELECT number, stop, cost, simulations, seconds, hops FROM refinement ORDER BY number")
@@ -259,6 +268,8 @@ def read_about(folder: Path) -> dict[str, Any]:
         If there is no journal, or it cannot be read.
     """
     path = folder / JOURNAL
+    if not path.is_file():
+        raise StudyError(f"{path}: there is no journal, or it is no plain file; name the folder of a run.")
     with explained(path), trusted(path):
         connection = _read_only(path)
         try:

@@ -83,7 +83,7 @@ def _run(folder: Path) -> Run:
             folder,
             state if held == (state == State.RUNNING) else (State.RUNNING if held else STOPPED),
             about.get("title", ""),
-            about.get("reason", ""),
+            "" if held else about.get("reason", ""),
             about["generations done"],
             1 + int(about.get("generations", -1)),
             about["refinements"],
@@ -91,7 +91,7 @@ def _run(folder: Path) -> Run:
             _age(about["changed"]),
             about["seconds"],
         )
-    except (CommonrailError, ValueError, TypeError) as error:
+    except (CommonrailError, sqlite3.Error, ValueError, TypeError) as error:
         return Run(folder, DAMAGED, reason=str(error))
 
 

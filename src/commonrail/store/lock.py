@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from pathlib import Path
 
+from commonrail.files.atomic import check_target
 from commonrail.store.faults import explained
 
 __all__ = ["Lock"]
@@ -24,10 +25,11 @@ class Lock:
     BlockingIOError
         If somebody else holds it.
     OutputError
-        If the file cannot be made.
+        If the file cannot be made, or is a link or a device.
     """
 
     def __init__(self, path: Path) -> None:
+        check_target(path)
         with explained(path):
             self._connection = sqlite3.connect(path, isolation_level=None, timeout=0.5)  # who only looks is quick
             try:

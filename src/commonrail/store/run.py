@@ -20,6 +20,7 @@ from commonrail.errors import CommonrailError, ConfigurationError, StudyError
 from commonrail.files.atomic import write_text, writing
 from commonrail.files.run_folder import STUDY, refuse_used, write_run
 from commonrail.files.study_file import load_study
+from commonrail.files.study_models import MOST_GENERATIONS
 from commonrail.store.changes import check_files
 from commonrail.store.content import content_of, sha256
 from commonrail.store.copies import copy_study, set_in_study
@@ -130,6 +131,7 @@ def resume(
         check_files(journal, as_begun)
         own = _study_of(journal, study)
         if generations:
+            _check_total(journal, generations)
             own = _extended(journal, own, generations)
         for sentence in _differences(journal):
             listener.note(sentence)
@@ -205,7 +207,12 @@ def _remove(folder: Path, existed: bool) -> None:
 
 
 def _nothing_to_resume(folder: Path) -> str:
-    return f"{folder}: there is no run to go on with; begin one with `commonrail calibrate STUDY --out {folder}`."
+    if not folder.is_dir():
+        return f"{folder}: this is no folder of a run; `commonrail runs DIR` lists the runs below a folder."
+    return (
+        f"{folder}: there is no run to go on with; `commonrail runs {folder}` lists those in it, and "
+        "`commonrail calibrate STUDY` begins one."
+    )
 
 
 def _study_of(journal: Journal, given: Study | None) -> Study:
@@ -230,6 +237,15 @@ def _study_of(journal: Journal, given: Study | None) -> Study:
 def _with_generations(study: Study, generations: int) -> Study:
     evolution = replace(study.method.evolution, generations=generations)
     return replace(study, method=replace(study.method, evolution=evolution))
+
+
+def _check_total(journal: Journal, more: int) -> None:
+    total = journal.generations + more
+    if total > MOST_GENERATIONS:
+        raise ConfigurationError(
+            f"--generations: {more} more than the run's {journal.generations} are {total}, and at most "
+            f"{MOST_GENERATIONS} are allowed; ask for fewer."
+        )
 
 
 def _extended(journal: Journal, study: Study, more: int) -> Study:
