@@ -33,7 +33,7 @@ class Precision(Enum):
     F32 = "f32"
 
 
-# Measured on machines with AVX-512: docs/performance.md.
+# Measured on machines with AVX-512: docs/howto/speed.md.
 VECTORS = {
     Precision.F64: Vector(8, np.float64, 2, False),
     Precision.F32: Vector(16, np.float32, 1, True),
@@ -138,11 +138,13 @@ def run(
     return Outcome(*np.moveaxis(out, 2, 0))
 
 
-def run_traced(job: Job, variant: Variant, threads: int = 1) -> tuple[Outcome, Floats]:
+def run_traced(
+    job: Job, variant: Variant, threads: int = 1, precision: Precision = Precision.F64
+) -> tuple[Outcome, Floats]:
     """Run all blocks and keep the state after every step: (blocks, steps + 1, rows, lanes)."""
     rows = len(trace_paths(variant))
     trace = np.full((len(job.blocks), int(job.steps.max()) + 1, rows, job.blocks.shape[1] - 1), np.nan)
-    return Outcome(*np.moveaxis(_run(job, compiled(variant), None, trace, threads), 2, 0)), trace
+    return Outcome(*np.moveaxis(_run(job, compiled(variant, precision), None, trace, threads), 2, 0)), trace
 
 
 def _run(job: Job, loop: Callable[..., None], misfit: Misfit | None, trace: Floats, threads: int) -> Floats:

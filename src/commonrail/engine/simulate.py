@@ -52,6 +52,7 @@ def simulate(
     engine: Engine | str = Engine.LANES,
     time_step: float = DEFAULT_STEP,
     sample_interval: float | None = None,
+    precision: Precision | str = Precision.F64,
 ) -> Solution:
     """Simulate one injection.
 
@@ -65,6 +66,8 @@ def simulate(
         Step of the lanes [s].
     sample_interval : float, optional
         Spacing of the samples [s]; by default the time step of the lanes, 3 us for the reference.
+    precision : Precision or str
+        "f64" or "f32", of the lanes; the reference is f64 alone.
 
     Raises
     ------
@@ -77,13 +80,16 @@ def simulate(
             f"The sample interval must lie between 1 ns and the simulated {point.duration * 1e3:g} ms, "
             f"not {sample_interval:g} s."
         )
+    real = _precision(precision)
     if Engine(engine) is Engine.REFERENCE:
+        if real is not Precision.F64:
+            raise ConfigurationError(f"The reference computes in f64 alone, not in {real.value}; use the lanes for it.")
         from commonrail.engine.reference import simulate_reference
 
         return simulate_reference(injector, point, sample_interval or 3e-6)
     theta = plan.candidate_matrix(injector, (), np.empty((1, 0)))
-    job = plan.make_job(injector, theta, [point], time_step, False)
-    outcome, trace = lanes.run_traced(job, injector.variant)
+    job = plan.make_job(injector, theta, [point], time_step, False, real)
+    outcome, trace = lanes.run_traced(job, injector.variant, precision=real)
     stride = max(round((sample_interval or time_step) / time_step), 1)
     rows = trace[0, ::stride, :, 0]
     names = lanes.trace_paths(injector.variant)
@@ -147,12 +153,14 @@ def simulate_batch(
     candidates = np.empty((1, 0)) if values is None else np.atleast_2d(np.asarray(values, float))
     if candidates.shape[1] != len(names):
         raise ConfigurationError(f"{len(names)} names but {candidates.shape[1]} values a candidate were given.")
+    if not len(candidates):
+        raise ConfigurationError("At least one candidate is needed.")
     stop = stop_when_closed and misfit is None
     how = _How(time_step, threads or usable_threads(), misfit, stop, _precision(precision))
     many = max(AT_A_TIME // len(points), 1)
     parts = [
         _simulate(injector, points, names, candidates[first : first + many], how)
-        for first in range(0, max(len(candidates), 1), many)
+        for first in range(0, len(candidates), many)
     ]
     return parts[0] if len(parts) == 1 else _joined(parts)
 
