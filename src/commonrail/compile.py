@@ -13,15 +13,20 @@ import functools
 import hashlib
 import inspect
 import os
+import platform
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import CellType, FunctionType
 from typing import Any, TypeVar
 
 import numba
+import numpy as np
+from llvmlite import ir as llvm_ir
+from numba.core import cgutils, types
 from numba.core.caching import Cache, CompileResultCacheImpl, _CacheLocator
-from numba.extending import register_jitable
+from numba.extending import intrinsic, overload
 
 # No "nnan"/"ninf": a candidate that blows up must be seen to be non-finite.
 _FASTMATH = {"nsz", "arcp", "contract", "reassoc"}
@@ -39,9 +44,44 @@ _Law = TypeVar("_Law", bound=Callable[..., Any])
 
 
 def physics(law: _Law) -> _Law:
-    """Let kernels inline a scalar law; from Python it stays the plain function that it is."""
-    register_jitable(**_INLINED)(law)
+    """Let kernels inline a scalar law; from Python it stays the plain function that it is.
+
+    Called with numbers of single precision, it is compiled with constants of single precision: those of its text would
+    be double, and draw everything that they touch along.
+    """
+
+    @overload(law, jit_options=_INLINED, strict=False)
+    def choose(*arguments: Any, **named: Any) -> Callable[..., Any]:
+        return in_single(law) if any(map(_is_single, (*arguments, *named.values()))) else law
+
     return law
+
+
+def _is_single(kind: Any) -> bool:
+    if isinstance(kind, types.BaseTuple):  # type: ignore[attr-defined]
+        return any(map(_is_single, kind))
+    return (kind.dtype if isinstance(kind, types.Array) else kind) == types.float32
+
+
+def _single(value: Any) -> Any:
+    """A constant in single precision; so are those in a tuple."""
+    if isinstance(value, tuple):
+        parts = map(_single, value)
+        return value._make(parts) if hasattr(value, "_make") else tuple(parts)
+    return np.float32(value) if type(value) is float else value
+
+
+@functools.cache
+def in_single(law: Callable[..., Any]) -> Callable[..., Any]:
+    """The same law with its constants in single precision."""
+
+    code = law.__code__.replace(co_consts=tuple(map(_single, law.__code__.co_consts)))
+    names = {name: _single(law.__globals__[name]) for name in code.co_names if name in law.__globals__}
+    names["__name__"] = law.__module__
+    cells = tuple(CellType(_single(cell.cell_contents)) for cell in law.__closure__ or ())
+    twin = FunctionType(code, names, law.__name__, law.__defaults__, cells)
+    twin.__module__, twin.__qualname__ = law.__module__, law.__qualname__
+    return twin
 
 
 @physics
@@ -51,7 +91,61 @@ def reciprocals(a: float, b: float) -> tuple[float, float]:
     return b * inverse, a * inverse
 
 
-def kernel(loop: Callable[..., Any], name: str, laws: tuple[Callable[..., Any], ...] = ()) -> Any:
+@intrinsic
+def exchange_rounding(typing: Any, bits: Any, kept: Any) -> Any:
+    """Set the processor's register of floating-point modes to (mode & kept) | bits; returns the mode before.
+
+    Elsewhere than on x86 it does nothing.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = cgutils.alloca_once_value(builder, context.get_constant(types.int32, 0))
+        if platform.machine() not in ("x86_64", "AMD64"):
+            return builder.load(place)
+        kind = llvm_ir.FunctionType(llvm_ir.VoidType(), [cgutils.voidptr_t])
+        read, write = (
+            cgutils.get_or_insert_function(builder.module, kind, f"llvm.x86.sse.{name}")
+            for name in ("stmxcsr", "ldmxcsr")
+        )
+        builder.call(read, [builder.bitcast(place, cgutils.voidptr_t)])
+        before = builder.load(place)
+        builder.store(builder.or_(builder.and_(before, arguments[1]), arguments[0]), place)
+        builder.call(write, [builder.bitcast(place, cgutils.voidptr_t)])
+        return before
+
+    return types.int32(types.int32, types.int32), generate
+
+
+# Numbers too small for their format are zero: the processor takes a hundred cycles for each, and there are many in f32.
+FLUSH_TINY = np.int32(0x8040)
+KEEP_ALL, KEEP_NONE = np.int32(-1), np.int32(0)
+
+
+@intrinsic
+def widest_vectors(typing: Any) -> Any:
+    """Let the function that calls it be compiled to the widest vectors there are, where the compiler is shy of them."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        # llvmlite admits only attributes that it knows; LLVM takes any text
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+        return context.get_dummy_value()
+
+    return types.none(), generate
+
+
+@intrinsic
+def usual_vectors(typing: Any) -> Any:
+    """In place of `widest_vectors`: nothing."""
+    return types.none(), lambda context, builder, signature, arguments: context.get_dummy_value()
+
+
+def kernel(
+    loop: Callable[..., Any],
+    name: str,
+    laws: tuple[Callable[..., Any], ...] = (),
+    real: type = np.float64,
+    beside: int = 2,
+) -> Any:
     """Compile an outer loop, releasing the GIL, with its machine code cached on disk.
 
     Parameters
@@ -62,17 +156,22 @@ def kernel(loop: Callable[..., Any], name: str, laws: tuple[Callable[..., Any], 
         What distinguishes this closure from others of the same source line.
     laws : tuple of functions
         Functions from outside the package that `loop` calls: their source joins the cache stamp.
+    real : type
+        `numpy.float32` for a loop that computes in single precision.
+    beside : int
+        Vectors to work on side by side, where there are 32 vector registers.
     """
-    compiled = numba.njit(loop, nogil=True, fastmath=_FASTMATH, error_model="numpy")
     if numba.config.DISABLE_JIT:
         return loop
-    compiled._cache = _kernel_cache(loop, name, laws)
+    source = loop if real is np.float64 else in_single(loop)
+    compiled = numba.njit(source, nogil=True, fastmath=_FASTMATH, error_model="numpy")
+    compiled._cache = _kernel_cache(source, name, laws)
 
     @functools.wraps(loop)
     def run(*arguments: Any) -> Any:
         if compiled.signatures:
             return compiled(*arguments)
-        with _FIRST_CALL, _interleaved_vectors():
+        with _FIRST_CALL, _vectors(beside):
             return compiled(*arguments)
 
     run.compiled = compiled  # type: ignore[attr-defined]
@@ -83,8 +182,8 @@ _FIRST_CALL = threading.Lock()
 
 
 @contextlib.contextmanager
-def _interleaved_vectors() -> Iterator[None]:
-    """Have the compiler work on two vectors at a time where there are 32 vector registers.
+def _vectors(beside: int) -> Iterator[None]:
+    """Have the compiler work on some vectors at a time where there are 32 vector registers.
 
     One step is a long chain of dependent divisions and roots; two chains side by side hide each other's latency
     (13 % on an AVX-512 machine). LLVM offers this as a process-wide option only, so it is taken back.
@@ -93,7 +192,7 @@ def _interleaved_vectors() -> Iterator[None]:
 
     plenty = llvm.get_host_cpu_features().get("avx512vl", False)
     if plenty:
-        llvm.set_option("", "-force-vector-interleave=2")
+        llvm.set_option("", f"-force-vector-interleave={beside}")
     try:
         yield
     finally:

@@ -21,10 +21,9 @@ from commonrail.calibration.objective import Objective, of_role
 from commonrail.calibration.study import Role
 from commonrail.calibration.worker import pack, unpack
 from commonrail.calibration.worker_pool import Limits, WorkerPool, how_it_ended
-from commonrail.calibration.workers import LONGEST, SHORTEST, Workers, cut
+from commonrail.calibration.workers import BLOCK, LONGEST, SHORTEST, Workers, cut
 from commonrail.errors import ConfigurationError, StudyError
 from commonrail.files.study_file import load_study
-from commonrail.injector.layout import LANES
 from tests.calibration.misbehaving import Misbehaving
 
 CASES = Path(__file__).parents[2] / "cases"
@@ -293,7 +292,7 @@ def test_pieces_are_whole_blocks_long_enough_and_spread_evenly(candidates: int, 
     pieces = cut(candidates, workers, seconds)
     assert [piece.first for piece in pieces[1:]] == [piece.stop for piece in pieces[:-1]]
     assert (pieces[0].first, pieces[-1].stop) == (0, candidates)
-    assert all(piece.first % LANES == 0 for piece in pieces)
+    assert all(piece.first % BLOCK == 0 for piece in pieces)
     longest = max(piece.blocks for piece in pieces)
     for piece in pieces[:-1]:
         assert piece.blocks == longest

@@ -9,19 +9,18 @@ from commonrail.engine import plan
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector, parameter_paths
-from commonrail.injector.layout import LANES
 
 
 def test_blocks_hold_every_candidate_at_every_point() -> None:
-    blocks = plan.blocks(11, 3)
-    assert blocks.shape == (6, 1 + LANES)
+    blocks = plan.blocks(11, 3, 8)
+    assert blocks.shape == (6, 1 + 8)
     for point in range(3):
         here = blocks[blocks[:, 0] == point, 1:].ravel()
         assert here.tolist() == [*range(11), *[10] * 5]
 
 
 def test_figures_come_back_in_the_candidates_order() -> None:
-    blocks = plan.blocks(11, 3)
+    blocks = plan.blocks(11, 3, 8)
     figures = 100.0 * blocks[:, :1] + blocks[:, 1:]
     expected = np.arange(11)[:, None] + 100.0 * np.arange(3)
     assert np.array_equal(plan.by_candidate(figures, 11, 3), expected)

@@ -14,11 +14,12 @@ from commonrail.analysis.verification import (
     verify,
 )
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
+from commonrail.engine.lanes import Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.injector.definition import Injector
 
-QUICK = range(6)  # two pressures × two stiffnesses, rigid body, rail volume
+QUICK = range(8)  # two pressures × two stiffnesses, rigid body, rail volume, two pressures in f32
 
 
 @pytest.mark.parametrize("index", QUICK)
@@ -27,6 +28,7 @@ def test_engines_agree(pwm: Injector, index: int) -> None:
     found = compare(task)
     # the scheme's error at 1 us, of second order between contacts; the rigid body meets its seat undamped by a chain
     rigid = "rigid" in task.group
+    assert (task.precision is Precision.F32) == (index >= 6)
     assert found.rate < 0.1, task.group  # [%]
     assert abs(found.volume) < (0.1 if rigid else 0.05), task.group  # [%]
     assert abs(found.opening) < 0.5, task.group  # [us], half a step

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.calibration.study import QuantityData, RateData, Role
-from commonrail.engine.lanes import Misfit
+from commonrail.engine.lanes import Misfit, Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.sampling import sampled_rates
 from commonrail.engine.simulate import reference_density, simulate_batch
@@ -72,6 +72,8 @@ class Objective:
     time_step : float
         [s].
     threads : int or None
+    precision : Precision
+        Of the costs; the residuals for least squares, which are differences of small changes, are f64 always.
     """
 
     def __init__(
@@ -81,8 +83,10 @@ class Objective:
         data: Sequence[RateData | QuantityData],
         time_step: float,
         threads: int | None = None,
+        precision: Precision = Precision.F64,
     ) -> None:
         self.injector, self.names, self.time_step, self.threads = injector, tuple(names), time_step, threads
+        self.precision = precision
         self.curves = [d for d in data if isinstance(d, RateData)]
         self.maps = [d for d in data if isinstance(d, QuantityData)]
         self._misfit = _misfit(injector, self.curves, time_step) if self.curves else None
@@ -98,7 +102,7 @@ class Objective:
             _note_failures(statuses, np.where(batch.status == Status.STILL_INJECTING, Status.OK, batch.status))
             simulations += len(values) * len(self.curves)
         for data in self.maps:
-            batch = self._map(data, values)
+            batch = self._map(data, values, self.precision)
             total += data.weight * soft_l1(quantity_residuals(data, _quantities(batch)))
             _note_failures(statuses, batch.status)
             simulations += len(values) * len(data.points)
@@ -112,7 +116,7 @@ class Objective:
 
     def quantities(self, data: QuantityData, values: Floats) -> Floats:
         """Injected quantities (n, points) [m³]; NaN for a failed simulation or a needle that never closes."""
-        return _quantities(self._map(data, values))
+        return _quantities(self._map(data, values, Precision.F64))
 
     def _curves(self, values: Floats) -> Batch:
         points = [d.point for d in self.curves]
@@ -124,11 +128,18 @@ class Objective:
             time_step=self.time_step,
             threads=self.threads,
             misfit=self._misfit,
+            precision=self.precision,
         )
 
-    def _map(self, data: QuantityData, values: Floats) -> Batch:
+    def _map(self, data: QuantityData, values: Floats, precision: Precision) -> Batch:
         return simulate_batch(
-            self.injector, data.points, self.names, values, time_step=self.time_step, threads=self.threads
+            self.injector,
+            data.points,
+            self.names,
+            values,
+            time_step=self.time_step,
+            threads=self.threads,
+            precision=precision,
         )
 
     def rates(self, data: RateData, values: Floats) -> Floats:

@@ -45,6 +45,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         "synthetic": study.synthetic,
         "seed": study.seed,
         "time_step": study.time_step,
+        "precision": study.precision.value,
         "status": calibration.status,
         "reason": calibration.reason,
         "injector": {

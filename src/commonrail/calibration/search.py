@@ -108,7 +108,7 @@ class Search:
         fit = of_role(study.data, Role.FIT)
         if not fit:
             raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
-        objective = Objective(study.injector, study.space.names, fit, study.time_step, threads)
+        objective = Objective(study.injector, study.space.names, fit, study.time_step, threads, study.precision)
         self.objective = objective if workers is None else workers.spread(objective)
         self.optimiser = DifferentialEvolution(study.space, np.random.default_rng(study.seed), study.method.evolution)
         self.history: list[Generation] = []

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
 from commonrail.calibration.space import Space
+from commonrail.engine.lanes import Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.injector.definition import Injector
 
@@ -127,6 +128,8 @@ class Study:
         The study file as given, to be kept with the result.
     note : str
         Free text for the report.
+    precision : Precision
+        Of the search. The scores of its result are simulated in f64.
     files : mapping of Path to str
         SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
     """
@@ -140,6 +143,7 @@ class Study:
     time_step: float
     text: str = ""
     note: str = ""
+    precision: Precision = Precision.F64
     files: Mapping[Path, str] = field(default_factory=dict)
 
     @property

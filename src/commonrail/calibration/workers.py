@@ -19,15 +19,16 @@ from commonrail.calibration.objective import Objective, Scores
 from commonrail.calibration.study import QuantityData, RateData
 from commonrail.calibration.worker import Answer, Lost, Outcome, Task, own_values, pack, unpack
 from commonrail.calibration.worker_pool import USUAL, Limits, WorkerPool
+from commonrail.engine.lanes import VECTORS, Precision
 from commonrail.engine.simulate import usable_threads
 from commonrail.errors import StudyError
 from commonrail.injector.definition import parameter_quantities
-from commonrail.injector.layout import LANES
 
 Floats = NDArray[np.float64]
 
 SHORTEST = 0.05  # a piece should take at least this long [s]: handing it over takes a hundredth of it
 LONGEST = 2.0  # and no longer than this, where there are candidates enough: it is what a lost worker costs
+BLOCK = VECTORS[Precision.F64].lanes
 SHARES = 4  # pieces for each worker, so that one that is late does not keep the others waiting
 
 
@@ -55,7 +56,7 @@ class Piece(NamedTuple):
     @property
     def blocks(self) -> int:
         """SIMD blocks in it."""
-        return -(-(self.stop - self.first) // LANES)
+        return -(-(self.stop - self.first) // BLOCK)
 
 
 class Workers:
@@ -142,7 +143,9 @@ class SpreadObjective(Objective):
 
     def __init__(self, objective: Objective, backend: Backend, limits: Limits) -> None:
         data: list[RateData | QuantityData] = [*objective.curves, *objective.maps]
-        super().__init__(objective.injector, objective.names, data, objective.time_step, objective.threads)
+        super().__init__(
+            objective.injector, objective.names, data, objective.time_step, objective.threads, objective.precision
+        )
         self._backend, self._limits = backend, limits
         self._package = pack(objective)
         seconds = _seconds_of_a_block(unpack(self._package))
@@ -188,7 +191,7 @@ class SpreadObjective(Objective):
         failures = piece.failures + 1
         if failures >= self._limits.failures:
             raise StudyError(self._what_failed(piece, lost, values, failures))
-        middle = piece.first + LANES * -(-piece.blocks // 2)
+        middle = piece.first + BLOCK * -(-piece.blocks // 2)
         if middle >= piece.stop:
             return [piece._replace(failures=failures)]
         return [Piece(piece.first, middle, failures), Piece(middle, piece.stop, failures)]
@@ -223,12 +226,12 @@ def cut(candidates: int, workers: int, seconds: float) -> list[Piece]:
         multiple of `workers` if there are more than that, `SHARES` for each worker, more only if one would take longer
         than `LONGEST`.
     """
-    blocks = -(-candidates // LANES)
+    blocks = -(-candidates // BLOCK)
     most = max(int(blocks * seconds / SHORTEST), 1)
     if most > workers:
         shares = max(SHARES, -(-int(blocks * seconds / LONGEST) // workers))
         most = min(most // workers, shares) * workers
-    size = -(-blocks // most) * LANES
+    size = -(-blocks // most) * BLOCK
     return [Piece(first, min(first + size, candidates)) for first in range(0, candidates, size)]
 
 

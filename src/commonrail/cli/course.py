@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.cli.console import SIMULATING, say
-from commonrail.cli.options import BodyChoice, EngineChoice
+from commonrail.cli.options import BodyChoice, EngineChoice, PrecisionChoice
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
@@ -22,7 +22,7 @@ from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body
 from commonrail.units import to_text
 
-__all__ = ["Run", "figures", "heading", "record", "solve", "with_body", "write_csv"]
+__all__ = ["Run", "Settings", "figures", "heading", "record", "solve", "with_body", "write_csv"]
 
 # Channels of a solution by the end of their name: unit in the file, and its factor from SI.
 _UNITS = {
@@ -33,14 +33,23 @@ _UNITS = {
 }
 
 
+class Settings(NamedTuple):
+    """How to simulate: the engine, and time step [s] and precision of the lanes."""
+
+    engine: EngineChoice
+    time_step: float
+    precision: PrecisionChoice = PrecisionChoice.F64
+
+
 class Run(NamedTuple):
-    """What was simulated, the answer, the time step [s] and the seconds it took."""
+    """What was simulated, the answer, the time step [s], the seconds it took and the precision."""
 
     injector: Injector
     point: OperatingPoint
     solution: Solution
     time_step: float
     seconds: float
+    precision: PrecisionChoice = PrecisionChoice.F64
 
 
 def with_body(injector: Injector, body: BodyChoice | None) -> Injector:
@@ -50,7 +59,7 @@ def with_body(injector: Injector, body: BodyChoice | None) -> Injector:
     return replace(injector, variant=injector.variant._replace(body=Body(body.value)))
 
 
-def solve(injector: Injector, point: OperatingPoint, engine: EngineChoice, time_step: float) -> Solution:
+def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solution:
     """Simulate, and say on stderr what the figures must not be used for.
 
     Raises
@@ -58,9 +67,10 @@ def solve(injector: Injector, point: OperatingPoint, engine: EngineChoice, time_
     SimulationError
         If the simulation failed.
     """
-    if engine is EngineChoice.LANES:
+    if settings.engine is EngineChoice.LANES:
         say(SIMULATING)
-    solution = simulate(injector, point, engine.value, time_step)
+    engine, step, precision = settings
+    solution = simulate(injector, point, engine.value, step, precision=precision.value)
     if solution.status.failed:
         raise SimulationError(f"{injector.name}: {solution.status.sentence}")
     if solution.status is Status.STILL_INJECTING:
@@ -89,7 +99,7 @@ def figures(run: Run) -> list[tuple[str, str]]:
         ("reference density", f"{s.reference_density:.1f} kg/m3"),
         ("status", f"{s.status.name}: {s.status.sentence}"),
         ("mass balance", f"{s.balance:.1e} of the injected mass"),
-        ("engine", f"{s.engine}, {run.seconds:.2f} s with loading or compiling"),
+        ("engine", f"{s.engine}, {run.precision.value}, {run.seconds:.2f} s with loading or compiling"),
         ("injector", f"{run.injector.title} ({run.injector.variant.label})"),
         *([("synthetic", run.injector.synthetic)] if run.injector.synthetic else []),
     ]
@@ -118,6 +128,7 @@ def record(run: Run) -> dict[str, Any]:
         },
         "engine": s.engine,
         "time_step": run.time_step if s.engine == EngineChoice.LANES.value else None,
+        "precision": run.precision.value,
         "status": s.status.name,
         "message": s.status.sentence,
         "injected_volume": _finite(s.injected_volume),

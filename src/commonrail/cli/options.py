@@ -25,6 +25,7 @@ __all__ = [
     "Json",
     "OutFile",
     "PlotFile",
+    "PrecisionChoice",
     "StudyFile",
     "Threads",
     "WorkerCount",
@@ -46,6 +47,13 @@ class EngineChoice(StrEnum):
 
     LANES = "lanes"
     REFERENCE = "reference"
+
+
+class PrecisionChoice(StrEnum):
+    """Numbers that the lanes compute in."""
+
+    F64 = "f64"
+    F32 = "f32"
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object (SI units) on stdout, nothing else.")]

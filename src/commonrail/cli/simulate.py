@@ -15,10 +15,12 @@ from commonrail.cli.options import (
     Json,
     OutFile,
     PlotFile,
+    PrecisionChoice,
     read_energisings,
     with_overrides,
 )
 from commonrail.cli.output import check_file
+from commonrail.errors import InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.units import parse
 
@@ -57,6 +59,9 @@ def simulate(
         EngineChoice, typer.Option(help="Fast with a fixed step, or slow with error control.")
     ] = EngineChoice.LANES,
     time_step: Annotated[str, typer.Option(help="Of the lanes.")] = "1us",
+    precision: Annotated[
+        PrecisionChoice, typer.Option(help="Of the lanes: f32 pays for populations, here it shows its rounding.")
+    ] = PrecisionChoice.F64,
     out: OutFile = None,
     plot: PlotFile = None,
     json: Json = False,
@@ -73,6 +78,8 @@ def simulate(
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.files.injector_file import load_injector
 
+    if engine is EngineChoice.REFERENCE and precision is not PrecisionChoice.F64:
+        raise InputError("--precision f32: the reference computes in f64 alone; leave this option or --engine away.")
     check_file(out, "--out")
     check_file(plot, "--plot")
     point = OperatingPoint(
@@ -85,8 +92,8 @@ def simulate(
     step = parse(time_step, "s", "--time-step")
     chosen = course.with_body(with_overrides(load_injector(injector), set_ or []), variant)
     begin = time.perf_counter()
-    solution = course.solve(chosen, point, engine, step)
-    run = course.Run(chosen, point, solution, step, time.perf_counter() - begin)
+    solution = course.solve(chosen, point, course.Settings(engine, step, precision))
+    run = course.Run(chosen, point, solution, step, time.perf_counter() - begin, precision)
     files = _write(run, out, plot)
     if json:
         print_json(course.record(run) | {"files": files})

@@ -1,8 +1,9 @@
 """The loop over blocks, steps and lanes that `lanes` compiles.
 
-Working rows of a block, each `LANES` wide, behind one pointer: coefficients, state, the three waves that
+Working rows of a block, each as wide as its lanes, behind one pointer: coefficients, state, the three waves that
 leave, and notes (samples, opening and closing, figures kept at the end). Travelling waves wait in three ring
 buffers of `ring` slots. Parameters are read once, through the rings' memory, before the first wave is written.
+How many lanes there are, and in which precision, is a choice of the machine: see `Vector`.
 """
 
 from __future__ import annotations
@@ -12,16 +13,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.compile import physics
+from commonrail.compile import (
+    FLUSH_TINY,
+    KEEP_ALL,
+    KEEP_NONE,
+    exchange_rounding,
+    physics,
+    usual_vectors,
+    widest_vectors,
+)
 from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.injector import setup
 from commonrail.injector.joints import CLEAR_LIFT, RELAXED
-from commonrail.injector.layout import LANES, layout_of
+from commonrail.injector.layout import layout_of
 from commonrail.injector.model import Inputs, Parameters, Setting, Waves
 from commonrail.injector.variants import Variant, wiring
 
 PARAMETERS = layout_of(Parameters)
 FUEL = layout_of(FuelCoefficients)
+CACHE_LINE = 64  # [bytes]
 CHECK_EVERY = 32  # steps between looks at health and closing
 RUNAWAY = 2e-3  # a tip or top this far off [m] has left the injector
 RECOVERED = 0.9  # share of the accumulation's pressure that the control chamber regains once the valve is shut
@@ -32,9 +42,23 @@ INJECTED, RETURNED, SUPPLIED, OPENING, CLOSING, GREATEST_LIFT, ABSOLUTE, SQUARED
 )
 
 
-class Rows(NamedTuple):
-    """First working row of each group, and single rows of the state that the loop itself looks at."""
+class Vector(NamedTuple):
+    """Candidates side by side, the numbers that they are computed in, and the registers that take them.
 
+    `beside` registers are worked on at a time; with `wide` they are the widest that the machine has, without it those
+    that the compiler takes.
+    """
+
+    lanes: int
+    real: Any
+    beside: int
+    wide: bool
+
+
+class Rows(NamedTuple):
+    """Lanes; first working row of each group; single rows of the state that the loop itself looks at."""
+
+    lanes: int
     state: int
     leaving: int
     arriving: int
@@ -64,7 +88,7 @@ class Rows(NamedTuple):
     back_delay: int
 
 
-def make_rows(variant: Variant) -> Rows:
+def make_rows(variant: Variant, lanes: int) -> Rows:
     """Where everything stands for a variant; coefficients begin at row 0."""
     wired = wiring(variant)
     state = len(wired.coefficients.paths)
@@ -87,14 +111,27 @@ def make_rows(variant: Variant) -> Rows:
     done, delays, end = final + 4, final + 5, final + 11  # delays: whole steps and rest, for each wave
     state_rows = [state + wired.state.row(name) for name in looked_at]
     delay_rows = [wired.coefficients.row(name) for name in ("delays.feed", "delays.back")]
-    groups = [state, leaving, leaving + 3, *single, opened, shut, clear, final, done, delays, end]
+    groups = [lanes, state, leaving, leaving + 3, *single, opened, shut, clear, final, done, delays, end]
     return Rows._make(groups + state_rows + delay_rows)
 
 
 @physics
-def at(row: int, lane: int) -> int:
+def at(rows: Rows, row: int, lane: int) -> int:
     """Index of a row's lane."""
-    return row * LANES + lane
+    return row * rows.lanes + lane
+
+
+def make_memory(vector: Vector) -> Callable[..., Any]:
+    """Function that allocates numbers from the start of a cache line: a vector as long as one would straddle two."""
+    real, spare = vector.real, CACHE_LINE // np.dtype(vector.real).itemsize
+
+    @physics
+    def memory(count):  # type: ignore[no-untyped-def]
+        whole = np.empty(count + spare, real)
+        first = (-(whole.ctypes.data // whole.itemsize)) % spare
+        return whole[first : first + count]
+
+    return memory
 
 
 def make_begin(variant: Variant, rows: Rows) -> Callable[..., Any]:
@@ -109,33 +146,35 @@ def make_begin(variant: Variant, rows: Rows) -> Callable[..., Any]:
 
     @physics
     def begin(work, waves, ring, theta, candidates, setting, out):  # type: ignore[no-untyped-def]
-        for lane in range(LANES):
+        for lane in range(rows.lanes):
             for row in range(known + fuel_known):
-                waves[at(row, lane)] = theta[candidates[1 + lane], row]
-        for lane in range(LANES):
-            c = coefficients(load_parameters(waves, 0, lane), load_fuel(waves, known, lane), setting)
+                waves[at(rows, row, lane)] = theta[candidates[1 + lane], row]
+        for lane in range(rows.lanes):
+            c = coefficients(
+                load_parameters(waves, 0, rows.lanes, lane), load_fuel(waves, known, rows.lanes, lane), setting
+            )
             body = at_rest(c.plunger_needle, seat_contact(c), static_loads(c, setting))
-            store_coefficients(work, 0, lane, c)
-            store_state(work, rows.state, lane, state_at_rest(c, setting, body, motion(body)))
+            store_coefficients(work, 0, rows.lanes, lane, c)
+            store_state(work, rows.state, rows.lanes, lane, state_at_rest(c, setting, body, motion(body)))
             for row in range(rows.leaving, rows.end):
-                work[at(row, lane)] = 0.0
-            rests = work[at(rows.tip, lane)] < 0.0 and work[at(rows.valve_lift, lane)] < 0.0
+                work[at(rows, row, lane)] = 0.0
+            rests = work[at(rows, rows.tip, lane)] < 0.0 and work[at(rows, rows.valve_lift, lane)] < 0.0
             out[lane, CLOSED_AT_START] = 1.0 if rests else 0.0
-            work[at(rows.leaving, lane)] = work[at(rows.store_pressure, lane)]
-            work[at(rows.leaving + 1, lane)] = work[at(rows.store_pressure, lane)]
-            work[at(rows.leaving + 2, lane)] = work[at(rows.return_pressure, lane)]
+            work[at(rows, rows.leaving, lane)] = work[at(rows, rows.store_pressure, lane)]
+            work[at(rows, rows.leaving + 1, lane)] = work[at(rows, rows.store_pressure, lane)]
+            work[at(rows, rows.leaving + 2, lane)] = work[at(rows, rows.return_pressure, lane)]
         for wave in range(3):
             for slot in range(ring):
-                for lane in range(LANES):
-                    waves[at(wave * ring + slot, lane)] = work[at(rows.leaving + wave, lane)]
+                for lane in range(rows.lanes):
+                    waves[at(rows, wave * ring + slot, lane)] = work[at(rows, rows.leaving + wave, lane)]
         alike = True
         for wave in range(3):
             row = rows.feed_delay if wave < 2 else rows.back_delay
-            for lane in range(LANES):
-                delay = min(max(work[at(row, lane)], 1.0), ring - 2.0)
-                work[at(rows.delays + 2 * wave, lane)] = float(int(delay))
-                work[at(rows.delays + 2 * wave + 1, lane)] = delay - int(delay)
-                alike = alike and work[at(row, lane)] == work[at(row, 0)]
+            for lane in range(rows.lanes):
+                delay = min(max(work[at(rows, row, lane)], 1.0), ring - 2.0)
+                work[at(rows, rows.delays + 2 * wave, lane)] = float(int(delay))
+                work[at(rows, rows.delays + 2 * wave + 1, lane)] = delay - int(delay)
+                alike = alike and work[at(rows, row, lane)] == work[at(rows, row, 0)]
         return alike
 
     return begin  # type: ignore[no-any-return]
@@ -148,42 +187,46 @@ def make_advance(variant: Variant, rows: Rows) -> Callable[..., Any]:
     step, motion = wired.step, wired.body.motion
 
     @physics
-    def advance(work, k, u, dt):  # type: ignore[no-untyped-def]
-        for lane in range(LANES):
-            c = load_coefficients(work, 0, lane)
-            s = load_state(work, rows.state, lane)
+    def advance(work, count, u, dt):  # type: ignore[no-untyped-def]
+        for lane in range(rows.lanes):
+            c = load_coefficients(work, 0, rows.lanes, lane)
+            s = load_state(work, rows.state, rows.lanes, lane)
             arriving = Waves(
-                work[at(rows.arriving, lane)], work[at(rows.arriving + 1, lane)], work[at(rows.arriving + 2, lane)]
+                work[at(rows, rows.arriving, lane)],
+                work[at(rows, rows.arriving + 1, lane)],
+                work[at(rows, rows.arriving + 2, lane)],
             )
             after, away = step(c, s, u, arriving, dt)
             old, new = motion(s.body).tip, motion(after.body).tip
-            note_crossing(work, rows, lane, k, old, new)
-            work[at(rows.greatest, lane)] = max(work[at(rows.greatest, lane)], new)
-            work[at(rows.before, lane)] = s.nozzle.injected
-            store_state(work, rows.state, lane, after)
-            work[at(rows.leaving, lane)] = away.down
-            work[at(rows.leaving + 1, lane)] = away.up
-            work[at(rows.leaving + 2, lane)] = away.back
+            note_crossing(work, rows, lane, count, old, new)
+            work[at(rows, rows.greatest, lane)] = max(work[at(rows, rows.greatest, lane)], new)
+            work[at(rows, rows.before, lane)] = s.nozzle.injected
+            store_state(work, rows.state, rows.lanes, lane, after)
+            work[at(rows, rows.leaving, lane)] = away.down
+            work[at(rows, rows.leaving + 1, lane)] = away.up
+            work[at(rows, rows.leaving + 2, lane)] = away.back
 
     return advance  # type: ignore[no-any-return]
 
 
 @physics
-def note_crossing(work, rows, lane, k, old, new):  # type: ignore[no-untyped-def]
+def note_crossing(work, rows, lane, count, old, new):  # type: ignore[no-untyped-def]
     """Keep step and lifts of the opening and of the last closing; the instants are worked out at the end.
 
     The needle is open once its tip has first risen by `CLEAR_LIFT`, and closes when it first meets the seat after
     that: the ringing of a closed needle and bounces are neither.
     """
-    opens = old <= CLEAR_LIFT < new and work[at(rows.greatest, lane)] <= CLEAR_LIFT
-    closes = new <= 0.0 < old and work[at(rows.clear, lane)] > 0.0
-    work[at(rows.opened, lane)] = k + 1.0 if opens else work[at(rows.opened, lane)]
-    work[at(rows.opened + 1, lane)] = old - CLEAR_LIFT if opens else work[at(rows.opened + 1, lane)]
-    work[at(rows.opened + 2, lane)] = new - CLEAR_LIFT if opens else work[at(rows.opened + 2, lane)]
-    work[at(rows.shut, lane)] = k + 1.0 if closes else work[at(rows.shut, lane)]
-    work[at(rows.shut + 1, lane)] = old if closes else work[at(rows.shut + 1, lane)]
-    work[at(rows.shut + 2, lane)] = new if closes else work[at(rows.shut + 2, lane)]
-    work[at(rows.clear, lane)] = 1.0 if new > CLEAR_LIFT else (0.0 if closes else work[at(rows.clear, lane)])
+    opens = old <= CLEAR_LIFT < new and work[at(rows, rows.greatest, lane)] <= CLEAR_LIFT
+    closes = new <= 0.0 < old and work[at(rows, rows.clear, lane)] > 0.0
+    work[at(rows, rows.opened, lane)] = count if opens else work[at(rows, rows.opened, lane)]
+    work[at(rows, rows.opened + 1, lane)] = old - CLEAR_LIFT if opens else work[at(rows, rows.opened + 1, lane)]
+    work[at(rows, rows.opened + 2, lane)] = new - CLEAR_LIFT if opens else work[at(rows, rows.opened + 2, lane)]
+    work[at(rows, rows.shut, lane)] = count if closes else work[at(rows, rows.shut, lane)]
+    work[at(rows, rows.shut + 1, lane)] = old if closes else work[at(rows, rows.shut + 1, lane)]
+    work[at(rows, rows.shut + 2, lane)] = new if closes else work[at(rows, rows.shut + 2, lane)]
+    work[at(rows, rows.clear, lane)] = (
+        1.0 if new > CLEAR_LIFT else (0.0 if closes else work[at(rows, rows.clear, lane)])
+    )
 
 
 @physics
@@ -196,31 +239,31 @@ def arrive(work, waves, ring, rows, k, alike):  # type: ignore[no-untyped-def]
     for wave in range(3):
         row = rows.delays + 2 * wave
         if alike:
-            whole, part = int(work[at(row, 0)]), work[at(row + 1, 0)]
-            late = at(wave * ring + ((k - whole) & mask), 0)
-            later = at(wave * ring + ((k - whole - 1) & mask), 0)
-            for lane in range(LANES):
+            whole, part = int(work[at(rows, row, 0)]), work[at(rows, row + 1, 0)]
+            late = at(rows, wave * ring + ((k - whole) & mask), 0)
+            later = at(rows, wave * ring + ((k - whole - 1) & mask), 0)
+            for lane in range(rows.lanes):
                 mix = (1.0 - part) * waves[late + lane] + part * waves[later + lane]
-                work[at(rows.arriving + wave, lane)] = mix
+                work[at(rows, rows.arriving + wave, lane)] = mix
         else:
-            for lane in range(LANES):
-                whole, part = int(work[at(row, lane)]), work[at(row + 1, lane)]
-                late = at(wave * ring + ((k - whole) & mask), lane)
-                later = at(wave * ring + ((k - whole - 1) & mask), lane)
-                work[at(rows.arriving + wave, lane)] = (1.0 - part) * waves[late] + part * waves[later]
+            for lane in range(rows.lanes):
+                whole, part = int(work[at(rows, row, lane)]), work[at(rows, row + 1, lane)]
+                late = at(rows, wave * ring + ((k - whole) & mask), lane)
+                later = at(rows, wave * ring + ((k - whole - 1) & mask), lane)
+                work[at(rows, rows.arriving + wave, lane)] = (1.0 - part) * waves[late] + part * waves[later]
 
 
 @physics
 def sample(work, rows, part, width, target, weight, first):  # type: ignore[no-untyped-def]
     """Take the sample that ends `part` of a step into the last one, and add up its misfit."""
-    for lane in range(LANES):
-        start = work[at(rows.before, lane)]
-        here = start + part * (work[at(rows.injected, lane)] - start)
-        error = (here - work[at(rows.mark, lane)]) / width - target
+    for lane in range(rows.lanes):
+        start = work[at(rows, rows.before, lane)]
+        here = start + part * (work[at(rows, rows.injected, lane)] - start)
+        error = (here - work[at(rows, rows.mark, lane)]) / width - target
         counts = 0.0 if first else weight
-        work[at(rows.absolute, lane)] += counts * abs(error)
-        work[at(rows.squared, lane)] += counts * error * error
-        work[at(rows.mark, lane)] = here
+        work[at(rows, rows.absolute, lane)] += counts * abs(error)
+        work[at(rows, rows.squared, lane)] += counts * error * error
+        work[at(rows, rows.mark, lane)] = here
 
 
 @physics
@@ -231,92 +274,103 @@ def look(work, rows, cylinder, quiet, stop_when_closed, out):  # type: ignore[no
     chamber is shut: what its neighbours go on doing then no longer touches its figures.
     """
     done = 0
-    for lane in range(LANES):
-        lift, top, mass = work[at(rows.tip, lane)], work[at(rows.top, lane)], work[at(rows.injected, lane)]
-        sac = work[at(rows.sac_pressure, lane)]
+    for lane in range(rows.lanes):
+        lift, top, mass = (
+            work[at(rows, rows.tip, lane)],
+            work[at(rows, rows.top, lane)],
+            work[at(rows, rows.injected, lane)],
+        )
+        sac = work[at(rows, rows.sac_pressure, lane)]
         sane = abs(lift) < RUNAWAY and abs(top) < RUNAWAY and abs(mass) < 1.0 and abs(sac) < 1e10
         rests = lift <= 0.0 and sac - cylinder < RELAXED
-        shut = work[at(rows.control_pressure, lane)] > RECOVERED * work[at(rows.store_pressure, lane)]
+        shut = work[at(rows, rows.control_pressure, lane)] > RECOVERED * work[at(rows, rows.store_pressure, lane)]
         closed = quiet and rests and shut
-        if work[at(rows.done, lane)] == 0.0:
-            work[at(rows.final, lane)] = mass
-            work[at(rows.final + 1, lane)] = work[at(rows.returned, lane)]
-            work[at(rows.final + 2, lane)] = work[at(rows.supplied, lane)]
-            work[at(rows.final + 3, lane)] = 1.0 if sane else 0.0
+        if work[at(rows, rows.done, lane)] == 0.0:
+            work[at(rows, rows.final, lane)] = mass
+            work[at(rows, rows.final + 1, lane)] = work[at(rows, rows.returned, lane)]
+            work[at(rows, rows.final + 2, lane)] = work[at(rows, rows.supplied, lane)]
+            work[at(rows, rows.final + 3, lane)] = 1.0 if sane else 0.0
             out[lane, CLOSED] = 1.0 if closed else 0.0
             if (stop_when_closed and closed) or not sane:
-                work[at(rows.done, lane)] = 1.0
-        if work[at(rows.done, lane)] != 0.0:
+                work[at(rows, rows.done, lane)] = 1.0
+        if work[at(rows, rows.done, lane)] != 0.0:
             done += 1
-    return done == LANES
+    return done == rows.lanes
 
 
 @physics
-def crossing(work, row, lane):  # type: ignore[no-untyped-def]
+def crossing(work, rows, row, lane):  # type: ignore[no-untyped-def]
     """Instant of a noted crossing in steps, by linear interpolation; NaN where there was none."""
-    index, old, new = work[at(row, lane)], work[at(row + 1, lane)], work[at(row + 2, lane)]
+    index, old, new = work[at(rows, row, lane)], work[at(rows, row + 1, lane)], work[at(rows, row + 2, lane)]
     return index - new / (new - old) if index > 0.0 else np.nan
 
 
 @physics
 def report(work, rows, out):  # type: ignore[no-untyped-def]
-    """Write the figures of a block, (LANES, figures)."""
-    for lane in range(LANES):
+    """Write the figures of a block, (lanes, figures)."""
+    for lane in range(rows.lanes):
         for i in range(3):
-            out[lane, INJECTED + i] = work[at(rows.final + i, lane)]
-        out[lane, SOUND] = work[at(rows.final + 3, lane)]
-        out[lane, OPENING] = crossing(work, rows.opened, lane)
-        out[lane, CLOSING] = crossing(work, rows.shut, lane)
-        out[lane, GREATEST_LIFT] = work[at(rows.greatest, lane)]
-        out[lane, ABSOLUTE] = work[at(rows.absolute, lane)]
-        out[lane, SQUARED] = work[at(rows.squared, lane)]
+            out[lane, INJECTED + i] = work[at(rows, rows.final + i, lane)]
+        out[lane, SOUND] = work[at(rows, rows.final + 3, lane)]
+        out[lane, OPENING] = crossing(work, rows, rows.opened, lane)
+        out[lane, CLOSING] = crossing(work, rows, rows.shut, lane)
+        out[lane, GREATEST_LIFT] = work[at(rows, rows.greatest, lane)]
+        out[lane, ABSOLUTE] = work[at(rows, rows.absolute, lane)]
+        out[lane, SQUARED] = work[at(rows, rows.squared, lane)]
 
 
 @physics
 def record(work, rows, trace):  # type: ignore[no-untyped-def]
-    """Copy state and leaving waves into a trace, (rows, LANES)."""
+    """Copy state and leaving waves into a trace, (rows, lanes)."""
     for row in range(trace.shape[0]):
-        for lane in range(LANES):
-            trace[row, lane] = work[at(rows.state + row, lane)]
+        for lane in range(rows.lanes):
+            trace[row, lane] = work[at(rows, rows.state + row, lane)]
 
 
-def make_loop(variant: Variant) -> Callable[..., Any]:
+def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
     """The loop over blocks [first, last) of a job; arguments are those of `lanes.Job`, `lanes.Misfit`, then outputs."""
-    rows = make_rows(variant)
+    rows, real = make_rows(variant, vector.lanes), vector.real
     begin, advance = make_begin(variant, rows), make_advance(variant, rows)
     parameters = len(PARAMETERS.paths) + len(FUEL.paths)
+    memory = make_memory(vector)
+    vectors = widest_vectors if vector.wide else usual_vectors
+    flush = FLUSH_TINY if real is np.float32 else KEEP_NONE
 
     def loop(  # type: ignore[no-untyped-def]
         theta, settings, inputs, steps, quiet, blocks, dt, ring, stop_when_closed,
         bound_count, bounds, target, weight, trace, out, first, last,
     ):  # fmt: skip
         mask = ring - 1
-        work = np.empty(rows.end * LANES)
-        waves = np.empty(max(3 * ring, parameters) * LANES)
+        vectors()
+        step_size = real(dt)
+        mode = exchange_rounding(flush, KEEP_ALL)
+        work = memory(rows.end * rows.lanes)
+        waves = memory(max(3 * ring, parameters) * rows.lanes)
         for block in range(first, last):
             point = blocks[block, 0]
-            setting = Setting(settings[point, 0], settings[point, 1], settings[point, 2], dt)
+            rail, cylinder, low = settings[point, 0], settings[point, 1], settings[point, 2]
+            setting = Setting(real(rail), real(cylinder), real(low), step_size)
             alike = begin(work, waves, ring, theta, blocks[block], setting, out[block])
             if trace.shape[0] > 0:
                 record(work, rows, trace[block, 0])
             bound = 0
             for k in range(steps[point]):
                 x = inputs[point, k]
-                u = Inputs(x[0], x[1], x[2], x[3], x[4], x[5])
+                u = Inputs(real(x[0]), real(x[1]), real(x[2]), real(x[3]), real(x[4]), real(x[5]))
                 arrive(work, waves, ring, rows, k, alike)
-                advance(work, k, u, dt)
+                advance(work, real(k + 1), u, step_size)
                 for wave in range(3):
-                    for lane in range(LANES):
-                        waves[at(wave * ring + (k & mask), lane)] = work[at(rows.leaving + wave, lane)]
+                    for lane in range(rows.lanes):
+                        waves[at(rows, wave * ring + (k & mask), lane)] = work[at(rows, rows.leaving + wave, lane)]
                 while bound < bound_count[point] and bounds[point, bound] <= k + 1.0:
                     width = dt * (bounds[point, bound] - bounds[point, max(bound - 1, 0)]) if bound > 0 else 1.0
                     sample(
                         work,
                         rows,
-                        bounds[point, bound] - k,
-                        width,
-                        target[point, bound],
-                        weight[point, bound],
+                        real(bounds[point, bound] - k),
+                        real(width),
+                        real(target[point, bound]),
+                        real(weight[point, bound]),
                         bound == 0,
                     )
                     bound += 1
@@ -326,5 +380,6 @@ def make_loop(variant: Variant) -> Callable[..., Any]:
                     if look(work, rows, u.cylinder, k >= quiet[point], stop_when_closed, out[block]):
                         break
             report(work, rows, out[block])
+        exchange_rounding(mode, KEEP_NONE)
 
     return loop

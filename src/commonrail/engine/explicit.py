@@ -185,7 +185,7 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
     def loop(  # type: ignore[no-untyped-def]
         stops, courses, schedule, rows, step, constants, cells, friction, y, states, instants
     ):
-        c = load(constants, 0, 0)
+        c = load(constants, 0, 1, 0)
         core = 2 * cells[0] + 1
         tip = core + tip_in_core
         outside, work = np.zeros(7), np.empty((3, len(y)))

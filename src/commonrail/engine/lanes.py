@@ -1,6 +1,6 @@
 """The fast engine: candidates side by side in SIMD lanes, blocks of lanes on threads.
 
-A block is one operating point and up to `LANES` candidates. Its lanes live behind one pointer,
+A block is one operating point and as many candidates as it has lanes. They live behind one pointer,
 rows × lanes; the loop over lanes calls the step of `commonrail.injector.step` on NamedTuples and is
 vectorised by the compiler. Travelling waves wait in ring buffers behind the other rows. Samples and their
 misfit are taken inside the loop, so a population leaves no traces in memory. A block depends on nothing
@@ -12,18 +12,32 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.compile import kernel
-from commonrail.engine.block import make_loop
-from commonrail.injector.layout import LANES
+from commonrail.engine.block import Vector, make_loop
 from commonrail.injector.model import Waves
 from commonrail.injector.variants import Variant, wiring
 
 Floats = NDArray[np.float64]
+
+
+class Precision(Enum):
+    """Numbers that the lanes compute in."""
+
+    F64 = "f64"
+    F32 = "f32"
+
+
+# Measured on machines with AVX-512: docs/howto/speed.md.
+VECTORS = {
+    Precision.F64: Vector(8, np.float64, 2, False),
+    Precision.F32: Vector(16, np.float32, 1, True),
+}
 
 
 class Misfit(NamedTuple):
@@ -46,7 +60,7 @@ class Misfit(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Per lane figures of a run; shapes (blocks, LANES).
+    """Per lane figures of a run; shapes (blocks, lanes).
 
     `opening` and `closing` are in steps (NaN where there is none); masses in kg; `absolute` and `squared`
     are the weighted sums of the samples' errors [kg/s], [(kg/s)²]; `sound` is 1 for a run that stayed
@@ -80,7 +94,7 @@ class Job(NamedTuple):
     steps : (points,) int
     quiet : (points,) int
         First step after which nothing is energised any more.
-    blocks : (blocks, 1 + LANES) int
+    blocks : (blocks, 1 + lanes) int
         Operating point, then the candidates of the lanes.
     dt : float
     ring : int
@@ -100,9 +114,11 @@ class Job(NamedTuple):
 
 
 @functools.cache
-def compiled(variant: Variant) -> Callable[..., None]:
+def compiled(variant: Variant, precision: Precision = Precision.F64) -> Callable[..., None]:
     """The block loop of a variant, compiled (or loaded from the cache) at its first call."""
-    return kernel(make_loop(variant), f"lanes: {variant.label}")  # type: ignore[no-any-return]
+    vector = VECTORS[precision]
+    name = f"{vector.lanes} lanes {precision.value}: {variant.label}"
+    return kernel(make_loop(variant, vector), name, real=vector.real, beside=vector.beside)  # type: ignore[no-any-return]
 
 
 def trace_paths(variant: Variant) -> tuple[str, ...]:
@@ -110,26 +126,33 @@ def trace_paths(variant: Variant) -> tuple[str, ...]:
     return wiring(variant).state.paths + tuple(f"waves.{name}" for name in Waves._fields)
 
 
-def run(job: Job, variant: Variant, misfit: Misfit | None = None, threads: int = 1) -> Outcome:
+def run(
+    job: Job,
+    variant: Variant,
+    misfit: Misfit | None = None,
+    threads: int = 1,
+    precision: Precision = Precision.F64,
+) -> Outcome:
     """Run all blocks of a job."""
-    out = _run(job, variant, misfit, np.empty((0, 0, 0, 0)), threads)
+    out = _run(job, compiled(variant, precision), misfit, np.empty((0, 0, 0, 0)), threads)
     return Outcome(*np.moveaxis(out, 2, 0))
 
 
-def run_traced(job: Job, variant: Variant, threads: int = 1) -> tuple[Outcome, Floats]:
-    """Run all blocks and keep the state after every step: (blocks, steps + 1, rows, LANES)."""
+def run_traced(
+    job: Job, variant: Variant, threads: int = 1, precision: Precision = Precision.F64
+) -> tuple[Outcome, Floats]:
+    """Run all blocks and keep the state after every step: (blocks, steps + 1, rows, lanes)."""
     rows = len(trace_paths(variant))
-    trace = np.full((len(job.blocks), int(job.steps.max()) + 1, rows, LANES), np.nan)
-    return Outcome(*np.moveaxis(_run(job, variant, None, trace, threads), 2, 0)), trace
+    trace = np.full((len(job.blocks), int(job.steps.max()) + 1, rows, job.blocks.shape[1] - 1), np.nan)
+    return Outcome(*np.moveaxis(_run(job, compiled(variant, precision), None, trace, threads), 2, 0)), trace
 
 
-def _run(job: Job, variant: Variant, misfit: Misfit | None, trace: Floats, threads: int) -> Floats:
+def _run(job: Job, loop: Callable[..., None], misfit: Misfit | None, trace: Floats, threads: int) -> Floats:
     n = len(job.blocks)
-    out = np.empty((n, LANES, len(Outcome._fields)))
+    out = np.empty((n, job.blocks.shape[1] - 1, len(Outcome._fields)))
     points = len(job.settings)
     none = np.zeros((points, 0))
     samples = misfit or Misfit(np.zeros(points, np.int64), none, none, none)
-    loop = compiled(variant)
     share = max(1, -(-n // threads))
 
     def work(first: int) -> None:

@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.engine.block import FUEL
-from commonrail.engine.lanes import Job
+from commonrail.engine.lanes import VECTORS, Job, Precision
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
-from commonrail.injector.layout import LANES
 from commonrail.injector.variants import Drive
 
 Floats = NDArray[np.float64]
@@ -60,11 +59,17 @@ def admissible(names: Sequence[str], values: Floats) -> NDArray[np.bool_]:
 
 
 def make_job(
-    injector: Injector, theta: Floats, points: Sequence[OperatingPoint], dt: float, stop_when_closed: bool
+    injector: Injector,
+    theta: Floats,
+    points: Sequence[OperatingPoint],
+    dt: float,
+    stop_when_closed: bool,
+    precision: Precision = Precision.F64,
 ) -> Job:
     """Every candidate at every point, candidates of a point side by side.
 
-    Block b of point i holds candidates 8 b … 8 b + 7; a last block that is not full repeats its last candidate.
+    With 8 lanes block b of a point holds candidates 8 b … 8 b + 7; a last block that is not full repeats its last
+    candidate.
     """
     steps = np.array([_steps(point, dt) for point in points])
     inputs = np.zeros((len(points), int(steps.max()), 6))
@@ -77,23 +82,23 @@ def make_job(
         inputs,
         steps,
         np.array([_quiet(point, dt) for point in points]),
-        blocks(len(theta), len(points)),
+        blocks(len(theta), len(points), VECTORS[precision].lanes),
         dt,
         _ring(theta, dt, int(steps.max())),
         stop_when_closed,
     )
 
 
-def blocks(candidates: int, points: int) -> NDArray[np.int64]:
-    """Blocks of a full product of points and candidates: (blocks, 1 + LANES)."""
-    per_point = -(-candidates // LANES)
-    lanes = np.minimum(np.arange(per_point * LANES), candidates - 1).reshape(per_point, LANES)
+def blocks(candidates: int, points: int, width: int) -> NDArray[np.int64]:
+    """Blocks of a full product of points and candidates: (blocks, 1 + width)."""
+    per_point = -(-candidates // width)
+    lanes = np.minimum(np.arange(per_point * width), candidates - 1).reshape(per_point, width)
     column = np.repeat(np.arange(points), per_point)[:, None]
     return np.hstack([column, np.tile(lanes, (points, 1))])
 
 
 def by_candidate(figures: Floats, candidates: int, points: int) -> Floats:
-    """Lane figures (blocks, LANES) of a full product as (candidates, points)."""
+    """Lane figures (blocks, lanes) of a full product as (candidates, points)."""
     return np.asarray(figures.reshape(points, -1)[:, :candidates].T)
 
 

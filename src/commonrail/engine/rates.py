@@ -237,7 +237,7 @@ def make_rates(variant: Variant) -> Callable[..., None]:
     masses = 9 if flexible else 1
 
     def rates(y, outside_, constants, cells, friction, dy):  # type: ignore[no-untyped-def]
-        c = load(constants, 0, 0)
+        c = load(constants, 0, 1, 0)
         outside = Outside(outside_[0], outside_[1], outside_[2], outside_[3], outside_[4], outside_[5], outside_[6])
         core = 2 * cells[0] + 1
         body = core + 12

@@ -25,7 +25,6 @@ from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.joints import CLEAR_LIFT, make_room
-from commonrail.injector.layout import LANES
 from commonrail.injector.model import Setting
 from commonrail.injector.variants import Body, Boundary, Drive, wiring
 from commonrail.parts import drive, nozzle, solenoid
@@ -124,8 +123,8 @@ class Model:
         self.cells = np.array((resolution.cells[0], line))
         self.start = start_vector(variant, self.c, state, (resolution.cells[0], line), at)
         self.core = 2 * resolution.cells[0] + 1
-        self.constants = np.zeros(len(wired.coefficients.paths) * LANES)
-        wired.coefficients.store(self.constants, 0, 0, self.c)
+        self.constants = np.zeros(len(wired.coefficients.paths))
+        wired.coefficients.store(self.constants, 0, 1, 0, self.c)
         self.friction = np.zeros((9, 2)) if friction is None else np.ascontiguousarray(friction, float)
         self.rates = compiled_rates(variant)
         self.outside = np.zeros(7)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import fields
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 from commonrail.engine import lanes, plan
 from commonrail.engine.balance import relative_balance
 from commonrail.engine.channels import read_channels
-from commonrail.engine.lanes import Misfit, Outcome
+from commonrail.engine.lanes import Misfit, Outcome, Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch, Solution
 from commonrail.engine.stability import longest_step
@@ -22,6 +24,7 @@ from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 
 Floats = NDArray[np.float64]
 
+AT_A_TIME = 16_384  # simulations; the parameters of that many take 20 MB
 DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail verify`
 
 
@@ -49,6 +52,7 @@ def simulate(
     engine: Engine | str = Engine.LANES,
     time_step: float = DEFAULT_STEP,
     sample_interval: float | None = None,
+    precision: Precision | str = Precision.F64,
 ) -> Solution:
     """Simulate one injection.
 
@@ -62,6 +66,8 @@ def simulate(
         Step of the lanes [s].
     sample_interval : float, optional
         Spacing of the samples [s]; by default the time step of the lanes, 3 us for the reference.
+    precision : Precision or str
+        "f64" or "f32", of the lanes; the reference is f64 alone.
 
     Raises
     ------
@@ -74,13 +80,16 @@ def simulate(
             f"The sample interval must lie between 1 ns and the simulated {point.duration * 1e3:g} ms, "
             f"not {sample_interval:g} s."
         )
+    real = _precision(precision)
     if Engine(engine) is Engine.REFERENCE:
+        if real is not Precision.F64:
+            raise ConfigurationError(f"The reference computes in f64 alone, not in {real.value}; use the lanes for it.")
         from commonrail.engine.reference import simulate_reference
 
         return simulate_reference(injector, point, sample_interval or 3e-6)
     theta = plan.candidate_matrix(injector, (), np.empty((1, 0)))
-    job = plan.make_job(injector, theta, [point], time_step, False)
-    outcome, trace = lanes.run_traced(job, injector.variant)
+    job = plan.make_job(injector, theta, [point], time_step, False, real)
+    outcome, trace = lanes.run_traced(job, injector.variant, precision=real)
     stride = max(round((sample_interval or time_step) / time_step), 1)
     rows = trace[0, ::stride, :, 0]
     names = lanes.trace_paths(injector.variant)
@@ -113,6 +122,7 @@ def simulate_batch(
     threads: int | None = None,
     misfit: Misfit | None = None,
     stop_when_closed: bool = True,
+    precision: Precision | str = Precision.F64,
 ) -> Batch:
     """Simulate many candidates at many operating points.
 
@@ -132,6 +142,8 @@ def simulate_batch(
         Rate samples to compare with inside the loop.
     stop_when_closed : bool
         End a simulation once its needle has closed for good.
+    precision : Precision or str
+        "f64", or "f32": twice as fast, with an L1 error of the rate below 0.01 % from rounding.
     """
     check_step(time_step)
     if threads is not None and not 1 <= threads <= 1024:
@@ -141,14 +153,45 @@ def simulate_batch(
     candidates = np.empty((1, 0)) if values is None else np.atleast_2d(np.asarray(values, float))
     if candidates.shape[1] != len(names):
         raise ConfigurationError(f"{len(names)} names but {candidates.shape[1]} values a candidate were given.")
+    if not len(candidates):
+        raise ConfigurationError("At least one candidate is needed.")
+    stop = stop_when_closed and misfit is None
+    how = _How(time_step, threads or usable_threads(), misfit, stop, _precision(precision))
+    many = max(AT_A_TIME // len(points), 1)
+    parts = [
+        _simulate(injector, points, names, candidates[first : first + many], how)
+        for first in range(0, len(candidates), many)
+    ]
+    return parts[0] if len(parts) == 1 else _joined(parts)
+
+
+def _precision(name: Precision | str) -> Precision:
+    try:
+        return Precision(name)
+    except ValueError:
+        raise ConfigurationError(f'The precision must be "f64" or "f32", not {name!r}.') from None
+
+
+class _How(NamedTuple):
+    time_step: float
+    threads: int
+    misfit: Misfit | None
+    stop_when_closed: bool
+    precision: Precision
+
+
+def _simulate(
+    injector: Injector, points: Sequence[OperatingPoint], names: Sequence[str], candidates: Floats, how: _How
+) -> Batch:
+    """A part of a population that is small enough to have all its parameters in memory."""
     inside = plan.admissible(names, candidates)
     if not inside.all():
         own = np.array([injector.values[name] for name in names])
         candidates = np.where(inside[:, None], candidates, own)
     theta = plan.candidate_matrix(injector, names, candidates)
-    job = plan.make_job(injector, theta, points, time_step, stop_when_closed and misfit is None)
-    outcome = lanes.run(job, injector.variant, misfit, threads or usable_threads())
-    status = _status(injector, theta, outcome, time_step, len(theta), len(points))
+    job = plan.make_job(injector, theta, points, how.time_step, how.stop_when_closed, how.precision)
+    outcome = lanes.run(job, injector.variant, how.misfit, how.threads, how.precision)
+    status = _status(injector, theta, outcome, how.time_step, len(theta), len(points))
     status[~inside] = Status.OUTSIDE_DOMAIN
 
     failed = (status != Status.OK) & (status != Status.STILL_INJECTING)
@@ -160,14 +203,21 @@ def simulate_batch(
     return Batch(
         figure(outcome.injected),
         figure(outcome.returned),
-        begin + time_step * figure(outcome.opening),
-        begin + time_step * figure(outcome.closing),
+        begin + how.time_step * figure(outcome.opening),
+        begin + how.time_step * figure(outcome.closing),
         figure(outcome.greatest_lift),
         status,
         np.array([reference_density(injector, point) for point in points]),
         figure(outcome.absolute),
         figure(outcome.squared),
     )
+
+
+def _joined(parts: Sequence[Batch]) -> Batch:
+    """One batch of several; the reference density is of the points, and the same in all."""
+    names = [f.name for f in fields(Batch)]
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return Batch(**{**columns, "reference_density": parts[0].reference_density})
 
 
 def check_step(time_step: float) -> None:

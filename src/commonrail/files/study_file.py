@@ -90,6 +90,7 @@ def _study(file: Path) -> Study:
         time_step,
         text,
         model.note,
+        model.precision,
     )
 
 

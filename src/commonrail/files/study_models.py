@@ -19,6 +19,7 @@ from pydantic_core import PydanticCustomError
 
 from commonrail.calibration.optimisers.evolution_settings import InitialSampling
 from commonrail.calibration.optimisers.treatments import Treatment
+from commonrail.engine.lanes import Precision
 from commonrail.errors import nearest
 
 __all__ = [
@@ -220,6 +221,7 @@ class StudyModel(_TableModel):
     injector: str
     seed: int = Field(default=1, ge=0)
     time_step: Value = "1 us"
+    precision: Precision = Field(default=Precision.F64, strict=False)
     data: list[DataModel] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from math import pi
 
 from commonrail.compile import physics
 
@@ -12,7 +12,7 @@ __all__ = ["gap_conductance", "leakage_slope"]
 @physics
 def gap_conductance(diameter: float, gap: float, length: float) -> float:
     """π d g³/(12 l), the geometry of Eq. (5) [m³]: concentric gap, laminar, fully developed."""
-    return math.pi * diameter * gap * gap * gap / (12.0 * length)
+    return pi * diameter * gap * gap * gap / (12.0 * length)
 
 
 @physics

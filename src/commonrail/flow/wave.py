@@ -7,7 +7,7 @@ friction. A pipe is then two delay lines of L/a: what leaves one end arrives at 
 
 from __future__ import annotations
 
-import math
+from math import pi
 
 from commonrail.compile import physics
 
@@ -17,7 +17,7 @@ __all__ = ["friction_resistance", "impedance", "pipe_area"]
 @physics
 def pipe_area(diameter: float) -> float:
     """Cross-section of a round bore [m²]."""
-    return 0.25 * math.pi * diameter * diameter
+    return 0.25 * pi * diameter * diameter
 
 
 @physics

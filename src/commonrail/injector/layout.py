@@ -1,4 +1,4 @@
-"""Rows of a lane: a nested NamedTuple of floats laid out in one column of a (rows × lanes) array.
+"""Rows of a lane: a nested NamedTuple of numbers laid out in one column of a (rows × lanes) array.
 
 An engine keeps everything behind one base pointer, so the compiler can prove that lanes do not overlap.
 Physics never sees a row number: `Layout.load` gives it the NamedTuple back by name. The two functions are
@@ -13,9 +13,7 @@ from typing import Any, NamedTuple, get_type_hints
 
 from commonrail.compile import physics
 
-__all__ = ["LANES", "Layout", "field_paths", "layout_of"]
-
-LANES = 8  # candidates side by side: one AVX-512 register of doubles, two of AVX2
+__all__ = ["Layout", "field_paths", "layout_of"]
 
 
 class Layout(NamedTuple):
@@ -25,10 +23,10 @@ class Layout(NamedTuple):
     ----------
     paths : tuple of str
         Dotted field names in row order: ``plunger_needle.k1``.
-    load : function (array, first_row, lane) -> NamedTuple
-        Reads one lane.
-    store : function (array, first_row, lane, value) -> None
-        Writes one lane.
+    load : function (array, first_row, lanes, lane) -> NamedTuple
+        Reads one of `lanes` lanes.
+    store : function (array, first_row, lanes, lane, value) -> None
+        Writes one of `lanes` lanes.
     """
 
     paths: tuple[str, ...]
@@ -66,12 +64,12 @@ def layout_of(kind: type, choices: tuple[tuple[str, type], ...] = ()) -> Layout:
     choices : tuple of (field name, type)
         Types of the fields annotated ``Any``, such as ``(("body", rigid_body.State),)``.
     """
-    names: dict[str, Any] = {"__name__": __name__, "LANES": LANES}
+    names: dict[str, Any] = {"__name__": __name__}
     rows = iter(range(10_000))
     made = _constructor(kind, choices, names, rows)
     paths = tuple(field_paths(kind, choices))
-    stores = [f"    a[(first + {i}) * LANES + lane] = value.{path}" for i, path in enumerate(paths)]
-    source = f"def load(a, first, lane):\n    return {made}\n\ndef store(a, first, lane, value):\n"
+    stores = [f"    a[(first + {i}) * lanes + lane] = value.{path}" for i, path in enumerate(paths)]
+    source = f"def load(a, first, lanes, lane):\n    return {made}\n\ndef store(a, first, lanes, lane, value):\n"
     exec(compile(source + "\n".join(stores) + "\n", f"<layout of {kind.__qualname__}>", "exec"), names)
     return Layout(paths, physics(names["load"]), physics(names["store"]))
 
@@ -80,7 +78,7 @@ def _constructor(kind: type, choices: Any, names: dict[str, Any], rows: Iterator
     alias = f"T{len(names)}"
     names[alias] = kind
     parts = [
-        f"a[(first + {next(rows)}) * LANES + lane]" if hint is float else _constructor(hint, choices, names, rows)
+        f"a[(first + {next(rows)}) * lanes + lane]" if hint is float else _constructor(hint, choices, names, rows)
         for _, hint in _fields(kind, choices)
     ]
     return f"{alias}({', '.join(parts)})"

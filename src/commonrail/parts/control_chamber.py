@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from math import pi
 from typing import NamedTuple
 
 from commonrail.compile import physics
@@ -72,9 +72,9 @@ def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
         p.volume,
         square(p.z_hole_discharge * z_area),
         square(p.z_hole_contraction * z_area),
-        laminar_offset(dynamic_viscosity, reynolds, 0.25 * math.pi * p.z_hole_diameter),
+        laminar_offset(dynamic_viscosity, reynolds, 0.25 * pi * p.z_hole_diameter),
         p.z_hole_from_inlet,
         square(p.a_hole_discharge * a_area),
         square(p.a_hole_contraction * a_area),
-        laminar_offset(dynamic_viscosity, reynolds, 0.25 * math.pi * p.a_hole_diameter),
+        laminar_offset(dynamic_viscosity, reynolds, 0.25 * pi * p.a_hole_diameter),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from math import pi
 from typing import NamedTuple
 
 from commonrail.compile import physics
@@ -41,9 +42,9 @@ def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
     sine, cosine = math.sin(0.5 * p.cone_angle), math.cos(0.5 * p.cone_angle)
     return Coefficients(
         pipe_area(p.diameter),
-        p.discharge * math.pi * sine * p.diameter,
-        p.discharge * math.pi * sine * sine * cosine,
-        laminar_offset(dynamic_viscosity, p.transition_reynolds, 0.5 * math.pi * p.diameter),
+        p.discharge * pi * sine * p.diameter,
+        p.discharge * pi * sine * sine * cosine,
+        laminar_offset(dynamic_viscosity, p.transition_reynolds, 0.5 * pi * p.diameter),
         p.contact_stiffness,
         p.contact_damping,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from math import pi
 from typing import NamedTuple
 
 from commonrail.compile import physics
@@ -62,7 +62,7 @@ def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) 
     return Coefficients(
         area * area,
         square(p.contraction * area),
-        laminar_offset(dynamic_viscosity, p.transition_reynolds, p.holes * 0.25 * math.pi * p.hole_diameter),
+        laminar_offset(dynamic_viscosity, p.transition_reynolds, p.holes * 0.25 * pi * p.hole_diameter),
         p.discharge_transition,
         knee,
         top,
@@ -74,7 +74,7 @@ def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) 
 @physics
 def quarter_sine(s: float) -> float:
     """sin(π s/2) for 0 ≤ s ≤ 1: odd Taylor polynomial of degree 9, error < 4e-6."""
-    x = 0.5 * math.pi * s
+    x = 0.5 * pi * s
     y = x * x
     return x * (1.0 + y * (-1.0 / 6.0 + y * (1.0 / 120.0 + y * (-1.0 / 5040.0 + y * (1.0 / 362880.0)))))
 

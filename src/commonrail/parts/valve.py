@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from math import pi
 from typing import NamedTuple
 
 from commonrail.compile import physics
@@ -20,7 +21,7 @@ class Parameters(NamedTuple):
     spring_stiffness: Annotated[float, Q("N/m", "stiffness of the valve spring", Domain.NON_NEGATIVE)]
     damping: Annotated[float, Q("N s/m", "viscous damping of the armature", Domain.NON_NEGATIVE, 0.0)]
     seat_diameter: Annotated[float, Q("m", "diameter of the valve seat")]
-    seat_angle: Annotated[float, Q("rad", "angle between seat wall and axis", Domain.POSITIVE, math.pi / 4)]
+    seat_angle: Annotated[float, Q("rad", "angle between seat wall and axis", Domain.POSITIVE, pi / 4)]
     seat_discharge: Annotated[float, Q("1", "discharge coefficient of the valve seat", Domain.POSITIVE, 0.8)]
     contact_stiffness: Annotated[float, Q("N/m", "stiffness of seat and stop", Domain.POSITIVE, 4e7)]
     contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of seat and stop", Domain.NON_NEGATIVE, 1.0)]
@@ -57,7 +58,7 @@ def coefficients(p: Parameters) -> Coefficients:
         p.spring_stiffness,
         p.damping,
         pipe_area(p.seat_diameter),
-        p.seat_discharge * math.pi * p.seat_diameter * math.sin(p.seat_angle),
+        p.seat_discharge * pi * p.seat_diameter * math.sin(p.seat_angle),
         p.contact_stiffness,
         p.contact_damping,
     )

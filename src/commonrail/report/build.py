@@ -134,6 +134,6 @@ def _facts(record: Record) -> list[tuple[str, str]]:
         ("Time of the search", duration(clock.get("seconds"))),
         ("Ended", f"{record['status']}: {record.get('reason') or 'the optimiser was done'}"),
         ("Seed", str(record["seed"])),
-        ("Time step", f"{significant(record.get('time_step'), 4, 1e6)} µs"),
+        ("Time step", f"{significant(record.get('time_step'), 4, 1e6)} µs, {record.get('precision', 'f64')}"),
         ("Software", ", ".join(f"{name} {number}" for name, number in software.items())),
     ]

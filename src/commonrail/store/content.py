@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from commonrail.calibration.study import Study
+from commonrail.engine.lanes import Precision
 from commonrail.files.injector_writer import injector_text
 
 __all__ = ["content_of", "sha256"]
@@ -30,7 +31,8 @@ def content_of(study: Study) -> str:
         study.seed,
         study.time_step,
     )
-    return sha256(b"\0".join(_pieces(parts)))
+    more = () if study.precision is Precision.F64 else (study.precision,)  # as when there was no other
+    return sha256(b"\0".join(_pieces((*parts, *more))))
 
 
 def sha256(content: bytes) -> str:
