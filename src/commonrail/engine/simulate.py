@@ -14,11 +14,12 @@ from commonrail.engine.balance import relative_balance
 from commonrail.engine.channels import read_channels
 from commonrail.engine.lanes import Misfit, Outcome
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.plan import Prepared, reference_density
 from commonrail.engine.solution import Batch, Solution
 from commonrail.engine.stability import longest_step
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.injector.definition import Injector
 
 Floats = NDArray[np.float64]
 
@@ -35,12 +36,6 @@ class Engine(Enum):
 def usable_threads() -> int:
     """Processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def reference_density(injector: Injector, point: OperatingPoint) -> float:
-    """Fuel density at cylinder pressure of time zero and fuel temperature [kg/m³]."""
-    pressure = point.at_start(point.cylinder_pressure)
-    return float(injector.fuel.density(pressure, injector.values[FUEL_TEMPERATURE]))
 
 
 def simulate(
@@ -113,6 +108,7 @@ def simulate_batch(
     threads: int | None = None,
     misfit: Misfit | None = None,
     stop_when_closed: bool = True,
+    prepared: Prepared | None = None,
 ) -> Batch:
     """Simulate many candidates at many operating points.
 
@@ -132,6 +128,8 @@ def simulate_batch(
         Rate samples to compare with inside the loop.
     stop_when_closed : bool
         End a simulation once its needle has closed for good.
+    prepared : Prepared, optional
+        `plan.prepare` of the same injector, points and time step: saves time where many batches follow each other.
     """
     check_step(time_step)
     if threads is not None and not 1 <= threads <= 1024:
@@ -145,8 +143,9 @@ def simulate_batch(
     if not inside.all():
         own = np.array([injector.values[name] for name in names])
         candidates = np.where(inside[:, None], candidates, own)
-    theta = plan.candidate_matrix(injector, names, candidates)
-    job = plan.make_job(injector, theta, points, time_step, stop_when_closed and misfit is None)
+    prepared = prepared or plan.prepare(injector, points, time_step)
+    theta = plan.candidate_matrix(injector, names, candidates, prepared)
+    job = plan.make_job(injector, theta, points, time_step, stop_when_closed and misfit is None, prepared)
     outcome = lanes.run(job, injector.variant, misfit, threads or usable_threads())
     status = _status(injector, theta, outcome, time_step, len(theta), len(points))
     status[~inside] = Status.OUTSIDE_DOMAIN
@@ -156,7 +155,7 @@ def simulate_batch(
     def figure(values: Floats) -> Floats:
         return np.where(failed, np.nan, plan.by_candidate(values, len(theta), len(points)))
 
-    begin = np.array([point.start for point in points])
+    begin = prepared.begin
     return Batch(
         figure(outcome.injected),
         figure(outcome.returned),
@@ -164,7 +163,7 @@ def simulate_batch(
         begin + time_step * figure(outcome.closing),
         figure(outcome.greatest_lift),
         status,
-        np.array([reference_density(injector, point) for point in points]),
+        prepared.densities,
         figure(outcome.absolute),
         figure(outcome.squared),
     )
@@ -194,4 +193,4 @@ def _status(
     return status
 
 
-__all__ = ["DEFAULT_STEP", "Engine", "simulate", "simulate_batch", "usable_threads"]
+__all__ = ["DEFAULT_STEP", "Engine", "reference_density", "simulate", "simulate_batch", "usable_threads"]
