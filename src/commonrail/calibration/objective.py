@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from commonrail.calibration.study import QuantityData, RateData, Role
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.plan import Prepared, prepare
 from commonrail.engine.sampling import sampled_rates
-from commonrail.engine.simulate import reference_density, simulate_batch
+from commonrail.engine.simulate import check_step, reference_density, simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
@@ -86,6 +87,13 @@ class Objective:
         self.curves = [d for d in data if isinstance(d, RateData)]
         self.maps = [d for d in data if isinstance(d, QuantityData)]
         self._misfit = _misfit(injector, self.curves, time_step) if self.curves else None
+        self._weights = np.array([d.weight for d in self.curves])
+        self._points = [d.point for d in self.curves]
+        self._prepared: dict[int, Prepared] = {}  # by the identity of their points, which they hold
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For workers, which prepare their simulations themselves."""
+        return self.__dict__ | {"_prepared": {}}
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""
@@ -94,7 +102,7 @@ class Objective:
         simulations = 0
         if self._misfit is not None:
             batch = self._curves(values)
-            total += np.sum(_curve_costs(batch) * [d.weight for d in self.curves], axis=1)
+            total += np.sum(_curve_costs(batch) * self._weights, axis=1)
             _note_failures(statuses, np.where(batch.status == Status.STILL_INJECTING, Status.OK, batch.status))
             simulations += len(values) * len(self.curves)
         for data in self.maps:
@@ -115,7 +123,15 @@ class Objective:
         return _quantities(self._map(data, values))
 
     def _curves(self, values: Floats) -> Batch:
-        points = [d.point for d in self.curves]
+        return self._batch(self._points, values, self._misfit)
+
+    def _map(self, data: QuantityData, values: Floats) -> Batch:
+        return self._batch(data.points, values)
+
+    def _batch(self, points: Sequence[OperatingPoint], values: Floats, misfit: Misfit | None = None) -> Batch:
+        if id(points) not in self._prepared:
+            check_step(self.time_step)
+            self._prepared[id(points)] = prepare(self.injector, points, self.time_step)
         return simulate_batch(
             self.injector,
             points,
@@ -123,12 +139,8 @@ class Objective:
             values,
             time_step=self.time_step,
             threads=self.threads,
-            misfit=self._misfit,
-        )
-
-    def _map(self, data: QuantityData, values: Floats) -> Batch:
-        return simulate_batch(
-            self.injector, data.points, self.names, values, time_step=self.time_step, threads=self.threads
+            misfit=misfit,
+            prepared=self._prepared[id(points)],
         )
 
     def rates(self, data: RateData, values: Floats) -> Floats:
