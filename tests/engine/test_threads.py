@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import threading
 import time
+import weakref
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
 
 from commonrail.engine.threads import side_by_side
@@ -33,8 +35,22 @@ def test_items_run_at_the_same_time_the_first_in_the_calling_thread() -> None:
 
 
 def test_threads_stay() -> None:
-    first, second = (set(threads_of(range(4)).values()) for _ in range(2))
-    assert first == second
+    threads_of(range(4))
+    before = set(threading.enumerate())
+    assert set(threads_of(range(4)).values()) <= before
+    assert set(threading.enumerate()) == before
+
+
+def test_what_was_worked_on_is_let_go() -> None:
+    array = np.zeros(3)
+    kept = weakref.ref(array)
+    side_by_side(lambda item, given=array: given.sum(), range(2))  # type: ignore[misc]
+    del array
+    for _ in range(1000):  # the other thread has told that it is done a moment before it lets go
+        if kept() is None:
+            break
+        time.sleep(0.01)
+    assert kept() is None
 
 
 def test_an_error_is_raised_once_all_have_ended() -> None:

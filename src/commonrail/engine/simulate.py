@@ -151,9 +151,11 @@ def simulate_batch(
     status[~inside] = Status.OUTSIDE_DOMAIN
 
     failed = (status != Status.OK) & (status != Status.STILL_INJECTING)
+    some_failed = bool(failed.any())
 
     def figure(values: Floats) -> Floats:
-        return np.where(failed, np.nan, plan.by_candidate(values, len(theta), len(points)))
+        table = plan.by_candidate(values, len(theta), len(points))
+        return np.where(failed, np.nan, table) if some_failed else np.ascontiguousarray(table)
 
     begin = prepared.begin
     return Batch(
