@@ -103,9 +103,9 @@ class DifferentialEvolution:
     @property
     def best(self) -> Best:
         """The best feasible member; the centre of the space, at +inf, until one has succeeded."""
-        if not np.isfinite(self._costs).any():
+        winner = int(np.argmin(self._costs)) if len(self._costs) else -1
+        if winner < 0 or self._costs[winner] == np.inf:
             return Best(self.space.centre.copy(), np.inf)
-        winner = int(np.argmin(self._costs))
         return Best(self.space.from_unit(self._unit[winner]), float(self._costs[winner]))
 
     def ask(self) -> Trials:

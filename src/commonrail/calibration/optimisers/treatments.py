@@ -86,7 +86,8 @@ def treat(treatment: Treatment, space: Space, parents: FloatArray, trials: Float
 
 def reflect(unit: FloatArray) -> FloatArray:
     """Reflect unit coordinates once at the bound they cross: enough for F <= 1; clip the rest."""
-    return np.asarray(np.clip(1.0 - np.abs(1.0 - np.abs(unit)), 0.0, 1.0))
+    folded = 1.0 - np.abs(1.0 - np.abs(unit))
+    return np.asarray(np.minimum(np.maximum(folded, 0.0), 1.0))
 
 
 def wins(trial: tuple[FloatArray, FloatArray], parent: tuple[FloatArray, FloatArray]) -> BoolArray:
@@ -136,8 +137,10 @@ def _mended(space: Space, parents: FloatArray, x: FloatArray) -> FloatArray:
     """Unit coordinates (k, d) of infeasible points (k, d) sorted, then pulled to the parents."""
     for chain in space.rows.chains:
         x[:, chain] = np.sort(x[:, chain], axis=1)
-    x = np.clip(x, space.lower, space.upper)
-    unit = np.clip(space.to_unit(space.pull_back(space.from_unit(parents), x)), 0.0, 1.0)
+    x = np.minimum(np.maximum(x, space.lower), space.upper)
+    if not space.satisfies(x).all():
+        x = space.pull_back(space.from_unit(parents), x)
+    unit = np.minimum(np.maximum(space.to_unit(x), 0.0), 1.0)
     # The way to unit coordinates and back rounds: the parent stands in where that tips a row.
     return np.where(_feasible(space, unit)[:, None], unit, parents)
 
