@@ -127,19 +127,21 @@ def _columns(names: tuple[str, ...]) -> NDArray[np.intp]:
 
 def admissible(names: Sequence[str], values: Floats) -> NDArray[np.bool_]:
     """Which candidates lie in the domain of their parameters: (candidates,)."""
-    inside = np.isfinite(values).all(axis=1)
+    inside = np.isfinite(values)
     for domain, columns in _domains(tuple(names)):
-        inside &= domain.admits(values[:, columns]).all(axis=1)
-    return np.asarray(inside)
+        inside[:, columns] &= domain.admits(values[:, columns])
+    return np.asarray(inside.all(axis=1))
 
 
 @functools.lru_cache(maxsize=64)
-def _domains(names: tuple[str, ...]) -> list[tuple[Domain, list[int]]]:
+def _domains(names: tuple[str, ...]) -> list[tuple[Domain, list[int] | slice]]:
     """Domains of parameters, and the places of those that lie in each."""
     known = parameter_quantities()
     found: dict[Domain, list[int]] = {}
     for column, name in enumerate(names):
         found.setdefault(known[name].domain, []).append(column)
+    if len(found) == 1:
+        return [(domain, slice(None)) for domain in found]
     return list(found.items())
 
 
