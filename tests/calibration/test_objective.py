@@ -8,10 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from commonrail.calibration import objective as module
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.study import QuantityData, RateData, Role
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.solution import Batch
+from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 
@@ -68,6 +71,48 @@ def test_the_cost_of_curves_is_weighted(regulated: Injector) -> None:
     objective = Objective(regulated, NAMES, curves, STEP, 1)
     single = [Objective(regulated, NAMES, [curve], STEP, 1).curve_costs(values)[:, 0] for curve in curves]
     assert objective.costs(values).costs == pytest.approx(single[0] + 2.5 * single[1], rel=1e-14)  # sums of two
+
+
+def test_a_failure_costs_everything_and_the_first_is_told(regulated: Injector) -> None:
+    # Energised from the start for all the simulated time: a curve may end so, a map may not.
+    injecting = (OperatingPoint(160e6, 500e-6, horizon=500e-6),)
+    short = replace(a_map("short", 160e6), points=injecting, quantity=np.array([5e-9]), dead_time=np.zeros(1, bool))
+    values = candidates(regulated, 4)
+    values[1, 1] = -1.0
+    curve = replace(a_curve(160e6), point=OperatingPoint(160e6, 900e-6, horizon=900e-6))
+    scores = Objective(regulated, NAMES, [curve], STEP, 1).costs(values)
+    assert scores.statuses.tolist() == [Status.OK, Status.OUTSIDE_DOMAIN, Status.OK, Status.OK]
+    assert np.isinf(scores.costs).tolist() == [False, True, False, False]
+    assert scores.simulations == 4
+    scores = Objective(regulated, NAMES, [curve, short, a_map("high", 160e6)], STEP, 1).costs(values)
+    injects = Status.STILL_INJECTING
+    assert scores.statuses.tolist() == [injects, Status.OUTSIDE_DOMAIN, injects, injects]
+    assert np.isinf(scores.costs).all()
+    assert scores.simulations == 4 * (1 + 1 + 2)
+
+
+def test_the_first_point_that_failed_is_told(regulated: Injector, monkeypatch: pytest.MonkeyPatch) -> None:
+    still, ran_away, unstable = Status.STILL_INJECTING, Status.RAN_AWAY, Status.STEP_UNSTABLE
+    of_curves = np.array([[still, unstable], [0, 0], [ran_away, unstable], [0, still]])
+    of_map = np.array([[0, ran_away], [still, 0], [unstable, 0], [0, 0]])
+
+    def pretend(injector: Injector, points: object, *arguments: object, misfit: object, **named: object) -> Batch:
+        status = of_map if misfit is None else of_curves
+        figures = np.where((status == 0) | (status == still), 1e-9, np.nan)
+        return Batch(*[figures] * 5, status, np.full(2, 800.0), figures, figures)
+
+    monkeypatch.setattr(module, "simulate_batch", pretend)
+    data = [a_curve(80e6), a_curve(160e6), a_map("high", 160e6)]
+    scores = Objective(regulated, NAMES, data, STEP, 1).costs(candidates(regulated, 4))
+    assert scores.statuses.tolist() == [unstable, still, ran_away, Status.OK]
+    assert np.isinf(scores.costs).tolist() == [True, True, True, False]
+
+
+def test_a_cost_beyond_all_numbers_is_a_failure(regulated: Injector) -> None:
+    values = candidates(regulated, 2)
+    scores = Objective(regulated, NAMES, [a_map("heavy", 160e6, weight=np.inf)], STEP, 1).costs(values)
+    assert scores.statuses.tolist() == [Status.NOT_FINITE] * 2
+    assert np.isinf(scores.costs).all()
 
 
 def test_an_objective_in_use_travels_as_small_as_a_new_one(regulated: Injector) -> None:

@@ -159,12 +159,11 @@ def _chord(polytope: Polytope, unit: FloatArray, direction: FloatArray) -> tuple
     reach *= -_CHORD_USED
     rate = direction @ rows.T
     reach /= rate
-    # a row for each constraint, so that the reductions run along memory
-    first, last = np.full((2, len(rows), len(unit)), np.inf)
-    np.negative(first, out=first)
-    np.copyto(first, reach.T, where=rate.T > 0.0)
-    np.copyto(last, reach.T, where=rate.T < 0.0)
-    return first.max(axis=0), last.min(axis=0)
+    # one row for each constraint: reductions along memory are faster
+    reach, rate = np.ascontiguousarray(reach.T), np.ascontiguousarray(rate.T)
+    first = np.where(rate > 0.0, reach, -np.inf).max(axis=0)
+    last = np.where(rate < 0.0, reach, np.inf).min(axis=0)
+    return first, last
 
 
 def _shrink(

@@ -150,9 +150,11 @@ class Space:
             # The scale of linear columns is 0 here: their exponential is 1 and is not used.
             x = np.where(self.logarithmic, self.lower * np.exp(z * self._log_scale), x)
         # Rounding must neither carry a point over its bound nor stop it short of it.
-        x = np.where((z < 0.0) | (z > 1.0), x, np.minimum(np.maximum(x, self.lower), self.upper))
-        np.copyto(x, self.upper, where=z == 1.0)
-        return x
+        within = np.minimum(np.maximum(x, self.lower), self.upper)
+        if (np.abs(z - 0.5) >= 0.5).any():  # at a bound or beyond
+            within = np.where((z < 0.0) | (z > 1.0), x, within)
+            np.copyto(within, self.upper, where=z == 1.0)
+        return within
 
     @cached_property
     def _range(self) -> FloatArray:

@@ -123,7 +123,7 @@ class DifferentialEvolution:
             treated = self._first() if self._generation == 0 else self._next()
             self._pending = (treated, before)
         treated, _ = self._pending
-        return Trials(self.space.from_unit(treated.unit), treated.simulate)
+        return Trials(treated.x.copy(), treated.simulate)
 
     def tell(self, costs: ArrayLike) -> None:
         """Take the costs (n,) of the generation asked for and select its survivors, Eq. (20).
