@@ -24,6 +24,22 @@ def test_deepest_point_of_a_triangle_is_its_incentre() -> None:
     assert radius == pytest.approx(expected, abs=1e-6)
 
 
+def test_the_deepest_point_is_the_callers_to_change() -> None:
+    polytope = Polytope.of(parse_constraints(["x + 2*y <= 1"], ["x", "y"]), np.zeros(2), np.ones(2))
+    first = deepest_point(polytope)[0]
+    kept = first.copy()
+    first[:] = 7.0
+    np.testing.assert_array_equal(deepest_point(polytope)[0], kept)
+
+
+def test_polytopes_of_one_shape_are_told_apart() -> None:
+    polytopes = [
+        Polytope.of(parse_constraints([text], ["x", "y"]), np.zeros(2), np.ones(2))
+        for text in ("x + y <= 1", "x + y <= 0.5", "x + 3*y <= 1")
+    ]
+    assert len({deepest_point(polytope)[1] for polytope in polytopes}) == 3
+
+
 def test_rows_are_scaled_to_the_bounds() -> None:
     rows = parse_constraints(["x + y <= 1.5e9"], ["x", "y"])
     polytope = Polytope.of(rows, np.array([0.0, 1e9]), np.array([1e9, 2e9]))

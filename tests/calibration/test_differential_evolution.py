@@ -354,3 +354,14 @@ def test_costs_fall_from_generation_to_generation() -> None:
         history.append(optimiser.costs)
     assert all((late <= early).all() for early, late in pairwise(history))
     assert history[-1].min() < history[0].min() / 100.0
+
+
+def test_trials_are_the_callers_to_change() -> None:
+    untouched, changed = (DifferentialEvolution(box(3), np.random.default_rng(2)) for _ in range(2))
+    for _ in range(3):
+        trials = changed.ask()
+        costs = sphere(trials.x)
+        trials.x[:] = np.nan
+        np.testing.assert_array_equal(changed.ask().x, untouched.ask().x)
+        for optimiser in (untouched, changed):
+            optimiser.tell(costs)

@@ -48,6 +48,26 @@ def test_unit_coordinates_round_trip_within_bounds(u: float, v: float) -> None:
     np.testing.assert_allclose(MIXED.to_unit(x), [u, v], atol=1e-14)
 
 
+def test_an_upper_bound_that_rounding_misses_is_met() -> None:
+    spans = [(low, high) for low in np.linspace(0.1, 0.9, 17).tolist() for high in np.linspace(1.1, 2.9, 19).tolist()]
+    short = [(low, high) for low, high in spans if low + (high - low) < high]
+    assert short
+    space = Space([Parameter(f"p{i}", a, a, b, "1", mark="E", source="test") for i, (a, b) in enumerate(short)])
+    np.testing.assert_array_equal(space.from_unit(np.ones(len(short))), space.upper)
+
+
+def test_bounds_do_not_depend_on_what_else_is_mapped() -> None:
+    rng = np.random.default_rng(3)
+    unit = rng.choice([0.0, 1.0, -0.2, 1.3, 0.25, 1.0 - 2.0**-53, 2.0**-60, -(2.0**-60)], (200, 2))
+    alone = np.array([MIXED.from_unit(row) for row in unit])
+    np.testing.assert_array_equal(MIXED.from_unit(unit), alone)
+    within = (unit >= 0.0) & (unit <= 1.0)
+    assert np.array_equal((alone >= MIXED.lower) & (alone <= MIXED.upper) | ~within, np.ones_like(within))
+    assert (np.where(unit == 1.0, alone == MIXED.upper, True) & np.where(unit == 0.0, alone == MIXED.lower, True)).all()
+    far = np.abs(unit - 0.5) > 0.6
+    assert not (far & (alone >= MIXED.lower) & (alone <= MIXED.upper)).any()
+
+
 def test_points_outside_map_outside() -> None:
     assert not MIXED.satisfies(MIXED.from_unit([[-1e-9, 0.5], [0.5, 1.0 + 1e-9]])).any()
 

@@ -116,6 +116,39 @@ def test_repaired_trials_are_always_feasible(treatment: Treatment, scale: str, s
     assert ((x >= space.lower) & (x <= space.upper)).all()
 
 
+@pytest.mark.parametrize("treatment", list(Treatment))
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_points_in_si_are_those_of_the_unit_coordinates_bit_by_bit(treatment: Treatment, scale: str) -> None:
+    space = box("abcd", ["a < b < c", "d < b", "2*a + b + d <= 21.5"], scale)
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        parents = space.to_unit(sample_feasible(space, 30, rng))
+        trials = np.where(rng.random(parents.shape) < 0.7, parents, rng.uniform(-1.0, 2.0, parents.shape))
+        treated = treat(treatment, space, parents, trials, lambda rows: rng.uniform(-1, 2, (len(rows), 3, 4)))
+        np.testing.assert_array_equal(treated.x, space.from_unit(treated.unit))
+
+
+def test_a_parent_stands_in_whole_where_rounding_tips_a_row() -> None:
+    # Parents outside the space: pulling back gives them up as they are, and then every row is tipped.
+    space = box("ab", ["a + b <= 10"], "log")
+    rng = np.random.default_rng(8)
+    parents = rng.uniform(0.75, 0.95, (40, 2))
+    trials = np.where(np.arange(40)[:, None] % 3 == 0, 0.25, rng.uniform(0.8, 0.99, (40, 2)))
+    treated = treat(Treatment.REPAIR, space, parents, trials, no_redraw)
+    expected = np.where(np.arange(40)[:, None] % 3 == 0, trials, parents)
+    np.testing.assert_array_equal(treated.unit, expected)
+    np.testing.assert_array_equal(treated.x, space.from_unit(expected))
+
+
+def test_each_is_pulled_towards_its_own_parent() -> None:
+    space = box("ab", ["a + b <= 10"])
+    parents = np.array([[0.1, 0.1], [0.1, 0.3], [0.3, 0.1]])
+    trials = np.array([[0.2, 0.2], [0.9, 0.7], [0.7, 0.9]])
+    treated = treat(Treatment.REPAIR, space, parents, trials, no_redraw)
+    # From (1, 3) along (8, 4) to a + b = 10: half the way; the other is its mirror image. It stops 1e-9 short.
+    np.testing.assert_allclose(treated.unit, [[0.2, 0.2], [0.5, 0.5], [0.5, 0.5]], atol=2e-9)
+
+
 @pytest.mark.parametrize(
     ("trial", "parent", "expected"),
     [

@@ -65,6 +65,12 @@ def test_what_lies_outside_its_domain_is_told(regulated: Injector) -> None:
     assert inside.tolist() == [True, False, False, False]
 
 
+def test_each_of_several_in_a_domain_is_looked_at() -> None:
+    names = ("valve.mass", "plunger_needle.k1", "plunger_needle.k2")
+    assert plan.admissible(names, 1.5 - np.eye(3)).all()
+    assert not plan.admissible(names, 1.0 - 2.0 * np.eye(3)).any()
+
+
 def test_a_traced_drive_needs_its_trace(by_current: Injector) -> None:
     theta = plan.candidate_matrix(by_current, (), np.empty((1, 0)))
     with pytest.raises(ConfigurationError, match="current trace"):
@@ -75,3 +81,16 @@ def test_too_many_steps_are_refused(regulated: Injector) -> None:
     theta = plan.candidate_matrix(regulated, (), np.empty((1, 0)))
     with pytest.raises(ConfigurationError, match="steps"):
         plan.make_job(regulated, theta, [OperatingPoint(160e6, 1e-3, horizon=1.0)], 1e-8, True)
+
+
+@pytest.mark.parametrize("names", [("valve.mass", "plunger_needle.k3"), ("fuel.temperature", "valve.mass"), ()])
+def test_what_was_prepared_gives_the_same_job(regulated: Injector, names: tuple[str, ...]) -> None:
+    values = np.array([[regulated.values[name] for name in names]]) * np.array([[1.0], [0.9], [1.1]])
+    rail = Trace((0.0, 10e-6, 20e-6), (100e6, 110e6, 100e6))
+    points = [OperatingPoint(rail, 300e-6), OperatingPoint(80e6, 500e-6, cylinder_pressure=7e6)]
+    prepared = plan.prepare(regulated, points, 1e-6)
+    theta = plan.candidate_matrix(regulated, names, values)
+    assert np.array_equal(plan.candidate_matrix(regulated, names, values, prepared), theta)
+    fresh = plan.make_job(regulated, theta, points, 1e-6, True)
+    for mine, other in zip(plan.make_job(regulated, theta, points, 1e-6, True, prepared), fresh, strict=True):
+        assert np.array_equal(mine, other)

@@ -15,8 +15,8 @@ from commonrail import compile as compiling
 from commonrail.bench.child import reason, run_child
 from commonrail.bench.machine import busy, instruction_sets, load, processor, version
 from commonrail.bench.throughput import PRECISIONS
+from commonrail.engine.lanes import VECTORS, Precision
 from commonrail.engine.simulate import usable_threads
-from commonrail.injector.layout import LANES
 
 __all__ = ["OK", "Fact", "cache_facts", "examine", "extra_facts", "kernel_facts", "machine_facts", "usable"]
 
@@ -71,7 +71,8 @@ def machine_facts() -> Iterator[Fact]:
         f"{threads}, load {'unknown' if now is None else f'{now:.1f}'}",
         crowded if busy(now, threads) else OK,
     )
-    yield Fact("kernel", f"{LANES} candidates side by side, {' and '.join(PRECISIONS)}")
+    kernels = " or ".join(f"{VECTORS[Precision(name)].lanes} candidates side by side in {name}" for name in PRECISIONS)
+    yield Fact("kernel", kernels)
 
 
 def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fact]:

@@ -14,7 +14,7 @@ __all__ = ["COUNTS", "PRECISIONS", "measure_throughput"]
 
 COUNTS = (512, 50, 1, 7)  # full lanes; the paper's population; one; one of its seven stiffnesses each
 # By name, what `simulate_batch` is given in addition: another precision is another entry.
-PRECISIONS: dict[str, dict[str, Any]] = {"f64": {}}
+PRECISIONS: dict[str, dict[str, Any]] = {"f64": {}, "f32": {"precision": "f32"}}
 
 
 def measure_throughput(effort: Effort, clocks: Clocks = CLOCKS) -> Iterator[dict[str, Any]]:

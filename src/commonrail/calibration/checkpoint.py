@@ -54,7 +54,8 @@ class Generation(NamedTuple):
     @classmethod
     def of(cls, generation: int, optimiser: Optimiser) -> Generation:
         """Of a search as it stands."""
-        finite = optimiser.costs[np.isfinite(optimiser.costs)]
+        costs = optimiser.costs
+        finite = costs[np.isfinite(costs)]
         return cls(generation, optimiser.best.cost, float(finite.mean()) if len(finite) else float("inf"))
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -93,7 +93,7 @@ class LinearConstraints:
         margin = STRICT_MARGIN * self.magnitude(lower, upper)
         return np.asarray(self.lower + np.where(self.strict_rows, margin, 0.0))
 
-    @cached_property
+    @functools.cached_property
     def strict_rows(self) -> BoolArray:
         """Which rows (m,) are strict."""
         return np.asarray(self.strict, dtype=bool)
@@ -141,9 +141,16 @@ def deepest_point(polytope: Polytope) -> tuple[FloatArray, float]:
 
     A radius below `LEAST_RADIUS` (or negative) means that the polytope has no room.
     """
+    centre, radius = _deepest_point(polytope.rows.tobytes(), polytope.floor.tobytes())
+    return centre.copy(), radius
+
+
+@functools.lru_cache(maxsize=8)  # a space asks whether it has room first, and where later
+def _deepest_point(row_bytes: bytes, floor_bytes: bytes) -> tuple[FloatArray, float]:
     from scipy.optimize import linprog  # slow to import, needed once per study
 
-    rows, floor = polytope
+    floor = np.frombuffer(floor_bytes)
+    rows = np.frombuffer(row_bytes).reshape(len(floor), -1)
     dimension = rows.shape[1]
     # Unknowns z and r: greatest r with rows @ z - r >= floor.
     inequality = np.hstack([-rows, np.ones((len(rows), 1))])

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from commonrail.calibration.study import QuantityData, RateData, Role
 from commonrail.engine.lanes import Misfit, Precision
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.plan import Prepared, prepare
 from commonrail.engine.sampling import sampled_rates
-from commonrail.engine.simulate import reference_density, simulate_batch
+from commonrail.engine.simulate import check_step, reference_density, simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
@@ -20,6 +21,7 @@ from commonrail.injector.definition import Injector
 
 Floats = NDArray[np.float64]
 
+OK, STILL_INJECTING = int(Status.OK), int(Status.STILL_INJECTING)  # NumPy takes five times as long for an enum
 MM3_PER_MS = 1e6  # of 1 m³/s: the unit of the paper's J
 
 
@@ -90,6 +92,13 @@ class Objective:
         self.curves = [d for d in data if isinstance(d, RateData)]
         self.maps = [d for d in data if isinstance(d, QuantityData)]
         self._misfit = _misfit(injector, self.curves, time_step) if self.curves else None
+        self._weights = np.array([d.weight for d in self.curves])
+        self._points = [d.point for d in self.curves]
+        self._prepared: dict[int, Prepared] = {}  # by the identity of their points, which they hold
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For workers, which prepare their simulations themselves."""
+        return self.__dict__ | {"_prepared": {}}
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""
@@ -98,17 +107,19 @@ class Objective:
         simulations = 0
         if self._misfit is not None:
             batch = self._curves(values)
-            total += np.sum(_curve_costs(batch) * [d.weight for d in self.curves], axis=1)
-            _note_failures(statuses, np.where(batch.status == Status.STILL_INJECTING, Status.OK, batch.status))
+            total += np.sum(_curve_costs(batch) * self._weights, axis=1)
+            _note_failures(statuses, batch.status, (batch.status != OK) & (batch.status != STILL_INJECTING))
             simulations += len(values) * len(self.curves)
         for data in self.maps:
             batch = self._map(data, values, self.precision)
             total += data.weight * soft_l1(quantity_residuals(data, _quantities(batch)))
-            _note_failures(statuses, batch.status)
+            _note_failures(statuses, batch.status, batch.status != OK)
             simulations += len(values) * len(data.points)
         finite = np.isfinite(total)
-        statuses[~finite & (statuses == Status.OK)] = Status.NOT_FINITE
-        return Scores(np.where(finite, total, np.inf), statuses, simulations)
+        if not finite.all():
+            statuses[~finite & (statuses == OK)] = Status.NOT_FINITE
+            total = np.where(finite, total, np.inf)
+        return Scores(total, statuses, simulations)
 
     def curve_costs(self, values: Floats) -> Floats:
         """J of each injection curve, (n, curves) [mm³/ms]; NaN for a failed simulation."""
@@ -119,7 +130,17 @@ class Objective:
         return _quantities(self._map(data, values, Precision.F64))
 
     def _curves(self, values: Floats) -> Batch:
-        points = [d.point for d in self.curves]
+        return self._batch(self._points, values, self.precision, self._misfit)
+
+    def _map(self, data: QuantityData, values: Floats, precision: Precision) -> Batch:
+        return self._batch(data.points, values, precision)
+
+    def _batch(
+        self, points: Sequence[OperatingPoint], values: Floats, precision: Precision, misfit: Misfit | None = None
+    ) -> Batch:
+        if id(points) not in self._prepared:
+            check_step(self.time_step)
+            self._prepared[id(points)] = prepare(self.injector, points, self.time_step)
         return simulate_batch(
             self.injector,
             points,
@@ -127,19 +148,9 @@ class Objective:
             values,
             time_step=self.time_step,
             threads=self.threads,
-            misfit=self._misfit,
-            precision=self.precision,
-        )
-
-    def _map(self, data: QuantityData, values: Floats, precision: Precision) -> Batch:
-        return simulate_batch(
-            self.injector,
-            data.points,
-            self.names,
-            values,
-            time_step=self.time_step,
-            threads=self.threads,
+            misfit=misfit,
             precision=precision,
+            prepared=self._prepared[id(points)],
         )
 
     def rates(self, data: RateData, values: Floats) -> Floats:
@@ -159,13 +170,14 @@ def _curve_costs(batch: Batch) -> Floats:
 
 
 def _quantities(batch: Batch) -> Floats:
-    return np.where(batch.status == Status.OK, batch.injected_volume, np.nan)
+    return np.where(batch.status == OK, batch.injected_volume, np.nan)
 
 
-def _note_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]]) -> None:
-    """Put the first status (n, points) other than OK where there is none yet (n,)."""
-    first = found[np.arange(len(found)), np.argmax(found != Status.OK, axis=1)]
-    np.copyto(statuses, first.astype(np.int8), where=statuses == Status.OK)
+def _note_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]], failed: NDArray[np.bool_]) -> None:
+    """Put the first status (n, points) that failed where there is none yet (n,)."""
+    if failed.any():
+        first = found[np.arange(len(found)), np.argmax(failed, axis=1)]
+        np.copyto(statuses, first.astype(np.int8), where=failed.any(axis=1) & (statuses == OK))
 
 
 def of_role(data: Sequence[RateData | QuantityData], role: Role) -> list[RateData | QuantityData]:

@@ -77,8 +77,9 @@ def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> FloatArra
         return sample_uniform(space, n, rng)
     walk = _plan(space)
     unit = np.tile(walk.start, (n, 1))
-    for _ in range(space.dimension * (STEPS_PER_PARAMETER + space.dimension)):
-        unit = _step(walk, unit, rng)
+    with np.errstate(divide="ignore", invalid="ignore"):  # directions along a face
+        for _ in range(space.dimension * (STEPS_PER_PARAMETER + space.dimension)):
+            unit = _step(walk, unit, rng)
     x = space.from_unit(np.clip(unit, 0.0, 1.0))
     return np.where(space.satisfies(x)[:, None], x, space.centre)
 
@@ -152,12 +153,16 @@ def _step(walk: _Walk, unit: FloatArray, rng: np.random.Generator) -> FloatArray
 def _chord(polytope: Polytope, unit: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Least and greatest step (n,), (n,) along `direction` (n, d) inside the polytope."""
     rows, floor = polytope
-    slack = np.maximum(unit @ rows.T - floor, 0.0)
+    reach = unit @ rows.T
+    reach -= floor
+    np.maximum(reach, 0.0, out=reach)
+    reach *= -_CHORD_USED
     rate = direction @ rows.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        reach = -_CHORD_USED * slack / rate
-    first = np.where(rate > 0.0, reach, -np.inf).max(axis=1)
-    last = np.where(rate < 0.0, reach, np.inf).min(axis=1)
+    reach /= rate
+    # one row for each constraint: reductions along memory are faster
+    reach, rate = np.ascontiguousarray(reach.T), np.ascontiguousarray(rate.T)
+    first = np.where(rate > 0.0, reach, -np.inf).max(axis=0)
+    last = np.where(rate < 0.0, reach, np.inf).min(axis=0)
     return first, last
 
 

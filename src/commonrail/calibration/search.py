@@ -68,7 +68,9 @@ def generations(optimiser: Optimiser, objective: Objective) -> Iterator[Evolved]
         costs = np.full(len(trials.x), np.inf)
         statuses = np.full(len(trials.x), NOT_SIMULATED, np.int8)
         simulations = 0
-        if trials.simulate.any():
+        if trials.simulate.all():
+            costs, statuses, simulations = objective.costs(trials.x)
+        elif trials.simulate.any():
             scores = objective.costs(trials.x[trials.simulate])
             costs[trials.simulate], statuses[trials.simulate] = scores.costs, scores.statuses
             simulations = scores.simulations

@@ -134,8 +134,8 @@ class Space:
     def to_unit(self, x: ArrayLike) -> FloatArray:
         """Unit coordinates (..., d) of points (..., d); 0 and 1 exactly at the bounds."""
         points = np.asarray(x, dtype=float)
-        unit = (points - self.lower) / (self.upper - self.lower)
-        if self.logarithmic.any():
+        unit = (points - self.lower) / self._range
+        if self._bent:
             ratio = np.maximum(points, np.finfo(float).tiny) / np.where(self.logarithmic, self.lower, 1.0)
             unit = np.where(self.logarithmic, np.log(ratio) / self._log_span, unit)
             inside = (points >= self.lower) & (points <= self.upper)
@@ -145,13 +145,25 @@ class Space:
     def from_unit(self, unit: ArrayLike) -> FloatArray:
         """Points (..., d) of unit coordinates (..., d); within the bounds where the unit is."""
         z = np.asarray(unit, dtype=float)
-        x = self.lower + z * (self.upper - self.lower)
-        if self.logarithmic.any():
+        x = self.lower + z * self._range
+        if self._bent:
             # The scale of linear columns is 0 here: their exponential is 1 and is not used.
             x = np.where(self.logarithmic, self.lower * np.exp(z * self._log_scale), x)
         # Rounding must neither carry a point over its bound nor stop it short of it.
-        x = np.where((z > 0.0) & (z < 1.0), np.clip(x, self.lower, self.upper), x)
-        return np.asarray(np.where(z == 1.0, self.upper, x))
+        within = np.minimum(np.maximum(x, self.lower), self.upper)
+        if (np.abs(z - 0.5) >= 0.5).any():  # at a bound or beyond
+            within = np.where((z < 0.0) | (z > 1.0), x, within)
+            np.copyto(within, self.upper, where=z == 1.0)
+        return within
+
+    @cached_property
+    def _range(self) -> FloatArray:
+        return _frozen(self.upper - self.lower)
+
+    @cached_property
+    def _bent(self) -> bool:
+        """Whether a parameter has a logarithmic scale."""
+        return bool(self.logarithmic.any())
 
     @cached_property
     def _log_scale(self) -> FloatArray:
@@ -181,6 +193,11 @@ class Space:
             np.concatenate([tolerance, none]),
         )
 
+    @cached_property
+    def _least(self) -> FloatArray:
+        """Least `_distances` that count as inside."""
+        return -self._half_spaces[2]
+
     def _distances(self, x: FloatArray) -> FloatArray:
         """How far (..., m + 2 d) points are inside each constraint and bound, SI."""
         matrix, floor, _ = self._half_spaces
@@ -201,7 +218,7 @@ class Space:
         """Whether points (..., d) keep to bounds (exactly) and constraints (within rounding)."""
         # A distance to a bound is exact: its row has a single coefficient, 1 or -1.
         distances = self._distances(np.asarray(x, dtype=float))
-        return np.asarray((distances >= -self._half_spaces[2]).all(axis=-1))
+        return np.asarray((distances >= self._least).all(axis=-1))
 
     def violation(self, x: ArrayLike) -> FloatArray:
         """Sum (...) of what points (..., d) lack of bounds and constraints; 0 where they satisfy.
@@ -211,7 +228,7 @@ class Space:
         """
         points = np.asarray(x, dtype=float)
         outside = np.maximum(0.0, self.lower - points) + np.maximum(0.0, points - self.upper)
-        outside = outside / (self.upper - self.lower)
+        outside = outside / self._range
         total = outside.sum(axis=-1) + self.shortfall(points).sum(axis=-1)
         total = np.where(np.isnan(total), np.inf, np.maximum(total, np.finfo(float).tiny))
         return np.asarray(np.where(self.satisfies(points), 0.0, total))
@@ -230,7 +247,7 @@ class Space:
         share = (fraction * (1.0 - _SHORT_OF_BOUNDARY))[..., None]
         pulled = np.clip(start + share * (goal - start), self.lower, self.upper)
         pulled = np.where(self.satisfies(pulled)[..., None], pulled, start)
-        feasible = (there >= -self._half_spaces[2]).all(axis=-1, keepdims=True)
+        feasible = (there >= self._least).all(axis=-1, keepdims=True)
         return np.asarray(np.where(feasible, goal, pulled))
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from enum import Enum
 from typing import NamedTuple
 
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from commonrail.compile import kernel
 from commonrail.engine.block import Vector, make_loop
+from commonrail.engine.threads import side_by_side
 from commonrail.injector.model import Waves
 from commonrail.injector.variants import Variant, wiring
 
@@ -158,9 +158,5 @@ def _run(job: Job, loop: Callable[..., None], misfit: Misfit | None, trace: Floa
     def work(first: int) -> None:
         loop(*job, *samples, trace, out, first, min(first + share, n))
 
-    if threads == 1 or n == 1:
-        loop(*job, *samples, trace, out, 0, n)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(work, range(0, n, share)))
+    side_by_side(work, range(0, n, share))
     return out

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
 from commonrail.injector.variants import Drive
+from commonrail.parts.furniture import Domain
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +25,65 @@ SLOWEST_WAVE = 600.0  # below any sound speed of a fuel [m/s]: sizes the buffers
 MAXIMUM_STEPS = 2_000_000
 
 
-def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats) -> Floats:
+class Prepared(NamedTuple):
+    """What all batches of an injector at the same operating points share; `prepare` makes it.
+
+    Attributes
+    ----------
+    points : sequence of OperatingPoint
+    row : (parameters + fuel coefficients,)
+        The injector's own full vector.
+    settings, inputs, steps, quiet
+        As in `Job`.
+    begin : (points,)
+        Time at which a simulation begins [s].
+    densities : (points,)
+        `reference_density` [kg/m³].
+    """
+
+    points: Sequence[OperatingPoint]
+    row: Floats
+    settings: Floats
+    inputs: Floats
+    steps: NDArray[np.int64]
+    quiet: NDArray[np.int64]
+    begin: Floats
+    densities: Floats
+
+
+def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Prepared:
+    """Work out once what many batches need.
+
+    Raises
+    ------
+    ConfigurationError
+        If a point has too many steps, or no trace for a drive that needs one.
+    """
+    steps = np.array([_steps(point, dt) for point in points])
+    inputs = np.zeros((len(points), int(steps.max()), 6))
+    for i, point in enumerate(points):
+        inputs[i, : steps[i]] = _inputs(injector, point, dt, int(steps[i]))
+    return Prepared(
+        points,
+        candidate_matrix(injector, (), np.empty((1, 0)))[0],
+        np.array([point.initial_pressures() for point in points]),
+        inputs,
+        steps,
+        np.array([_quiet(point, dt) for point in points]),
+        np.array([point.start for point in points]),
+        np.array([reference_density(injector, point) for point in points]),
+    )
+
+
+def reference_density(injector: Injector, point: OperatingPoint) -> float:
+    """Fuel density at cylinder pressure of time zero and fuel temperature [kg/m³]."""
+    pressure = point.at_start(point.cylinder_pressure)
+    return float(injector.fuel.density(pressure, injector.values[FUEL_TEMPERATURE]))
+
+
+def candidate_matrix(
+    injector: Injector, names: Sequence[str], values: Floats, prepared: Prepared | None = None
+) -> Floats:
     """Full parameter vectors of candidates: (candidates, parameters + fuel coefficients).
 
     Parameters
@@ -33,7 +94,14 @@ def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats) -
         Dotted names of the values that vary; "fuel.temperature" may be among them.
     values : (candidates, names)
         SI values.
+    prepared : Prepared, optional
+        Of the same injector.
     """
+    if prepared is not None and FUEL_TEMPERATURE not in names:
+        theta = np.empty((len(values), len(prepared.row)))
+        theta[:] = prepared.row
+        theta[:, _columns(tuple(names))] = values
+        return theta
     paths = parameter_paths()
     theta = np.empty((len(values), len(paths) + len(FUEL.paths)))
     theta[:, : len(paths)] = [injector.values[path] for path in paths]
@@ -49,13 +117,31 @@ def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats) -
     return theta
 
 
+@functools.lru_cache(maxsize=64)
+def _columns(names: tuple[str, ...]) -> NDArray[np.intp]:
+    """Where parameters stand in a full vector."""
+    paths = parameter_paths()
+    return np.array([paths.index(name) for name in names], np.intp)
+
+
 def admissible(names: Sequence[str], values: Floats) -> NDArray[np.bool_]:
     """Which candidates lie in the domain of their parameters: (candidates,)."""
+    inside = np.isfinite(values)
+    for domain, columns in _domains(tuple(names)):
+        inside[:, columns] &= domain.admits(values[:, columns])
+    return np.asarray(inside.all(axis=1))
+
+
+@functools.lru_cache(maxsize=64)
+def _domains(names: tuple[str, ...]) -> list[tuple[Domain, list[int] | slice]]:
+    """Domains of parameters, and the places of those that lie in each."""
     known = parameter_quantities()
-    inside = np.all(np.isfinite(values), axis=1)
+    found: dict[Domain, list[int]] = {}
     for column, name in enumerate(names):
-        inside &= known[name].domain.admits(values[:, column])
-    return np.asarray(inside)
+        found.setdefault(known[name].domain, []).append(column)
+    if len(found) == 1:
+        return [(domain, slice(None)) for domain in found]
+    return list(found.items())
 
 
 def make_job(
@@ -65,30 +151,28 @@ def make_job(
     dt: float,
     stop_when_closed: bool,
     precision: Precision = Precision.F64,
+    prepared: Prepared | None = None,
 ) -> Job:
     """Every candidate at every point, candidates of a point side by side.
 
     With 8 lanes block b of a point holds candidates 8 b … 8 b + 7; a last block that is not full repeats its last
     candidate.
     """
-    steps = np.array([_steps(point, dt) for point in points])
-    inputs = np.zeros((len(points), int(steps.max()), 6))
-    for i, point in enumerate(points):
-        inputs[i, : steps[i]] = _inputs(injector, point, dt, int(steps[i]))
-    settings = [point.initial_pressures() for point in points]
+    given = prepared or prepare(injector, points, dt)
     return Job(
         np.ascontiguousarray(theta),
-        np.array(settings),
-        inputs,
-        steps,
-        np.array([_quiet(point, dt) for point in points]),
+        given.settings,
+        given.inputs,
+        given.steps,
+        given.quiet,
         blocks(len(theta), len(points), VECTORS[precision].lanes),
         dt,
-        _ring(theta, dt, int(steps.max())),
+        _ring(theta, dt, int(given.steps.max())),
         stop_when_closed,
     )
 
 
+@functools.lru_cache(maxsize=4)
 def blocks(candidates: int, points: int, width: int) -> NDArray[np.int64]:
     """Blocks of a full product of points and candidates: (blocks, 1 + width)."""
     per_point = -(-candidates // width)
@@ -151,8 +235,8 @@ def _quiet(point: OperatingPoint, dt: float) -> int:
 
 
 def _ring(theta: Floats, dt: float, steps: int) -> int:
-    paths = parameter_paths()
-    feed = theta[:, paths.index("feed_pipe.length")].max()
-    back = 2.0 * theta[:, paths.index("return_line.length")].max()
+    pipe, line = _columns(("feed_pipe.length", "return_line.length"))
+    feed = theta[:, pipe].max()
+    back = 2.0 * theta[:, line].max()
     longest = min(max(feed, back) / SLOWEST_WAVE / dt, float(steps)) + 4.0
     return 1 << int(np.ceil(np.log2(longest)))

@@ -103,9 +103,9 @@ class DifferentialEvolution:
     @property
     def best(self) -> Best:
         """The best feasible member; the centre of the space, at +inf, until one has succeeded."""
-        if not np.isfinite(self._costs).any():
+        winner = int(np.argmin(self._costs)) if len(self._costs) else -1
+        if winner < 0 or self._costs[winner] == np.inf:
             return Best(self.space.centre.copy(), np.inf)
-        winner = int(np.argmin(self._costs))
         return Best(self.space.from_unit(self._unit[winner]), float(self._costs[winner]))
 
     def ask(self) -> Trials:
@@ -123,7 +123,7 @@ class DifferentialEvolution:
             treated = self._first() if self._generation == 0 else self._next()
             self._pending = (treated, before)
         treated, _ = self._pending
-        return Trials(self.space.from_unit(treated.unit), treated.simulate)
+        return Trials(treated.x.copy(), treated.simulate)
 
     def tell(self, costs: ArrayLike) -> None:
         """Take the costs (n,) of the generation asked for and select its survivors, Eq. (20).

@@ -41,19 +41,31 @@ def draw(
     other members, without a loop or a repeat.
     """
     size, dimension = population
-    taken = members[None, :]
-    for _ in range(3):
-        other = rng.integers(0, size - len(taken), len(members))
-        for earlier in np.sort(taken, axis=0):
-            other = other + (other >= earlier)
-        taken = np.vstack([taken, other])
+    count = len(members)
+    others = np.empty((3, count), np.intp)
+    taken: list[IntArray] = [members]  # in ascending order for each member
+    for k, other in enumerate(others):
+        other[:] = rng.integers(0, size - len(taken), count)
+        for earlier in taken:
+            other += other >= earlier
+        if k < 2:
+            taken = _sorted_with(taken, other)
     low, high = factor
     return Draws(
-        others=taken[1:],
-        factor=low + (high - low) * rng.random((len(members), dimension)),
-        chance=rng.random((len(members), dimension)),
-        forced=rng.integers(0, dimension, len(members)),
+        others=others,
+        factor=low + (high - low) * rng.random((count, dimension)),
+        chance=rng.random((count, dimension)),
+        forced=rng.integers(0, dimension, count),
     )
+
+
+def _sorted_with(ascending: list[IntArray], further: IntArray) -> list[IntArray]:
+    """One more row in the ascending order of each column."""
+    rows = []
+    for row in ascending:
+        rows.append(np.minimum(row, further))
+        further = np.maximum(row, further)
+    return [*rows, further]
 
 
 def mutate(population: FloatArray, draws: Draws) -> FloatArray:

@@ -46,13 +46,14 @@ class Treatment(StrEnum):
 
 
 class Treated(NamedTuple):
-    """Trials (n, d) in unit coordinates, and their violation (n,).
+    """Trials (n, d) in unit coordinates, their violation (n,), and the trials in SI.
 
     Violation 0: feasible, to be simulated. Finite: compared with the parent's. +inf: rejected.
     """
 
     unit: FloatArray
     violation: FloatArray
+    x: FloatArray
 
     @property
     def simulate(self) -> BoolArray:
@@ -86,7 +87,8 @@ def treat(treatment: Treatment, space: Space, parents: FloatArray, trials: Float
 
 def reflect(unit: FloatArray) -> FloatArray:
     """Reflect unit coordinates once at the bound they cross: enough for F <= 1; clip the rest."""
-    return np.asarray(np.clip(1.0 - np.abs(1.0 - np.abs(unit)), 0.0, 1.0))
+    folded = 1.0 - np.abs(1.0 - np.abs(unit))
+    return np.asarray(np.minimum(np.maximum(folded, 0.0), 1.0))
 
 
 def wins(trial: tuple[FloatArray, FloatArray], parent: tuple[FloatArray, FloatArray]) -> BoolArray:
@@ -103,21 +105,23 @@ def wins(trial: tuple[FloatArray, FloatArray], parent: tuple[FloatArray, FloatAr
 
 
 def _reject(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
-    return Treated(trials, np.where(_feasible(space, trials), 0.0, np.inf))
+    x = space.from_unit(trials)
+    return Treated(trials, np.where(space.satisfies(x), 0.0, np.inf), x)
 
 
 def _rules(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
     unit = reflect(trials)
-    return Treated(unit, space.violation(space.from_unit(unit)))
+    x = space.from_unit(unit)
+    return Treated(unit, space.violation(x), x)
 
 
 def _repair(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
     unit = reflect(trials)
     x = space.from_unit(unit)
-    broken = ~space.satisfies(x)
-    if broken.any():
-        unit[broken] = _mended(space, parents[broken], x[broken])
-    return Treated(unit, np.zeros(len(unit)))
+    broken = np.flatnonzero(~space.satisfies(x))
+    if len(broken):
+        unit[broken], x[broken] = _mended(space, parents, x, broken)
+    return Treated(unit, np.zeros(len(unit)), x)
 
 
 def _resample(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
@@ -132,14 +136,22 @@ def _resample(space: Space, parents: FloatArray, trials: FloatArray, redraw: Red
     return _repair(space, parents, unit, redraw)
 
 
-def _mended(space: Space, parents: FloatArray, x: FloatArray) -> FloatArray:
-    """Unit coordinates (k, d) of infeasible points (k, d) sorted, then pulled to the parents."""
+def _mended(space: Space, parents: FloatArray, trials: FloatArray, broken: IntArray) -> tuple[FloatArray, FloatArray]:
+    """The `broken` (k,) of trials (n, d) sorted, then pulled to their parents: in unit coordinates and SI (k, d)."""
+    x = trials.take(broken, axis=0)
     for chain in space.rows.chains:
         x[:, chain] = np.sort(x[:, chain], axis=1)
-    x = np.clip(x, space.lower, space.upper)
-    unit = np.clip(space.to_unit(space.pull_back(space.from_unit(parents), x)), 0.0, 1.0)
+    x = np.minimum(np.maximum(x, space.lower), space.upper)
+    if not space.satisfies(x).all():
+        x = space.pull_back(space.from_unit(parents[broken]), x)
+    unit = np.minimum(np.maximum(space.to_unit(x), 0.0), 1.0)
+    x = space.from_unit(unit)
     # The way to unit coordinates and back rounds: the parent stands in where that tips a row.
-    return np.where(_feasible(space, unit)[:, None], unit, parents)
+    tipped = ~space.satisfies(x)
+    if tipped.any():
+        unit[tipped] = parents[broken[tipped]]
+        x[tipped] = space.from_unit(unit[tipped])
+    return unit, x
 
 
 def _feasible(space: Space, unit: FloatArray) -> BoolArray:

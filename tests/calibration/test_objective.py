@@ -1,0 +1,129 @@
+"""Misfit of populations: the figures of single batches, however often and in whatever order it is asked for."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from commonrail.calibration import objective as module
+from commonrail.calibration.objective import Objective
+from commonrail.calibration.study import QuantityData, RateData, Role
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.solution import Batch
+from commonrail.engine.status import Status
+from commonrail.errors import ConfigurationError
+from commonrail.injector.definition import Injector
+
+NAMES = ("plunger_needle.k1", "valve.mass")
+STEP = 1e-6
+
+
+def a_map(name: str, rail_pressure: float, weight: float = 1.0) -> QuantityData:
+    points = tuple(OperatingPoint(rail_pressure, duration) for duration in (300e-6, 700e-6))
+    quantity = np.array([5e-9, 40e-9])
+    return QuantityData(name, Role.FIT, points, quantity, 1e-9, 0.1, np.zeros(2, bool), weight, "test", "all of it")
+
+
+def a_curve(rail_pressure: float, weight: float = 1.0) -> RateData:
+    bounds = np.linspace(0.0, 900e-6, 31)
+    point = OperatingPoint(rail_pressure, 400e-6, horizon=900e-6)
+    return RateData("curve", Role.FIT, point, bounds, np.full(30, 1e-5), weight, "test", "all of it")
+
+
+def candidates(injector: Injector, count: int) -> np.ndarray:
+    own = np.array([injector.values[name] for name in NAMES])
+    return own * np.random.default_rng(11).uniform(0.8, 1.2, (count, 2))
+
+
+def test_maps_are_told_apart_at_every_call(regulated: Injector) -> None:
+    low, high = a_map("low", 60e6), a_map("high", 160e6, weight=3.0)
+    objective = Objective(regulated, NAMES, [low, high], STEP, 1)
+    for count in (9, 2, 9):
+        values = candidates(regulated, count)
+        expected = np.zeros(count)
+        for data in (low, high):
+            quantity = simulate_batch(regulated, data.points, NAMES, values).injected_volume
+            error = (quantity - data.quantity) / (data.absolute + data.relative * data.quantity)
+            expected += data.weight * np.sum(2.0 * (np.sqrt(1.0 + error**2) - 1.0), axis=1)
+            assert np.array_equal(objective.quantities(data, values), quantity)
+        assert np.array_equal(objective.costs(values).costs, expected)
+
+
+def test_other_data_than_its_own_are_simulated_at_their_own_points(regulated: Injector) -> None:
+    objective = Objective(regulated, (), [a_map("own", 60e6)], STEP, 1)
+    itself = np.empty((1, 0))
+    found = []
+    for pressure in np.linspace(80e6, 140e6, 30):  # objects that come and go take each other's place in memory
+        points = (OperatingPoint(float(pressure), 300e-6),)
+        data = replace(a_map("other", 80e6), points=points, quantity=np.array([5e-9]))
+        found.append(float(objective.quantities(data, itself)[0, 0]))
+        del points, data
+    assert np.all(np.diff(found) > 0.0)  # more pressure, more fuel
+
+
+def test_the_cost_of_curves_is_weighted(regulated: Injector) -> None:
+    values = candidates(regulated, 5)
+    curves = [a_curve(80e6), replace(a_curve(160e6), weight=2.5)]
+    objective = Objective(regulated, NAMES, curves, STEP, 1)
+    single = [Objective(regulated, NAMES, [curve], STEP, 1).curve_costs(values)[:, 0] for curve in curves]
+    assert objective.costs(values).costs == pytest.approx(single[0] + 2.5 * single[1], rel=1e-14)  # sums of two
+
+
+def test_a_failure_costs_everything_and_the_first_is_told(regulated: Injector) -> None:
+    # Energised from the start for all the simulated time: a curve may end so, a map may not.
+    injecting = (OperatingPoint(160e6, 500e-6, horizon=500e-6),)
+    short = replace(a_map("short", 160e6), points=injecting, quantity=np.array([5e-9]), dead_time=np.zeros(1, bool))
+    values = candidates(regulated, 4)
+    values[1, 1] = -1.0
+    curve = replace(a_curve(160e6), point=OperatingPoint(160e6, 900e-6, horizon=900e-6))
+    scores = Objective(regulated, NAMES, [curve], STEP, 1).costs(values)
+    assert scores.statuses.tolist() == [Status.OK, Status.OUTSIDE_DOMAIN, Status.OK, Status.OK]
+    assert np.isinf(scores.costs).tolist() == [False, True, False, False]
+    assert scores.simulations == 4
+    scores = Objective(regulated, NAMES, [curve, short, a_map("high", 160e6)], STEP, 1).costs(values)
+    injects = Status.STILL_INJECTING
+    assert scores.statuses.tolist() == [injects, Status.OUTSIDE_DOMAIN, injects, injects]
+    assert np.isinf(scores.costs).all()
+    assert scores.simulations == 4 * (1 + 1 + 2)
+
+
+def test_the_first_point_that_failed_is_told(regulated: Injector, monkeypatch: pytest.MonkeyPatch) -> None:
+    still, ran_away, unstable = Status.STILL_INJECTING, Status.RAN_AWAY, Status.STEP_UNSTABLE
+    of_curves = np.array([[still, unstable], [0, 0], [ran_away, unstable], [0, still]])
+    of_map = np.array([[0, ran_away], [still, 0], [unstable, 0], [0, 0]])
+
+    def pretend(injector: Injector, points: object, *arguments: object, misfit: object, **named: object) -> Batch:
+        status = of_map if misfit is None else of_curves
+        figures = np.where((status == 0) | (status == still), 1e-9, np.nan)
+        return Batch(*[figures] * 5, status, np.full(2, 800.0), figures, figures)
+
+    monkeypatch.setattr(module, "simulate_batch", pretend)
+    data = [a_curve(80e6), a_curve(160e6), a_map("high", 160e6)]
+    scores = Objective(regulated, NAMES, data, STEP, 1).costs(candidates(regulated, 4))
+    assert scores.statuses.tolist() == [unstable, still, ran_away, Status.OK]
+    assert np.isinf(scores.costs).tolist() == [True, True, True, False]
+
+
+def test_a_cost_beyond_all_numbers_is_a_failure(regulated: Injector) -> None:
+    values = candidates(regulated, 2)
+    scores = Objective(regulated, NAMES, [a_map("heavy", 160e6, weight=np.inf)], STEP, 1).costs(values)
+    assert scores.statuses.tolist() == [Status.NOT_FINITE] * 2
+    assert np.isinf(scores.costs).all()
+
+
+def test_an_objective_in_use_travels_as_small_as_a_new_one(regulated: Injector) -> None:
+    objective = Objective(regulated, NAMES, [a_curve(80e6), a_map("low", 60e6)], STEP, 1)
+    new, values = pickle.dumps(objective), candidates(regulated, 3)
+    costs = objective.costs(values).costs
+    used = pickle.dumps(objective)
+    assert used == new
+    assert np.array_equal(pickle.loads(used).costs(values).costs, costs)
+
+
+def test_a_senseless_time_step_is_refused(regulated: Injector) -> None:
+    with pytest.raises(ConfigurationError, match="time step"):
+        Objective(regulated, (), [a_map("low", 60e6)], 0.0, 1).costs(np.empty((1, 0)))

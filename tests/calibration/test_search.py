@@ -1,0 +1,47 @@
+"""The loop of a search: what may be simulated is, and every trial is answered in its place."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+import pytest
+
+from commonrail.calibration import Parameter, Space
+from commonrail.calibration.checkpoint import NOT_SIMULATED
+from commonrail.calibration.objective import Objective, Scores
+from commonrail.calibration.optimisers import DifferentialEvolution, EvolutionSettings, InitialSampling, Treatment
+from commonrail.calibration.search import generations
+from commonrail.engine.status import Status
+
+SPACE = Space([Parameter(n, 0.5, 0.0, 1.0, "1", mark="E", source="test") for n in "ab"], ["a < b"])
+
+
+class Feasible:
+    """An objective that refuses points outside the space; some of the others fail."""
+
+    def costs(self, values: np.ndarray) -> Scores:
+        assert SPACE.satisfies(values).all()
+        failed = values[:, 0] > 0.4
+        costs = np.where(failed, np.inf, values.sum(axis=1))
+        return Scores(costs, np.where(failed, Status.RAN_AWAY, Status.OK).astype(np.int8), 3 * len(values))
+
+
+@pytest.mark.parametrize("initial", list(InitialSampling))
+@pytest.mark.parametrize("treatment", [Treatment.REJECT, Treatment.REPAIR])
+def test_every_trial_is_answered_in_its_place(treatment: Treatment, initial: InitialSampling) -> None:
+    settings = EvolutionSettings(12, 8, treatment=treatment, initial=initial)
+    optimiser = DifferentialEvolution(SPACE, np.random.default_rng(4), settings)
+    some, seen = False, 0
+    for evolved in generations(optimiser, cast(Objective, Feasible())):
+        inside = SPACE.satisfies(evolved.x)
+        some = some or not inside.all()
+        seen += evolved.simulations
+        assert evolved.simulations == 3 * inside.sum()
+        expected = np.where(evolved.x[:, 0] > 0.4, Status.RAN_AWAY, Status.OK)
+        np.testing.assert_array_equal(evolved.statuses, np.where(inside, expected, NOT_SIMULATED))
+        good = evolved.statuses == Status.OK
+        np.testing.assert_array_equal(evolved.costs, np.where(good, evolved.x.sum(axis=1), np.inf))
+    assert some == (treatment is Treatment.REJECT)
+    assert optimiser.counts.slots == 12 * 9
+    assert 3 * optimiser.counts.simulated == seen
