@@ -11,6 +11,7 @@ import pytest
 from commonrail.calibration.optimisers.evolution_settings import InitialSampling
 from commonrail.calibration.optimisers.treatments import Treatment
 from commonrail.calibration.study import Role
+from commonrail.engine.lanes import Precision
 from commonrail.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.files.study_file import load_study
 
@@ -29,6 +30,12 @@ def test_study_is_read(study_file: Edit) -> None:
     assert study.text == path.read_text(encoding="utf-8")
     assert study.note == "The example's data are synthetic."
     assert study.synthetic.startswith("The injector is an example")
+
+
+def test_precision_is_double_unless_said_otherwise(study_file: Edit) -> None:
+    assert load_study(study_file()).precision is Precision.F64
+    single = study_file(('time_step = "1 us"', 'time_step = "1 us"\nprecision = "f32"'))
+    assert load_study(single).precision is Precision.F32
 
 
 def test_percent_bounds_follow_eq_16(study_file: Edit) -> None:
@@ -212,6 +219,18 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         r'study\.toml, time_step: "1 um" is a length; a time is expected',
     ),
     "time step": (ConfigurationError, '"1 us"', '"1 s"', "time_step: The time step must lie between 1 ns and 100 us"),
+    "precision": (
+        InputError,
+        'time_step = "1 us"',
+        'time_step = "1 us"\nprecision = "single"',
+        r"study\.toml, precision: this must be 'f64' or 'f32', not 'single'",
+    ),
+    "precision no text": (
+        InputError,
+        'time_step = "1 us"',
+        'time_step = "1 us"\nprecision = 32',
+        r"study\.toml, precision: this must be 'f64' or 'f32', not 32",
+    ),
     "same name twice": (
         InputError,
         DATA,

@@ -1,0 +1,84 @@
+"""A study in single precision: another study, whose result is as good and goes on to the same bytes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from commonrail.calibration.objective import Objective
+from commonrail.calibration.score import RateScore
+from commonrail.engine.lanes import Precision
+from commonrail.errors import StudyError
+from commonrail.files.study_file import load_study
+from commonrail.store import content
+from commonrail.store.run import calibrate_into, resume
+from tests.store.conftest import GENERATIONS, Whole, stopped_run, timeless, write_small
+
+
+@pytest.fixture(scope="module")
+def single(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    """The small study in single precision and its run that was never stopped."""
+    folder = tmp_path_factory.mktemp("single")
+    study = write_small(folder / "small")
+    text = study.read_text(encoding="utf-8")
+    assert text.count('time_step = "1 us"') == 1
+    study.write_text(text.replace('time_step = "1 us"', 'time_step = "1 us"\nprecision = "f32"'), encoding="utf-8")
+    calibrate_into(folder / "run", load_study(study), threads=1)
+    return Whole(study, folder / "run")
+
+
+def result(run: Path) -> Any:
+    return json.loads((run / "result.json").read_text(encoding="utf-8"))
+
+
+def test_it_ends_where_the_double_one_ends(single: Whole, whole: Whole) -> None:
+    one, other = result(single.run), result(whole.run)
+    assert (one["precision"], other["precision"]) == ("f32", "f64")
+    assert one["objective"]["best"] != other["objective"]["best"]
+    # 2e-4 was seen: J sums errors that carry the rounding of a rate, 1e-5 to 6e-5 of it
+    assert one["objective"]["best"] == pytest.approx(other["objective"]["best"], rel=1e-3)
+
+
+def test_its_scores_are_double(single: Whole) -> None:
+    """What a result claims is simulated in f64: it is what anybody finds who simulates the calibrated injector."""
+    calibration = resume(single.run, threads=1)
+    study, itself = calibration.study, np.empty((1, 0))
+    assert study.precision is Precision.F32
+    j = {p: Objective(calibration.injector, (), study.data, study.time_step, 1, p).costs(itself) for p in Precision}
+    (score,) = calibration.scores["best"]
+    assert isinstance(score, RateScore)
+    # rounding of the calibrated values' sum over the samples, taken in the loop or after it
+    assert score.j == pytest.approx(j[Precision.F64].costs[0], rel=1e-9)
+    assert score.j != pytest.approx(j[Precision.F32].costs[0], rel=1e-7)
+    assert calibration.cost == j[Precision.F32].costs[0]  # the search's own
+
+
+@pytest.mark.parametrize("steps", [1, GENERATIONS, GENERATIONS + 2])
+def test_killed_and_resumed_it_ends_in_the_same_bytes(single: Whole, tmp_path: Path, steps: int) -> None:
+    run = stopped_run(tmp_path / "run", load_study(single.study), steps)
+    resume(run, threads=2)
+    assert timeless(run) == timeless(single.run)
+    assert (run / "calibrated.toml").read_bytes() == (single.run / "calibrated.toml").read_bytes()
+    assert (run / "traces.csv").read_bytes() == (single.run / "traces.csv").read_bytes()
+
+
+def test_a_run_is_not_gone_on_with_in_another_precision(whole: Whole, tmp_path: Path) -> None:
+    double = load_study(whole.study)
+    run = stopped_run(tmp_path / "run", replace(double, precision=Precision.F32), 2)
+    with pytest.raises(StudyError, match="reads differently"):
+        resume(run, study=double)
+
+
+def test_only_single_precision_changes_what_a_study_says(whole: Whole, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Journals from before there was a choice are those of a study in f64, and still open."""
+    double = load_study(whole.study)
+    assert content.content_of(double) != content.content_of(replace(double, precision=Precision.F32))
+    monkeypatch.setattr(content, "sha256", lambda said: said)
+    one, other = (content.content_of(replace(double, precision=p)) for p in Precision)
+    assert b"recision" not in one
+    assert other == one.replace(b"list 9", b"list 10", 1) + b"\0Precision.F32"
