@@ -25,8 +25,10 @@ import numba
 import numpy as np
 from llvmlite import ir as llvm_ir
 from numba.core import cgutils, types
-from numba.core.caching import Cache, CompileResultCacheImpl, _CacheLocator
+from numba.core.caching import Cache, CompileResultCacheImpl, NullCache, _CacheLocator
 from numba.extending import intrinsic, overload
+
+from commonrail.notice import compiling
 
 # No "nnan"/"ninf": a candidate that blows up must be seen to be non-finite.
 _FASTMATH = {"nsz", "arcp", "contract", "reassoc"}
@@ -171,7 +173,8 @@ def kernel(
     def run(*arguments: Any) -> Any:
         if compiled.signatures:
             return compiled(*arguments)
-        with _FIRST_CALL, _vectors(beside):
+        with _FIRST_CALL, _vectors(beside), contextlib.ExitStack() as told:
+            compiled._cache.missed = lambda: told.enter_context(compiling())
             return compiled(*arguments)
 
     run.compiled = compiled  # type: ignore[attr-defined]
@@ -231,10 +234,19 @@ def _private_temporary() -> str:
     return os.path.join(tempfile.gettempdir(), f"commonrail-{user}")
 
 
+class _NoCache(NullCache):  # type: ignore[misc]
+    """No place to keep anything: every run compiles, and says so."""
+
+    missed: Callable[[], Any] = staticmethod(lambda: None)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        self.missed()
+
+
 def _kernel_cache(loop: Callable[..., Any], name: str, laws: tuple[Callable[..., Any], ...]) -> Any:
     folder = cache_folder()
     if folder is None:
-        return numba.core.caching.NullCache()
+        return _NoCache()
     stamp = _physics_stamp() + "".join(_law_stamp(law) for law in laws)
 
     class Locator(_CacheLocator):
@@ -256,11 +268,15 @@ def _kernel_cache(loop: Callable[..., Any], name: str, laws: tuple[Callable[...,
 
     class KernelCache(Cache):
         _impl_class = Impl
+        missed: Callable[[], Any] = staticmethod(lambda: None)
 
         def load_overload(self, sig: Any, target_context: Any) -> Any:
+            found = None
             with contextlib.suppress(Exception):  # a damaged file: compile anew and write over it
-                return super().load_overload(sig, target_context)
-            return None
+                found = super().load_overload(sig, target_context)
+            if found is None:
+                self.missed()
+            return found
 
         def save_overload(self, sig: Any, data: Any) -> None:
             with contextlib.suppress(Exception):  # a full disk: go on without a cache

@@ -46,7 +46,6 @@ def test_stdout_is_one_object_with_the_result(finished: dict[str, Any]) -> None:
 
 
 def test_progress_goes_to_stderr(finished: dict[str, Any]) -> None:
-    assert "compiling the simulation" in finished["err"]
     assert "evolution 3/3: best" in finished["err"]
 
 

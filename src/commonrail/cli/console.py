@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -15,9 +15,20 @@ if TYPE_CHECKING:
 
     from commonrail.report.tables import Table
 
-__all__ = ["SIMULATING", "print_json", "print_pairs", "print_rows", "print_table", "say", "stderr_console"]
+__all__ = [
+    "COMPILING",
+    "SIMULATING",
+    "compiling",
+    "print_json",
+    "print_pairs",
+    "print_rows",
+    "print_table",
+    "say",
+    "stderr_console",
+]
 
-SIMULATING = "simulating (the first use compiles the simulation, some ten seconds) ..."
+SIMULATING = "simulating ..."
+COMPILING = "compiling the simulation for this machine, once (some ten seconds)"
 WIDTH_OF_A_FILE = 160  # columns where stdout is no terminal
 
 
@@ -25,6 +36,18 @@ def say(text: str) -> None:
     """Print a line for the person, on stderr."""
     with suppress(OSError, ValueError, AttributeError):  # nobody listens any more: the work goes on
         typer.echo(text, err=True)
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """Say that a simulation is being compiled, with a sign of life in a terminal."""
+    console = stderr_console()
+    if console.is_terminal:
+        with console.status(COMPILING + " ..."):
+            yield
+    else:
+        say(COMPILING + " ...")
+        yield
 
 
 def print_json(record: Mapping[str, Any]) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, NamedTuple
 
-from commonrail.cli.console import say, stderr_console
+from commonrail.cli.console import COMPILING, say, stderr_console
+from commonrail.notice import tell_of_compiling
 
-__all__ = ["COMPILING", "Bar", "Stage"]
+__all__ = ["Bar", "Stage"]
 
-COMPILING = "compiling the simulation if this is its first use (some ten seconds)"
+STARTING = "starting"
 
 
 class Stage(NamedTuple):
@@ -40,12 +42,22 @@ class Bar(AbstractContextManager["Bar"]):
         if self.console.is_terminal:
             self.bar = _rich_bar(self.console)
             self.bar.start()
-            self.task = self.bar.add_task(COMPILING, total=None, figures="")
-        else:
-            say(COMPILING + " ...")
+            self.task = self.bar.add_task(STARTING, total=None, figures="")
+        self._before = tell_of_compiling(self._compiling)
         return self
 
+    @contextmanager
+    def _compiling(self) -> Iterator[None]:
+        if self.console.is_terminal:
+            self.bar.update(self.task, description=COMPILING, refresh=True)
+            yield
+            self.bar.update(self.task, description=STARTING)
+        else:
+            say(COMPILING + " ...")
+            yield
+
     def __exit__(self, *_: object) -> None:
+        tell_of_compiling(self._before)
         if self.console.is_terminal:
             self.bar.stop()
 
