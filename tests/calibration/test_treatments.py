@@ -132,10 +132,11 @@ def test_a_parent_stands_in_whole_where_rounding_tips_a_row() -> None:
     # Parents outside the space: pulling back gives them up as they are, and then every row is tipped.
     space = box("ab", ["a + b <= 10"], "log")
     rng = np.random.default_rng(8)
-    parents = rng.uniform(0.75, 0.95, (40, 2))
-    trials = np.where(np.arange(40)[:, None] % 3 == 0, 0.25, rng.uniform(0.8, 0.99, (40, 2)))
+    parents = rng.uniform(0.75, 1.2, (60, 2))
+    sound = np.arange(60)[:, None] % 3 == 0
+    trials = np.where(sound, 0.25, rng.uniform(0.8, 0.99, (60, 2)))
     treated = treat(Treatment.REPAIR, space, parents, trials, no_redraw)
-    expected = np.where(np.arange(40)[:, None] % 3 == 0, trials, parents)
+    expected = np.where(sound, trials, parents)
     np.testing.assert_array_equal(treated.unit, expected)
     np.testing.assert_array_equal(treated.x, space.from_unit(expected))
 
