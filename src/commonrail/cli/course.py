@@ -58,7 +58,7 @@ def solve(injector: Injector, point: OperatingPoint, engine: EngineChoice, time_
     SimulationError
         If the simulation failed.
     """
-    if engine is EngineChoice.LANES:
+    if engine is not EngineChoice.REFERENCE:
         say(SIMULATING)
     solution = simulate(injector, point, engine.value, time_step)
     if solution.status.failed:
@@ -117,7 +117,7 @@ def record(run: Run) -> dict[str, Any]:
             "horizon": point.duration,
         },
         "engine": s.engine,
-        "time_step": run.time_step if s.engine == EngineChoice.LANES.value else None,
+        "time_step": None if s.engine == EngineChoice.REFERENCE.value else run.time_step,
         "status": s.status.name,
         "message": s.status.sentence,
         "injected_volume": _finite(s.injected_volume),

@@ -45,6 +45,7 @@ class EngineChoice(StrEnum):
     """Who runs the simulation."""
 
     LANES = "lanes"
+    CUDA = "cuda"
     REFERENCE = "reference"
 
 

@@ -54,9 +54,9 @@ def simulate(
     ] = None,
     variant: Annotated[BodyChoice | None, typer.Option(help="Body, if not the file's.")] = None,
     engine: Annotated[
-        EngineChoice, typer.Option(help="Fast with a fixed step, or slow with error control.")
+        EngineChoice, typer.Option(help="Fast with a fixed step (cuda: on an NVIDIA GPU), or slow with error control.")
     ] = EngineChoice.LANES,
-    time_step: Annotated[str, typer.Option(help="Of the lanes.")] = "1us",
+    time_step: Annotated[str, typer.Option(help="Of the fast engines.")] = "1us",
     out: OutFile = None,
     plot: PlotFile = None,
     json: Json = False,

@@ -64,12 +64,12 @@ def make_job(
     points: Sequence[OperatingPoint],
     dt: float,
     stop_when_closed: bool,
-    precision: Precision = Precision.F64,
+    width: int = VECTORS[Precision.F64].lanes,
 ) -> Job:
     """Every candidate at every point, candidates of a point side by side.
 
-    With 8 lanes block b of a point holds candidates 8 b … 8 b + 7; a last block that is not full repeats its last
-    candidate.
+    With a `width` of 8 lanes block b of a point holds candidates 8 b … 8 b + 7; a last block that is not full repeats
+    its last candidate.
     """
     steps = np.array([_steps(point, dt) for point in points])
     inputs = np.zeros((len(points), int(steps.max()), 6))
@@ -82,7 +82,7 @@ def make_job(
         inputs,
         steps,
         np.array([_quiet(point, dt) for point in points]),
-        blocks(len(theta), len(points), VECTORS[precision].lanes),
+        blocks(len(theta), len(points), width),
         dt,
         _ring(theta, dt, int(steps.max())),
         stop_when_closed,

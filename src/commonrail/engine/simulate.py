@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 from commonrail.engine import lanes, plan
 from commonrail.engine.balance import relative_balance
 from commonrail.engine.channels import read_channels
-from commonrail.engine.lanes import Misfit, Outcome, Precision
+from commonrail.engine.lanes import VECTORS, Job, Misfit, Outcome, Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch, Solution
 from commonrail.engine.stability import longest_step
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.injector.variants import Variant
 
 Floats = NDArray[np.float64]
 
-AT_A_TIME = 16_384  # simulations; the parameters of that many take 20 MB
 DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail verify`
 
 
@@ -32,7 +32,12 @@ class Engine(Enum):
     """Who runs the simulation."""
 
     LANES = "lanes"
+    CUDA = "cuda"
     REFERENCE = "reference"
+
+
+# Simulations, by their parameters in memory: 20 MB, and on a GPU, which needs many to be busy, 160 MB.
+AT_A_TIME = {Engine.LANES: 16_384, Engine.CUDA: 131_072}
 
 
 def usable_threads() -> int:
@@ -60,30 +65,33 @@ def simulate(
     injector : Injector
     point : OperatingPoint
     engine : Engine or str
-        "lanes" (fast, fixed step) or "reference" (slow, error-controlled).
+        "lanes" (fast, fixed step), "cuda" (the same on an NVIDIA GPU; to compare, one injection is no work for it) or
+        "reference" (slow, error-controlled).
     time_step : float
-        Step of the lanes [s].
+        The fixed step [s].
     sample_interval : float, optional
-        Spacing of the samples [s]; by default the time step of the lanes, 3 us for the reference.
+        Spacing of the samples [s]; by default the fixed step, 3 us for the reference.
 
     Raises
     ------
     ConfigurationError
-        If the settings contradict each other. A simulation that fails returns a `Solution` whose status says so.
+        If the settings contradict each other, or the engine is not to be had here. A simulation that fails returns a
+        `Solution` whose status says so.
     """
     check_step(time_step)
+    engine = _engine(engine)
     if sample_interval is not None and not 1e-9 <= sample_interval <= point.duration:
         raise ConfigurationError(
             f"The sample interval must lie between 1 ns and the simulated {point.duration * 1e3:g} ms, "
             f"not {sample_interval:g} s."
         )
-    if Engine(engine) is Engine.REFERENCE:
+    if engine is Engine.REFERENCE:
         from commonrail.engine.reference import simulate_reference
 
         return simulate_reference(injector, point, sample_interval or 3e-6)
     theta = plan.candidate_matrix(injector, (), np.empty((1, 0)))
-    job = plan.make_job(injector, theta, [point], time_step, False)
-    outcome, trace = lanes.run_traced(job, injector.variant)
+    job = plan.make_job(injector, theta, [point], time_step, False, _width(engine, Precision.F64))
+    outcome, trace = _run_traced(job, injector.variant, engine)
     stride = max(round((sample_interval or time_step) / time_step), 1)
     rows = trace[0, ::stride, :, 0]
     names = lanes.trace_paths(injector.variant)
@@ -101,7 +109,7 @@ def simulate(
         point.start + time_step * float(outcome.closing[0, 0]),
         reference_density(injector, point),
         Status(int(status)),
-        "lanes",
+        engine.value,
         relative_balance(injector, point, names, trace[0, :, :, 0], time_step),
     )
 
@@ -117,6 +125,7 @@ def simulate_batch(
     misfit: Misfit | None = None,
     stop_when_closed: bool = True,
     precision: Precision | str = Precision.F64,
+    engine: Engine | str = Engine.LANES,
 ) -> Batch:
     """Simulate many candidates at many operating points.
 
@@ -138,6 +147,13 @@ def simulate_batch(
         End a simulation once its needle has closed for good.
     precision : Precision or str
         "f64", or "f32": twice as fast, with an L1 error of the rate below 0.01 % from rounding.
+    engine : Engine or str
+        "lanes", or "cuda" for one simulation on each thread of an NVIDIA GPU; `threads` are then of no account.
+
+    Raises
+    ------
+    ConfigurationError
+        If the settings contradict each other, or the engine is not to be had here.
     """
     check_step(time_step)
     if threads is not None and not 1 <= threads <= 1024:
@@ -148,8 +164,8 @@ def simulate_batch(
     if candidates.shape[1] != len(names):
         raise ConfigurationError(f"{len(names)} names but {candidates.shape[1]} values a candidate were given.")
     stop = stop_when_closed and misfit is None
-    how = _How(time_step, threads or usable_threads(), misfit, stop, _precision(precision))
-    many = max(AT_A_TIME // len(points), 1)
+    how = _How(time_step, threads or usable_threads(), misfit, stop, _precision(precision), _batch_engine(engine))
+    many = max(AT_A_TIME[how.engine] // len(points), 1)
     parts = [
         _simulate(injector, points, names, candidates[first : first + many], how)
         for first in range(0, max(len(candidates), 1), many)
@@ -164,12 +180,55 @@ def _precision(name: Precision | str) -> Precision:
         raise ConfigurationError(f'The precision must be "f64" or "f32", not {name!r}.') from None
 
 
+def _engine(name: Engine | str) -> Engine:
+    try:
+        engine = Engine(name)
+    except ValueError:
+        known = " or ".join(f'"{one.value}"' for one in Engine)
+        raise ConfigurationError(f"The engine must be {known}, not {name!r}.") from None
+    if engine is Engine.CUDA:
+        from commonrail.engine import cuda
+
+        cuda.require_device()
+    return engine
+
+
+def _batch_engine(name: Engine | str) -> Engine:
+    engine = _engine(name)
+    if engine is Engine.REFERENCE:
+        raise ConfigurationError(
+            'The engine "reference" simulates one injection at a time; use `simulate`, or the engine "lanes" or "cuda".'
+        )
+    return engine
+
+
+def _width(engine: Engine, precision: Precision) -> int:
+    return 1 if engine is Engine.CUDA else VECTORS[precision].lanes
+
+
 class _How(NamedTuple):
     time_step: float
     threads: int
     misfit: Misfit | None
     stop_when_closed: bool
     precision: Precision
+    engine: Engine
+
+
+def _run(job: Job, variant: Variant, how: _How) -> Outcome:
+    if how.engine is Engine.CUDA:
+        from commonrail.engine import cuda
+
+        return cuda.run(job, variant, how.misfit, how.precision)
+    return lanes.run(job, variant, how.misfit, how.threads, how.precision)
+
+
+def _run_traced(job: Job, variant: Variant, engine: Engine) -> tuple[Outcome, Floats]:
+    if engine is Engine.CUDA:
+        from commonrail.engine import cuda
+
+        return cuda.run_traced(job, variant)
+    return lanes.run_traced(job, variant)
 
 
 def _simulate(
@@ -181,8 +240,9 @@ def _simulate(
         own = np.array([injector.values[name] for name in names])
         candidates = np.where(inside[:, None], candidates, own)
     theta = plan.candidate_matrix(injector, names, candidates)
-    job = plan.make_job(injector, theta, points, how.time_step, how.stop_when_closed, how.precision)
-    outcome = lanes.run(job, injector.variant, how.misfit, how.threads, how.precision)
+    width = _width(how.engine, how.precision)
+    job = plan.make_job(injector, theta, points, how.time_step, how.stop_when_closed, width)
+    outcome = _run(job, injector.variant, how)
     status = _status(injector, theta, outcome, how.time_step, len(theta), len(points))
     status[~inside] = Status.OUTSIDE_DOMAIN
 
