@@ -149,3 +149,11 @@ def test_the_reference_can_be_asked(command: Command) -> None:
     assert record["time_step"] is None
     # the engines agree to a fraction of a percent; a wrong point or injector would not
     assert record["injected_volume"] == pytest.approx(solution().injected_volume, rel=5e-3)
+
+
+def test_an_engine_that_is_not_to_be_had_is_refused(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("commonrail.engine.cuda.missing", lambda: 'The engine "cuda" needs a GPU.')
+    done = command(*SIMULATE, "--engine", "cuda")
+    assert done.status == 2
+    assert done.err.endswith('commonrail: The engine "cuda" needs a GPU.\n')
+    assert "Traceback" not in done.err

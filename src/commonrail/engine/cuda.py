@@ -53,19 +53,26 @@ def missing() -> str | None:
         return None
     if importlib.util.find_spec("numba_cuda") is None:
         return f'The engine "cuda" needs the package numba-cuda; {INSTALL}.'
+    library = _missing_library()
+    if library is not None:
+        return f'The engine "cuda" needs NVIDIA\'s library {library}, which was not found; {INSTALL}.'
     from numba import cuda
 
-    if not _has_compiler():
-        return f'The engine "cuda" needs NVIDIA\'s compiler library (NVVM), which numba-cuda did not find; {INSTALL}.'
     if not cuda.is_available():
         return 'The engine "cuda" needs an NVIDIA GPU with its driver, and none was found; use the engine "lanes".'
     return None
 
 
-def _has_compiler() -> bool:
-    from numba.cuda.cudadrv import nvvm
+def _missing_library() -> str | None:
+    """The first library of NVIDIA's compiler that is not to be found."""
+    from cuda.pathfinder import DynamicLibNotFoundError, load_nvidia_dynamic_lib
 
-    return bool(nvvm.is_available())
+    for name in ("nvvm", "nvrtc"):
+        try:
+            load_nvidia_dynamic_lib(name)
+        except DynamicLibNotFoundError:
+            return name
+    return None
 
 
 def require_device() -> None:
