@@ -43,6 +43,8 @@ _PHYSICS_ROOMS = ("fuel", "flow", "parts", "injector", "engine")
 
 
 _Law = TypeVar("_Law", bound=Callable[..., Any])
+_LAWS: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
+_MACHINES: list[Callable[..., Any]] = [functools.partial(overload, jit_options=_INLINED, strict=False, target="cpu")]
 
 
 def physics(law: _Law) -> _Law:
@@ -52,11 +54,26 @@ def physics(law: _Law) -> _Law:
     be double, and draw everything that they touch along.
     """
 
-    @overload(law, jit_options=_INLINED, strict=False)
     def choose(*arguments: Any, **named: Any) -> Callable[..., Any]:
         return in_single(law) if any(map(_is_single, (*arguments, *named.values()))) else law
 
+    _LAWS.append((law, choose))
+    for offer in _MACHINES:
+        offer(law)(choose)
     return law
+
+
+def offer_laws(offer: Callable[..., Any]) -> None:
+    """Let one more kind of machine inline all laws, those to come too.
+
+    Parameters
+    ----------
+    offer : function (law) -> decorator
+        Numba's `overload` of that machine, with its options.
+    """
+    _MACHINES.append(offer)
+    for law, choose in _LAWS:
+        offer(law)(choose)
 
 
 def _is_single(kind: Any) -> bool:

@@ -165,3 +165,11 @@ def test_an_absurd_value_fails_as_a_simulation_and_not_as_a_fault(command: Comma
     line = ("simulate", "cri2-16", "--rail-pressure", "80MPa", "--energising-time", "500us")
     done = command(*line, "--set", "nozzle.holes=1e308")
     assert done.status == 4, done.err
+
+
+def test_an_engine_that_is_not_to_be_had_is_refused(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("commonrail.engine.cuda.missing", lambda: 'The engine "cuda" needs a GPU.')
+    done = command(*SIMULATE, "--engine", "cuda")
+    assert done.status == 2
+    assert done.err.endswith('commonrail: The engine "cuda" needs a GPU.\n')
+    assert "Traceback" not in done.err

@@ -67,7 +67,7 @@ def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solu
     SimulationError
         If the simulation failed.
     """
-    if settings.engine is EngineChoice.LANES:
+    if settings.engine is not EngineChoice.REFERENCE:
         say(SIMULATING)
     engine, step, precision = settings
     solution = simulate(injector, point, engine.value, step, precision=precision.value)
@@ -127,7 +127,7 @@ def record(run: Run) -> dict[str, Any]:
             "horizon": point.duration,
         },
         "engine": s.engine,
-        "time_step": run.time_step if s.engine == EngineChoice.LANES.value else None,
+        "time_step": None if s.engine == EngineChoice.REFERENCE.value else run.time_step,
         "precision": run.precision.value,
         "status": s.status.name,
         "message": s.status.sentence,

@@ -46,6 +46,7 @@ class EngineChoice(StrEnum):
     """Who runs the simulation."""
 
     LANES = "lanes"
+    CUDA = "cuda"
     REFERENCE = "reference"
 
 

@@ -56,11 +56,11 @@ def simulate(
     ] = None,
     variant: Annotated[BodyChoice | None, typer.Option(help="Body, if not the file's.")] = None,
     engine: Annotated[
-        EngineChoice, typer.Option(help="Fast with a fixed step, or slow with error control.")
+        EngineChoice, typer.Option(help="Fast with a fixed step (cuda: on an NVIDIA GPU), or slow with error control.")
     ] = EngineChoice.LANES,
-    time_step: Annotated[str, typer.Option(help="Of the lanes.")] = "1us",
+    time_step: Annotated[str, typer.Option(help="Of the fast engines.")] = "1us",
     precision: Annotated[
-        PrecisionChoice, typer.Option(help="Of the lanes: f32 pays for populations, here it shows its rounding.")
+        PrecisionChoice, typer.Option(help="Of the fast engines: f32 pays for populations, here it shows its rounding.")
     ] = PrecisionChoice.F64,
     out: OutFile = None,
     plot: PlotFile = None,

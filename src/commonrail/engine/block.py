@@ -254,6 +254,14 @@ def arrive(work, waves, ring, rows, k, alike):  # type: ignore[no-untyped-def]
 
 
 @physics
+def leave(work, waves, ring, rows, k):  # type: ignore[no-untyped-def]
+    """Put the waves that leave in step k into their rings."""
+    for wave in range(3):
+        for lane in range(rows.lanes):
+            waves[at(rows, wave * ring + (k & (ring - 1)), lane)] = work[at(rows, rows.leaving + wave, lane)]
+
+
+@physics
 def sample(work, rows, part, width, target, weight, first):  # type: ignore[no-untyped-def]
     """Take the sample that ends `part` of a step into the last one, and add up its misfit."""
     for lane in range(rows.lanes):
@@ -340,7 +348,6 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
         theta, settings, inputs, steps, quiet, blocks, dt, ring, stop_when_closed,
         bound_count, bounds, target, weight, trace, out, first, last,
     ):  # fmt: skip
-        mask = ring - 1
         vectors()
         step_size = real(dt)
         mode = exchange_rounding(flush, KEEP_ALL)
@@ -359,9 +366,7 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
                 u = Inputs(real(x[0]), real(x[1]), real(x[2]), real(x[3]), real(x[4]), real(x[5]))
                 arrive(work, waves, ring, rows, k, alike)
                 advance(work, real(k + 1), u, step_size)
-                for wave in range(3):
-                    for lane in range(rows.lanes):
-                        waves[at(rows, wave * ring + (k & mask), lane)] = work[at(rows, rows.leaving + wave, lane)]
+                leave(work, waves, ring, rows, k)
                 while bound < bound_count[point] and bounds[point, bound] <= k + 1.0:
                     width = dt * (bounds[point, bound] - bounds[point, max(bound - 1, 0)]) if bound > 0 else 1.0
                     sample(

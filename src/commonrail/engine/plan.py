@@ -150,13 +150,13 @@ def make_job(
     points: Sequence[OperatingPoint],
     dt: float,
     stop_when_closed: bool,
-    precision: Precision = Precision.F64,
+    width: int = VECTORS[Precision.F64].lanes,
     prepared: Prepared | None = None,
 ) -> Job:
     """Every candidate at every point, candidates of a point side by side.
 
-    With 8 lanes block b of a point holds candidates 8 b … 8 b + 7; a last block that is not full repeats its last
-    candidate.
+    With a `width` of 8 lanes block b of a point holds candidates 8 b … 8 b + 7; a last block that is not full repeats
+    its last candidate.
     """
     given = prepared or prepare(injector, points, dt)
     return Job(
@@ -165,7 +165,7 @@ def make_job(
         given.inputs,
         given.steps,
         given.quiet,
-        blocks(len(theta), len(points), VECTORS[precision].lanes),
+        blocks(len(theta), len(points), width),
         dt,
         _ring(theta, dt, int(given.steps.max())),
         stop_when_closed,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from commonrail.engine import lanes, plan
 from commonrail.engine.balance import relative_balance
 from commonrail.engine.channels import read_channels
-from commonrail.engine.lanes import Misfit, Outcome, Precision
+from commonrail.engine.lanes import VECTORS, Job, Misfit, Outcome, Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, reference_density
 from commonrail.engine.solution import Batch, Solution
@@ -22,10 +22,10 @@ from commonrail.engine.stability import longest_step
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
+from commonrail.injector.variants import Variant
 
 Floats = NDArray[np.float64]
 
-AT_A_TIME = 16_384  # simulations; the parameters of that many take 20 MB
 _OK, _STILL_INJECTING = int(Status.OK), int(Status.STILL_INJECTING)  # NumPy takes five times as long for an enum
 DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail verify`
 
@@ -34,7 +34,12 @@ class Engine(Enum):
     """Who runs the simulation."""
 
     LANES = "lanes"
+    CUDA = "cuda"
     REFERENCE = "reference"
+
+
+# Simulations, by their parameters in memory: 20 MB, and on a GPU, which needs many to be busy, 160 MB.
+AT_A_TIME = {Engine.LANES: 16_384, Engine.CUDA: 131_072}
 
 
 def usable_threads() -> int:
@@ -57,35 +62,38 @@ def simulate(
     injector : Injector
     point : OperatingPoint
     engine : Engine or str
-        "lanes" (fast, fixed step) or "reference" (slow, error-controlled).
+        "lanes" (fast, fixed step), "cuda" (the same on an NVIDIA GPU; to compare, one injection is no work for it) or
+        "reference" (slow, error-controlled).
     time_step : float
-        Step of the lanes [s].
+        The fixed step [s].
     sample_interval : float, optional
-        Spacing of the samples [s]; by default the time step of the lanes, 3 us for the reference.
+        Spacing of the samples [s]; by default the fixed step, 3 us for the reference.
     precision : Precision or str
-        "f64" or "f32", of the lanes; the reference is f64 alone.
+        "f64" or "f32", of the fast engines; the reference is f64 alone.
 
     Raises
     ------
     ConfigurationError
-        If the settings contradict each other. A simulation that fails returns a `Solution` whose status says so.
+        If the settings contradict each other, or the engine is not to be had here. A simulation that fails returns a
+        `Solution` whose status says so.
     """
     check_step(time_step)
+    engine = _engine(engine)
     if sample_interval is not None and not 1e-9 <= sample_interval <= point.duration:
         raise ConfigurationError(
             f"The sample interval must lie between 1 ns and the simulated {point.duration * 1e3:g} ms, "
             f"not {sample_interval:g} s."
         )
     real = _precision(precision)
-    if Engine(engine) is Engine.REFERENCE:
+    if engine is Engine.REFERENCE:
         if real is not Precision.F64:
             raise ConfigurationError(f"The reference computes in f64 alone, not in {real.value}; use the lanes for it.")
         from commonrail.engine.reference import simulate_reference
 
         return simulate_reference(injector, point, sample_interval or 3e-6)
     theta = plan.candidate_matrix(injector, (), np.empty((1, 0)))
-    job = plan.make_job(injector, theta, [point], time_step, False, real)
-    outcome, trace = lanes.run_traced(job, injector.variant, precision=real)
+    job = plan.make_job(injector, theta, [point], time_step, False, _width(engine, real))
+    outcome, trace = _run_traced(job, injector.variant, engine, real)
     stride = max(round((sample_interval or time_step) / time_step), 1)
     rows = trace[0, ::stride, :, 0]
     names = lanes.trace_paths(injector.variant)
@@ -103,7 +111,7 @@ def simulate(
         point.start + time_step * float(outcome.closing[0, 0]),
         reference_density(injector, point),
         Status(int(status)),
-        "lanes",
+        engine.value,
         relative_balance(injector, point, names, trace[0, :, :, 0], time_step),
     )
 
@@ -120,6 +128,7 @@ def simulate_batch(
     stop_when_closed: bool = True,
     precision: Precision | str = Precision.F64,
     prepared: Prepared | None = None,
+    engine: Engine | str = Engine.LANES,
 ) -> Batch:
     """Simulate many candidates at many operating points.
 
@@ -143,6 +152,13 @@ def simulate_batch(
         "f64", or "f32": twice as fast, with an L1 error of the rate below 0.01 % from rounding.
     prepared : Prepared, optional
         `plan.prepare` of the same injector, points and time step: saves time where many batches follow each other.
+    engine : Engine or str
+        "lanes", or "cuda" for one simulation on each thread of an NVIDIA GPU; `threads` are then of no account.
+
+    Raises
+    ------
+    ConfigurationError
+        If the settings contradict each other, or the engine is not to be had here.
     """
     check_step(time_step)
     if threads is not None and not 1 <= threads <= 1024:
@@ -161,8 +177,9 @@ def simulate_batch(
         misfit,
         stop_when_closed and misfit is None,
         _precision(precision),
+        _batch_engine(engine),
     )
-    many = max(AT_A_TIME // len(points), 1)
+    many = max(AT_A_TIME[how.engine] // len(points), 1)
     parts = [
         _simulate(injector, names, candidates[first : first + many], how) for first in range(0, len(candidates), many)
     ]
@@ -176,6 +193,32 @@ def _precision(name: Precision | str) -> Precision:
         raise ConfigurationError(f'The precision must be "f64" or "f32", not {name!r}.') from None
 
 
+def _engine(name: Engine | str) -> Engine:
+    try:
+        engine = Engine(name)
+    except ValueError:
+        known = " or ".join(f'"{one.value}"' for one in Engine)
+        raise ConfigurationError(f"The engine must be {known}, not {name!r}.") from None
+    if engine is Engine.CUDA:
+        from commonrail.engine import cuda
+
+        cuda.require_device()
+    return engine
+
+
+def _batch_engine(name: Engine | str) -> Engine:
+    engine = _engine(name)
+    if engine is Engine.REFERENCE:
+        raise ConfigurationError(
+            'The engine "reference" simulates one injection at a time; use `simulate`, or the engine "lanes" or "cuda".'
+        )
+    return engine
+
+
+def _width(engine: Engine, precision: Precision) -> int:
+    return 1 if engine is Engine.CUDA else VECTORS[precision].lanes
+
+
 class _How(NamedTuple):
     prepared: Prepared
     time_step: float
@@ -183,6 +226,23 @@ class _How(NamedTuple):
     misfit: Misfit | None
     stop_when_closed: bool
     precision: Precision
+    engine: Engine
+
+
+def _run(job: Job, variant: Variant, how: _How) -> Outcome:
+    if how.engine is Engine.CUDA:
+        from commonrail.engine import cuda
+
+        return cuda.run(job, variant, how.misfit, how.precision)
+    return lanes.run(job, variant, how.misfit, how.threads, how.precision)
+
+
+def _run_traced(job: Job, variant: Variant, engine: Engine, precision: Precision) -> tuple[Outcome, Floats]:
+    if engine is Engine.CUDA:
+        from commonrail.engine import cuda
+
+        return cuda.run_traced(job, variant, precision)
+    return lanes.run_traced(job, variant, precision=precision)
 
 
 def _simulate(injector: Injector, names: Sequence[str], candidates: Floats, how: _How) -> Batch:
@@ -193,8 +253,9 @@ def _simulate(injector: Injector, names: Sequence[str], candidates: Floats, how:
         own = np.array([injector.values[name] for name in names])
         candidates = np.where(inside[:, None], candidates, own)
     theta = plan.candidate_matrix(injector, names, candidates, prepared)
-    job = plan.make_job(injector, theta, points, how.time_step, how.stop_when_closed, how.precision, prepared)
-    outcome = lanes.run(job, injector.variant, how.misfit, how.threads, how.precision)
+    width = _width(how.engine, how.precision)
+    job = plan.make_job(injector, theta, points, how.time_step, how.stop_when_closed, width, prepared)
+    outcome = _run(job, injector.variant, how)
     status = _status(injector, theta, outcome, how.time_step, len(theta), len(points))
     status[~inside] = Status.OUTSIDE_DOMAIN
 

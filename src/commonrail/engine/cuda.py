@@ -1,0 +1,181 @@
+"""The engine for NVIDIA GPUs: a thread for each candidate at each operating point.
+
+The same laws and the same loop as those of the lanes, compiled by numba-cuda; populations go to the device in parts
+that its memory holds. Nothing of CUDA is imported before it is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.engine.block import FUEL, PARAMETERS
+from commonrail.engine.lanes import VECTORS, Job, Misfit, Outcome, Precision, trace_paths
+from commonrail.errors import ConfigurationError
+from commonrail.injector.variants import Variant
+
+__all__ = ["missing", "require_device", "run", "run_traced"]
+
+Floats = NDArray[np.float64]
+
+# A thread takes nearly all the registers that one may have, so that a multiprocessor holds 8 warps in any case:
+# small groups of threads end sooner where their needles close early.
+GROUP = 64
+SHARE = 0.5  # of the device's free memory for rings and traces
+INSTALL = "install it with: pip install 'commonrail[cuda]'"
+
+
+class Samples(NamedTuple):
+    """Samples in the form in which a thread takes them: `Misfit` with all that can be known beforehand worked out.
+
+    Attributes
+    ----------
+    bound_count : (points,) int
+    due : (points, bounds) int
+        Step in which a sample ends.
+    samples : (points, bounds, 4)
+        Part of that step at which it ends, width [s], target [kg/s] and weight.
+    """
+
+    bound_count: NDArray[np.int64]
+    due: NDArray[np.int64]
+    samples: Floats
+
+
+def missing() -> str | None:
+    """What is missing for this engine on this machine, in one sentence; None if it can be used."""
+    import numba
+
+    if numba.config.ENABLE_CUDASIM:
+        return None
+    if importlib.util.find_spec("numba_cuda") is None:
+        return f'The engine "cuda" needs the package numba-cuda; {INSTALL}.'
+    library = _missing_library()
+    if library is not None:
+        return f'The engine "cuda" needs NVIDIA\'s library {library}, which was not found; {INSTALL}.'
+    from numba import cuda
+
+    if not cuda.is_available():
+        return 'The engine "cuda" needs an NVIDIA GPU with its driver, and none was found; use the engine "lanes".'
+    return None
+
+
+def _missing_library() -> str | None:
+    """The first library of NVIDIA's compiler that is not to be found."""
+    from cuda.pathfinder import DynamicLibNotFoundError, load_nvidia_dynamic_lib
+
+    for name in ("nvvm", "nvrtc"):
+        try:
+            load_nvidia_dynamic_lib(name)
+        except DynamicLibNotFoundError:
+            return name
+    return None
+
+
+def require_device() -> None:
+    """Refuse a machine on which this engine cannot run.
+
+    Raises
+    ------
+    ConfigurationError
+        That says what is missing.
+    """
+    sentence = missing()
+    if sentence is not None:
+        raise ConfigurationError(sentence)
+
+
+def run(job: Job, variant: Variant, misfit: Misfit | None = None, precision: Precision = Precision.F64) -> Outcome:
+    """Run all blocks of a job, each of one lane.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no device, or it failed.
+    """
+    return _run(job, variant, misfit, precision, False)[0]
+
+
+def run_traced(job: Job, variant: Variant, precision: Precision = Precision.F64) -> tuple[Outcome, Floats]:
+    """Run all blocks and keep the state after every step: (blocks, steps + 1, rows, 1)."""
+    return _run(job, variant, None, precision, True)
+
+
+def samples(misfit: Misfit, dt: float) -> Samples:
+    """A misfit's samples as a thread takes them."""
+    bounds = misfit.bounds
+    # as the lanes do it: in the first step whose end reaches the bound, and in order
+    due = np.maximum.accumulate(np.maximum(np.ceil(bounds) - 1.0, 0.0), axis=1)
+    width = np.ones(bounds.shape)
+    width[:, 1:] = dt * (bounds[:, 1:] - bounds[:, :-1])
+    columns = np.stack([bounds - due, width, misfit.target, misfit.weight], axis=2)
+    return Samples(misfit.bound_count, due.astype(np.int64), columns)
+
+
+def _run(
+    job: Job, variant: Variant, misfit: Misfit | None, precision: Precision, traced: bool
+) -> tuple[Outcome, Floats]:
+    require_device()
+    from numba.cuda.cudadrv.driver import CudaAPIError
+
+    try:
+        return _launch(job, variant, misfit, precision, traced)
+    except CudaAPIError as error:
+        raise ConfigurationError(f'The GPU failed ({error}); use the engine "lanes".') from None
+
+
+def _launch(
+    job: Job, variant: Variant, misfit: Misfit | None, precision: Precision, traced: bool
+) -> tuple[Outcome, Floats]:
+    from numba import cuda
+
+    from commonrail.engine import cuda_kernel
+
+    kernel = cuda_kernel.compiled(variant, precision, traced)
+    real = VECTORS[precision].real
+    before, after = (_to_device(cuda, part, real) for part in _arguments(job, misfit))
+    slots = max(3 * job.ring, len(PARAMETERS.paths) + len(FUEL.paths))
+    paths, n = len(trace_paths(variant)), len(job.blocks)
+    stored = (int(job.steps.max()) + 1, paths, 1) if traced else (0, 0, 0)
+    many = _at_a_time(cuda, n, (slots + int(np.prod(stored))) * np.dtype(real).itemsize)
+    rings = cuda.device_array((slots, many), real)
+    out, trace = np.empty((n, len(Outcome._fields)), real), np.full((n if traced else 0, *stored), np.nan, real)
+    for first in range(0, n, many):
+        part = slice(first, first + many)
+        blocks = np.ascontiguousarray(job.blocks[part])
+        states, figures = cuda.to_device(trace[part]), cuda.device_array((len(blocks), out.shape[1]), real)
+        groups = -(-len(blocks) // GROUP)
+        kernel[groups, GROUP](
+            *before,
+            cuda.to_device(blocks),
+            real(job.dt),
+            job.ring,
+            job.stop_when_closed,
+            *after,
+            rings,
+            states,
+            figures,
+        )
+        out[part], trace[part] = figures.copy_to_host(), states.copy_to_host()
+    return Outcome(*out.astype(float).T[:, :, None]), trace.astype(float)
+
+
+def _arguments(job: Job, misfit: Misfit | None) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Arrays that all launches read: those before the blocks, and the samples."""
+    none = np.zeros((len(job.settings), 0))
+    chosen = misfit or Misfit(np.zeros(len(job.settings), np.int64), none, none, none)
+    return job[:5], samples(chosen, job.dt)
+
+
+def _to_device(cuda: Any, arrays: tuple[Any, ...], real: Any) -> list[Any]:
+    kinds = (real if array.dtype == np.float64 else np.int64 for array in arrays)
+    return [cuda.to_device(np.ascontiguousarray(array, kind)) for array, kind in zip(arrays, kinds, strict=True)]
+
+
+def _at_a_time(cuda: Any, count: int, size: int) -> int:
+    """Threads of a launch: whole groups, as many as the device's memory holds."""
+    free, _ = cuda.current_context().get_memory_info()
+    return GROUP * int(max(min(-(-count // GROUP), SHARE * free / (size * GROUP)), 1))
