@@ -1,0 +1,145 @@
+"""What a step of the fast engine is made of, the processor's bound for it and how near it comes.
+
+``python -m benchmarks.roofline [RECORD.json]`` prints a table, and adds it to a benchmark's record. The machine code
+is that of the kernel as built here; its bound is what ``llvm-mca`` finds for the ports of the processor if every value
+were there in time (reciprocal throughput), left out where there is no llvm-mca. Cycles are measured: a chain of
+dependent instructions of one cycle each tells the clock.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+from commonrail.bench.case import POINT, TIME_STEP, candidates, injector
+from commonrail.engine import lanes, plan
+from commonrail.reproduction import paper
+
+CHAIN_LATENCY = 6  # cycles of three dependent shifts and exclusive ors
+KINDS = {
+    "multiply, add": r"v(f[n]?m(add|sub)\d+|mul|add|sub)p[sd]",
+    "divisions": r"v(div|rcp14|rcp)p[sd]",
+    "roots": r"v(sqrt|rsqrt14|rsqrt)p[sd]",
+    "compare, select, min, max": r"v(cmp\w*|min|max|blend\w*|and\w*|or|xor)p[sd]",
+    "loads": r"LOAD",
+    "stores": r"STORE",
+}
+
+
+def step_block(assembly: str) -> list[str]:
+    """Instructions of the step: the straight pieces with most of the vector arithmetic, one after the other."""
+    blocks: list[list[str]] = [[]]
+    for line in assembly.splitlines():
+        text = line.split("#")[0].strip()
+        if re.match(r"\S+:", text) or re.match(r"(j\w+|ret\w*|call\w*)\b", text):
+            blocks.append([])
+        elif text and not text.startswith("."):
+            blocks[-1].append(text)
+    arithmetic = re.compile(r"v(f|mul|add|sub|div|sqrt)\w*p[sd]\s.*[yz]mm")
+    return [line for block in blocks if sum(bool(arithmetic.match(line)) for line in block) >= 40 for line in block]
+
+
+def counts(block: list[str]) -> dict[str, int]:
+    """Vector instructions of a step by kind; loads and stores are counted wherever an operand lies in memory."""
+    found = dict.fromkeys(KINDS, 0)
+    for line in block:
+        operation, _, operands = line.partition("\t")
+        operation, operands = (operation, operands) if operands else (line.split()[0], line)
+        for kind, pattern in KINDS.items():
+            found[kind] += bool(re.fullmatch(pattern, operation)) and bool(re.search(r"[xyz]mm", line))
+        if "(" in operands:
+            found["stores" if operation.startswith("vmov") and operands.rstrip().endswith(")") else "loads"] += 1
+    found["on the stack"] = sum("(%rsp)" in line for line in block)
+    return found
+
+
+def port_bound(block: list[str]) -> float | None:
+    """Cycles of a step if only the processor's ports bound it, as llvm-mca has them; None without llvm-mca."""
+    tool = shutil.which("llvm-mca")
+    if tool is None:
+        return None
+    command = [tool, "-mtriple=x86_64", "-mcpu=native", "-iterations=10", "-all-stats=false"]
+    done = subprocess.run(command, input="\n".join(block), capture_output=True, text=True, check=False)
+    found = re.search(r"Block RThroughput:\s*([0-9.]+)", done.stdout)
+    return float(found.group(1)) if found else None
+
+
+@numba.njit
+def _chain(count: int, x: int) -> int:
+    for _ in range(count):
+        x ^= x << 13
+        x ^= x >> 7
+        x ^= x << 17
+    return x
+
+
+def clock() -> float:
+    """Cycles a second of the core that this runs on."""
+    _chain(10, 1)
+    count = 20_000_000
+    return count * CHAIN_LATENCY / _best(lambda: _chain(count, 3), 9)
+
+
+def _best(action: Callable[[], Any], repeats: int) -> float:
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        action()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def measure(precision: lanes.Precision) -> dict[str, Any]:
+    """The step of one precision: what it is made of, its bound, and the cycles that it takes."""
+    variant = injector().variant
+    vector = lanes.VECTORS[precision]
+    values = candidates(8 * vector.lanes)
+    steps = round(POINT.duration / TIME_STEP)
+    theta = plan.candidate_matrix(injector(), paper.NAMES, values)
+    job = plan.make_job(injector(), theta, [POINT], TIME_STEP, False, precision)
+    lanes.run(job, variant, None, 1, precision)
+    seconds = _best(lambda: lanes.run(job, variant, None, 1, precision), 30)
+    hertz = clock()
+    block = step_block(next(iter(lanes.compiled(variant, precision).compiled.inspect_asm().values())))
+    cycles = seconds * hertz / (8 * steps)
+    bound = port_bound(block)
+    return {
+        "precision": precision.value,
+        "lanes": vector.lanes,
+        "instructions": len(block),
+        **counts(block),
+        "cycles_a_step": cycles,
+        "bound_cycles": bound,
+        "share_of_bound": None if bound is None else bound / cycles,
+        "gigahertz": hertz / 1e9,
+        "simulations_per_second_and_core": len(values) / seconds,
+    }
+
+
+def main() -> None:
+    """Measure, print, and add the figures to a record if one is named."""
+    with tempfile.TemporaryDirectory() as place:
+        os.environ["XDG_CACHE_HOME"] = place  # machine code from a cache cannot be looked at
+        rows = [measure(precision) for precision in lanes.Precision]
+    for key in rows[0]:
+        texts = [f"{row[key]:.4g}" if isinstance(row[key], float) else str(row[key]) for row in rows]
+        print(f"{key:34s}", *(f"{text:>14s}" for text in texts))
+    for name in sys.argv[1:]:
+        record = json.loads(Path(name).read_text(encoding="utf-8"))
+        record["roofline"] = rows
+        Path(name).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
