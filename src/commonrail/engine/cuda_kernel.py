@@ -76,7 +76,7 @@ def keep_state(work, rows, trace, thread, k):  # type: ignore[no-untyped-def]
 
 
 def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable[..., Any]:
-    """The loop over the steps; its arguments are those of `signature`. It has no constants of its own: see `physics`."""
+    """The loop over the steps; arguments as in `signature`. It has no constants of its own: see `physics`."""
     rows, real = make_rows(variant, 1), VECTORS[precision].real
     begin, advance = make_begin(variant, rows), make_advance(variant, rows)
     keep = keep_state if traced else keep_nothing
