@@ -94,7 +94,7 @@ def run(job: Job, variant: Variant, misfit: Misfit | None = None, precision: Pre
     Raises
     ------
     ConfigurationError
-        If there is no device, or it failed.
+        If the device failed. Whether there is one is for the caller to ask, before any other work.
     """
     return _run(job, variant, misfit, precision, False)[0]
 
@@ -118,7 +118,6 @@ def samples(misfit: Misfit, dt: float) -> Samples:
 def _run(
     job: Job, variant: Variant, misfit: Misfit | None, precision: Precision, traced: bool
 ) -> tuple[Outcome, Floats]:
-    require_device()
     from numba.cuda.cudadrv.driver import CudaAPIError
 
     try:

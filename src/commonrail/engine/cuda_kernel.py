@@ -19,7 +19,7 @@ import numba
 import numpy as np
 from numba import cuda
 
-from commonrail.compile import in_single, offer_laws, physics
+from commonrail.compile import offer_laws, physics
 from commonrail.engine.block import (
     CHECK_EVERY,
     arrive,
@@ -76,7 +76,7 @@ def keep_state(work, rows, trace, thread, k):  # type: ignore[no-untyped-def]
 
 
 def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable[..., Any]:
-    """The loop over the steps; arguments as `cuda.run` hands them over."""
+    """The loop over the steps; arguments as in `signature`. It has no constants of its own: see `physics`."""
     rows, real = make_rows(variant, 1), VECTORS[precision].real
     begin, advance = make_begin(variant, rows), make_advance(variant, rows)
     keep = keep_state if traced else keep_nothing
@@ -112,4 +112,4 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
                     break
         report(work, rows, figures)
 
-    return march if real is np.float64 else in_single(march)
+    return march
