@@ -92,5 +92,5 @@ def test_what_was_prepared_gives_the_same_job(regulated: Injector, names: tuple[
     theta = plan.candidate_matrix(regulated, names, values)
     assert np.array_equal(plan.candidate_matrix(regulated, names, values, prepared), theta)
     fresh = plan.make_job(regulated, theta, points, 1e-6, True)
-    for mine, other in zip(plan.make_job(regulated, theta, points, 1e-6, True, prepared), fresh, strict=True):
+    for mine, other in zip(plan.make_job(regulated, theta, points, 1e-6, True, prepared=prepared), fresh, strict=True):
         assert np.array_equal(mine, other)

@@ -12,6 +12,7 @@ import pytest
 from commonrail.compile import _FASTMATH
 from commonrail.engine import lanes, plan
 from commonrail.engine.block import make_loop
+from commonrail.engine.lanes import VECTORS, Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.injector.definition import Injector
 
@@ -26,7 +27,9 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def assembly(regulated: Injector) -> str:
     """Text of the regulated variant's kernel, compiled anew: what comes from the cache has no text."""
-    loop = numba.njit(make_loop(regulated.variant), nogil=True, fastmath=_FASTMATH, error_model="numpy")
+    loop = numba.njit(
+        make_loop(regulated.variant, VECTORS[Precision.F64]), nogil=True, fastmath=_FASTMATH, error_model="numpy"
+    )
     theta = plan.candidate_matrix(regulated, (), np.empty((1, 0)))
     job = plan.make_job(regulated, theta, [OperatingPoint(160e6, 1e-4, horizon=1e-5)], 1e-6, True)
     none = np.zeros((1, 0))
