@@ -48,4 +48,8 @@ def longest_step(injector: Injector, theta: Floats) -> float:
     matrix[0, 0] += needle["stop_stiffness"]
     matrix[8, 8] += seat
     scale = 1.0 / np.sqrt(nodes)
-    return float(2.0 / np.sqrt(np.linalg.eigvalsh(matrix * np.outer(scale, scale)).max()))
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = matrix * np.outer(scale, scale)
+    if not np.isfinite(scaled).all():
+        return 0.0  # beyond numbers: no step is short enough
+    return float(2.0 / np.sqrt(np.linalg.eigvalsh(scaled).max()))

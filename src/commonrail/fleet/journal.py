@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.errors import StudyError
+from commonrail.files.atomic import check_target
 from commonrail.store.faults import explained, trusted
 from commonrail.store.lock import Lock
 
@@ -93,7 +94,8 @@ class Journal:
                 f"{folder}: another fleet is at work here ({self._holder()}); wait for it, or end it."
             ) from None
         try:
-            with explained(self.path):
+            check_target(self.path)
+            with explained(self.path), trusted(self.path):
                 self._connection = sqlite3.connect(self.path, timeout=30.0)
                 self._connection.execute("PRAGMA journal_mode=WAL")
                 self._connection.execute("PRAGMA synchronous=FULL")

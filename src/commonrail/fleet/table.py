@@ -179,7 +179,9 @@ def _read_parquet(path: Path) -> _Parquet:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file.")
     try:
-        return _Parquet(path, parquet.read_table(path, partitioning=None))
+        table = parquet.read_table(path, partitioning=None)
+        _ = table.column_names  # those that are no text are found out here
+        return _Parquet(path, table)
     except (ArrowException, OSError, ValueError) as error:
         reason = " ".join(str(error).split())[:200].rstrip(".")
         raise InputError(f"{path}: the file cannot be read as Parquet ({reason}).") from error

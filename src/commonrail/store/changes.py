@@ -37,7 +37,7 @@ def check_files(journal: Journal, as_begun: bool) -> None:
     for i, item in enumerate(inputs):
         path = journal.folder / item.name
         if (now := _digest(path)) != item.copy:
-            what = _what(about["study"], path) if i == 0 else ""
+            what = _what(about.get("study", ""), path) if i == 0 else ""
             raise StudyError(
                 f"{path} {'is missing' if not now else f'has been changed since the run was begun{what}'}; bring it "
                 "back as it was, or begin a new run with `commonrail calibrate`."
@@ -45,7 +45,7 @@ def check_files(journal: Journal, as_begun: bool) -> None:
     for i, item in enumerate(inputs if not as_begun else []):
         path = Path(item.origin)
         if (now := _digest(path)) and now != item.original:
-            what = _what(about["given"], path) if i == 0 else ""
+            what = _what(about.get("given", ""), path) if i == 0 else ""
             raise StudyError(
                 f"{path} has been changed since the run in {journal.folder} was begun{what}; begin a new run for it, "
                 f"or go on with the copy as it was: `commonrail resume {journal.folder} --as-begun`."
@@ -55,7 +55,7 @@ def check_files(journal: Journal, as_begun: bool) -> None:
 def _finish_writing(folder: Path, about: Mapping[str, str], inputs: list[Input]) -> None:
     """Write the study with more generations, if a crash came between the journal's note of it and the file."""
     if inputs and about.get("before") and _digest(folder / STUDY) == about["before"]:
-        write_text(folder / STUDY, about["study"])
+        write_text(folder / STUDY, about.get("study", ""))
 
 
 def _digest(path: Path) -> str:

@@ -149,7 +149,7 @@ class Journal:
     def generations(self) -> int:
         """Generations wanted after the initial population."""
         with trusted(self.path):
-            return int(self.about["generations"])
+            return _count(int(self.about["generations"]))
 
     def describe(
         self, facts: Mapping[str, str], inputs: list[Input] | None = None, forget_refinements: bool = False
