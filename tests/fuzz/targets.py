@@ -96,11 +96,8 @@ def _judge(sentence: str, folder: Path) -> None:
     faults = [leak for leak in LEAKS if leak in sentence]
     if len(sentence.splitlines()) != 1 or len(sentence) > LONGEST_SENTENCE:
         faults.append("not one line of moderate length")
-    if (
-        str(folder) not in sentence
-        and folder.name not in sentence
-        and not sentence.startswith(f"{kept.TITLE}: not one")
-    ):
+    elsewhere = ("/", f"{kept.TITLE}: not one")  # a file outside, or no file but what was simulated
+    if str(folder) not in sentence and folder.name not in sentence and not sentence.startswith(elsewhere):
         faults.append("no file is named")
     if not sentence.endswith("."):
         faults.append("no sentence")
