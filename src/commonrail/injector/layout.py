@@ -65,12 +65,15 @@ def layout_of(kind: type, choices: tuple[tuple[str, type], ...] = ()) -> Layout:
         Types of the fields annotated ``Any``, such as ``(("body", rigid_body.State),)``.
     """
     names: dict[str, Any] = {"__name__": __name__}
-    rows = iter(range(10_000))
-    made = _constructor(kind, choices, names, rows)
+    made = _constructor(kind, choices, names, iter(range(10_000)))
     paths = tuple(field_paths(kind, choices))
-    stores = [f"    a[(first + {i}) * lanes + lane] = value.{path}" for i, path in enumerate(paths)]
-    source = f"def load(a, first, lanes, lane):\n    return {made}\n\ndef store(a, first, lanes, lane, value):\n"
-    exec(compile(source + "\n".join(stores) + "\n", f"<layout of {kind.__qualname__}>", "exec"), names)
+    # one running index: Numba takes milliseconds for each operation of a text, and there are hundreds of rows
+    begin, on = ["    i = first * lanes + lane"], "    i += lanes"
+    loads = [line for row, _ in enumerate(paths) for line in (f"    r{row} = a[i]", on)]
+    stores = [line for path in paths for line in (f"    a[i] = value.{path}", on)]
+    load = ["def load(a, first, lanes, lane):", *begin, *loads[:-1], f"    return {made}", ""]
+    store = ["def store(a, first, lanes, lane, value):", *begin, *stores[:-1], ""]
+    exec(compile("\n".join(load + store), f"<layout of {kind.__qualname__}>", "exec"), names)
     return Layout(paths, physics(names["load"]), physics(names["store"]))
 
 
@@ -78,7 +81,7 @@ def _constructor(kind: type, choices: Any, names: dict[str, Any], rows: Iterator
     alias = f"T{len(names)}"
     names[alias] = kind
     parts = [
-        f"a[(first + {next(rows)}) * lanes + lane]" if hint is float else _constructor(hint, choices, names, rows)
+        f"r{next(rows)}" if hint is float else _constructor(hint, choices, names, rows)
         for _, hint in _fields(kind, choices)
     ]
     return f"{alias}({', '.join(parts)})"
