@@ -18,7 +18,13 @@ from commonrail.errors import CommonrailError
 from commonrail.files.record_file import read_record
 
 COLOURS = {"lanes": "#1b5e8c", "reference": "#6f9bb8", "SciPy": "#c77f2d", "SUNDIALS": "#8c3b2a"}
-STYLE = {"svg.hashsalt": "commonrail", "svg.fonttype": "none", "font.size": 9, "axes.grid": True, "grid.alpha": 0.3}
+STYLE: Any = {
+    "svg.hashsalt": "commonrail",
+    "svg.fonttype": "none",
+    "font.size": 9,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+}
 Row = dict[str, Any]
 
 

@@ -140,22 +140,56 @@ FLUSH_TINY = np.int32(0x8040)
 KEEP_ALL, KEEP_NONE = np.int32(-1), np.int32(0)
 
 
-@intrinsic
-def widest_vectors(typing: Any) -> Any:
-    """Let the function that calls it be compiled to the widest vectors there are, where the compiler is shy of them."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        # llvmlite admits only attributes that it knows; LLVM takes any text
-        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
-        return context.get_dummy_value()
-
-    return types.none(), generate
+CACHE_LINE = 64  # [bytes]
 
 
-@intrinsic
-def usual_vectors(typing: Any) -> Any:
-    """In place of `widest_vectors`: nothing."""
-    return types.none(), lambda context, builder, signature, arguments: context.get_dummy_value()
+def _shape_function(wide: bool) -> Any:
+    @intrinsic
+    def shape(typing: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            # vectors that do not fit into registers are kept on the stack: unaligned they would straddle cache lines
+            builder.function.attributes.alignstack = CACHE_LINE
+            if wide:
+                # llvmlite admits only attributes that it knows; LLVM takes any text
+                set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+            return context.get_dummy_value()
+
+        return types.none(), generate
+
+    return shape
+
+
+# Called in a function with vectors (that of the loop as well as those around it: each is optimised by itself), they
+# align its stack, and let it be compiled to the vectors that the compiler is inclined to or to the widest there are.
+usual_vectors, widest_vectors = map(_shape_function, (False, True))
+
+
+def row_copier(lanes: int, registers: int) -> Callable[..., None]:
+    """Function (target, to, source, first) that copies `lanes` numbers, whole registers at a time.
+
+    A vector that is loaded from where its numbers were stored one by one waits until they have left the processor.
+    """
+    width = lanes // registers
+
+    @intrinsic
+    def copy(typing: Any, target: Any, to: Any, source: Any, first: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            vector = llvm_ir.VectorType(context.get_value_type(target.dtype), width)
+            size = context.get_abi_sizeof(context.get_value_type(target.dtype))
+
+            def place(kind: Any, array: Any, index: Any, register: int) -> Any:
+                data = context.make_array(kind)(context, builder, array).data
+                index = builder.add(index, llvm_ir.Constant(index.type, register * width))
+                return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
+
+            for register in range(registers):
+                row = builder.load(place(source, arguments[2], arguments[3], register), align=size)
+                builder.store(row, place(target, arguments[0], arguments[1], register), align=size)
+            return context.get_dummy_value()
+
+        return types.none(target, types.intp, source, types.intp), generate
+
+    return copy  # type: ignore[no-any-return]
 
 
 def kernel(
@@ -190,7 +224,7 @@ def kernel(
     def run(*arguments: Any) -> Any:
         if compiled.signatures:
             return compiled(*arguments)
-        with _FIRST_CALL, _vectors(beside), contextlib.ExitStack() as told:
+        with _FIRST_CALL, compiler_choices(beside), contextlib.ExitStack() as told:
             compiled._cache.missed = lambda: told.enter_context(compiling())
             return compiled(*arguments)
 
@@ -202,22 +236,27 @@ _FIRST_CALL = threading.Lock()
 
 
 @contextlib.contextmanager
-def _vectors(beside: int) -> Iterator[None]:
-    """Have the compiler work on some vectors at a time where there are 32 vector registers.
+def compiler_choices(beside: int) -> Iterator[None]:
+    """Have the compiler work on some vectors at a time, in an order that needs few registers at once.
 
-    One step is a long chain of dependent divisions and roots; two chains side by side hide each other's latency
-    (13 % on an AVX-512 machine). LLVM offers this as a process-wide option only, so it is taken back.
+    A step is a thousand instructions in one piece, and most of what the usual scheduler does to them ends on the
+    stack; the older one, which works before registers are given out, leaves a tenth of the instructions out. All is
+    measured with 32 vector registers and done only there. LLVM offers it as process-wide options only, so they are
+    taken back.
     """
     import llvmlite.binding as llvm
 
     plenty = llvm.get_host_cpu_features().get("avx512vl", False)
+    chosen = {"force-vector-interleave": (beside, 0), "enable-misched": (0, 1), "pre-RA-sched": ("list-ilp", "default")}
     if plenty:
-        llvm.set_option("", f"-force-vector-interleave={beside}")
+        for option, (ours, _) in chosen.items():
+            llvm.set_option("", f"-{option}={ours}")
     try:
         yield
     finally:
         if plenty:
-            llvm.set_option("", "-force-vector-interleave=0")
+            for option, (_, usual) in chosen.items():
+                llvm.set_option("", f"-{option}={usual}")
 
 
 @functools.cache

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import pytest
 
-from commonrail.compile import _FASTMATH
+from commonrail.compile import _FASTMATH, compiler_choices
 from commonrail.engine import lanes, plan
 from commonrail.engine.block import make_loop
 from commonrail.engine.lanes import VECTORS, Precision
@@ -35,8 +35,9 @@ def assembly(regulated: Injector) -> str:
     none = np.zeros((1, 0))
     misfit = lanes.Misfit(np.zeros(1, np.int64), none, none, none)
     out = np.empty((1, 8, len(lanes.Outcome._fields)))
-    loop(*job, *misfit, np.empty((0, 0, 0, 0)), out, 0, 1)
-    return "\n".join(loop.inspect_asm().values())
+    with compiler_choices(VECTORS[Precision.F64].beside):
+        loop(*job, *misfit, np.empty((0, 0, 0, 0)), out, 0, 1)
+        return "\n".join(loop.inspect_asm().values())
 
 
 def count(assembly: str, instruction: str, registers: str) -> int:
@@ -57,3 +58,19 @@ def test_hardly_any_scalar_root_is_left(assembly: str) -> None:
     scalar, packed = count(assembly, "vsqrtsd", "x"), count(assembly, "vsqrtpd", "yz")
     print("scalar roots:", scalar, "packed:", packed)
     assert scalar < 8 * 8
+
+
+@pytest.mark.skipif(
+    not llvm.get_host_cpu_features().get("avx512vl", False), reason="this machine has no registers of 512 bits"
+)
+def test_the_widest_registers_are_used(assembly: str) -> None:
+    """The loop over lanes is optimised in its own function: what is allowed in the one around it does not reach it."""
+    half = [line for line in assembly.splitlines() if re.search(r"\bv(div|sqrt)pd\b.*ymm", line)]
+    assert count(assembly, "vdivpd", "z") >= 8
+    assert count(assembly, "vsqrtpd", "z") >= 4
+    assert not half
+
+
+def test_the_stack_is_aligned_to_cache_lines(assembly: str) -> None:
+    """Unaligned, half of the vectors that are kept on the stack straddle two lines, as the caller's stack has it."""
+    assert re.search(r"\band[lq]?\s+\$-64, %rsp", assembly)

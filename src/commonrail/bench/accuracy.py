@@ -6,12 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.bench.case import INTERVAL, POINT, injector
+from commonrail.bench.case import INTERVAL, POINT, candidates, injector
 from commonrail.engine.reference import Resolution, simulate_reference
+from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
 from commonrail.errors import ConfigurationError
+from commonrail.reproduction import paper
 
-__all__ = ["CHECK", "TIGHT", "Errors", "Truth", "errors", "find_truth"]
+__all__ = ["CHECK", "TIGHT", "Errors", "Truth", "errors", "find_truth", "lane_errors"]
 
 TIGHT = Resolution((480, 240), 1e-9)
 CHECK = Resolution((480, 240), method="explicit", step=2.5e-8)  # as fine, by another scheme
@@ -60,3 +62,17 @@ def find_truth() -> Truth:
     """Simulate the tight reference (some seconds) and check it."""
     tight = simulate_reference(injector(), POINT, INTERVAL, TIGHT)
     return Truth(tight, errors(simulate_reference(injector(), POINT, INTERVAL, CHECK), tight))
+
+
+def lane_errors(time_step: float, precision: str, others: int) -> list[Errors]:
+    """Errors of the lanes: of the case, then of the first `others` candidates of the benchmark's population.
+
+    Each is judged by the explicit scheme at its usual resolution; samples are some 3 us long, whole numbers of steps.
+    """
+    interval = time_step * max(round(INTERVAL / time_step), 1)
+    found = []
+    for values in [{}, *(dict(zip(paper.NAMES, row, strict=True)) for row in candidates(others))]:
+        own = injector().with_values(values)
+        lanes = simulate(own, POINT, time_step=time_step, sample_interval=interval, precision=precision)
+        found.append(errors(lanes, simulate_reference(own, POINT, interval, Resolution(method="explicit"))))
+    return found

@@ -52,7 +52,7 @@ def own_methods(quick: bool) -> list[Method]:
     resolutions = [COARSE._replace(method="explicit", step=1e-7), MEDIUM]
     if not quick:
         resolutions += [Resolution(method="explicit"), Resolution()]
-    steps = (1e-6, 0.5e-6)
+    steps = (1e-6, 1.5e-6, 0.5e-6)
     return [
         *(_full_lanes(step) for step in steps),
         *(_lanes(step) for step in steps),

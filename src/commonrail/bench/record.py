@@ -65,14 +65,16 @@ def _throughput(rows: Sequence[Row]) -> Grid:
             str(row["candidates"]),
             str(row["threads"]),
             row["precision"],
+            _number(1e6 * row["time_step"]),
             _number(1e3 * row["seconds"]),
             _number(row["per_second"]),
+            _number(row["L1_percent"]),
+            _number(row["worst_L1_percent"]),
         )
         for row in rows
     ]
-    return Grid(
-        "Populations at one operating point", ("candidates", "threads", "precision", "ms", "per second"), made, 0
-    )
+    heads = ("candidates", "threads", "precision", "step us", "ms", "per second", "L1 error %", "worst L1 error %")
+    return Grid("Populations at one operating point", heads, made, 0)
 
 
 def _searches(rows: Sequence[Row]) -> Grid:

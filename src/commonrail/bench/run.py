@@ -13,7 +13,7 @@ from commonrail.bench.case import CASE, injector
 from commonrail.bench.machine import busy, load, machine
 from commonrail.bench.methods import measure_methods, own_methods, peer_methods, right_hand_side
 from commonrail.bench.searches import OPTIMISERS, measure_search, reference_searches
-from commonrail.bench.throughput import COUNTS, measure_throughput
+from commonrail.bench.throughput import COUNTS, PRECISIONS, TIME_STEPS, measure_throughput
 from commonrail.bench.timing import Effort
 from commonrail.engine.simulate import usable_threads
 
@@ -122,12 +122,11 @@ def stages(options: Options) -> list[Stage]:
         truths.append(truth.record())
         yield from measure_methods(methods, truth, effort)
 
+    populations = len(PRECISIONS) * len(TIME_STEPS) * len(COUNTS) * len({1, usable_threads()})
     planned = [
         Stage("methods", "one simulation by every method", len(methods), judged),
         Stage("truth", "the reference they are judged by", 1, lambda: iter(truths)),
-        Stage(
-            "throughput", "populations", len(COUNTS) * len({1, usable_threads()}), lambda: measure_throughput(effort)
-        ),
+        Stage("throughput", "populations", populations, lambda: measure_throughput(effort)),
         Stage(
             "searches",
             "the paper's calibration",

@@ -1,9 +1,9 @@
 """The loop over blocks, steps and lanes that `lanes` compiles.
 
 Working rows of a block, each as wide as its lanes, behind one pointer: coefficients, state, the three waves that
-leave, and notes (samples, opening and closing, figures kept at the end). Travelling waves wait in three ring
-buffers of `ring` slots. Parameters are read once, through the rings' memory, before the first wave is written.
-How many lanes there are, and in which precision, is a choice of the machine: see `Vector`.
+leave and that arrive, and notes (samples, opening and closing, figures kept at the end). Travelling waves wait in
+three ring buffers of `ring` slots. Parameters are read once, through the rings' memory, before the first wave is
+written. How many lanes there are, and in which precision, is a choice of the machine: see `Vector`.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.compile import (
+    CACHE_LINE,
     FLUSH_TINY,
     KEEP_ALL,
     KEEP_NONE,
     exchange_rounding,
     physics,
+    row_copier,
     usual_vectors,
     widest_vectors,
 )
@@ -31,7 +33,6 @@ from commonrail.injector.variants import Variant, wiring
 
 PARAMETERS = layout_of(Parameters)
 FUEL = layout_of(FuelCoefficients)
-CACHE_LINE = 64  # [bytes]
 CHECK_EVERY = 32  # steps between looks at health and closing
 RUNAWAY = 2e-3  # a tip or top this far off [m] has left the injector
 RECOVERED = 0.9  # share of the accumulation's pressure that the control chamber regains once the valve is shut
@@ -93,7 +94,7 @@ def make_rows(variant: Variant, lanes: int) -> Rows:
     wired = wiring(variant)
     state = len(wired.coefficients.paths)
     leaving = state + len(wired.state.paths)
-    note = leaving + 6
+    note = leaving + 9
     body = ("body.z.i9", "body.z.i1") if "body.z.i9" in wired.state.paths else ("body.z", "body.z")
     looked_at = (
         "nozzle.injected",
@@ -180,7 +181,12 @@ def make_begin(variant: Variant, rows: Rows) -> Callable[..., Any]:
     return begin  # type: ignore[no-any-return]
 
 
-def make_advance(variant: Variant, rows: Rows) -> Callable[..., Any]:
+@physics
+def any_vectors():  # type: ignore[no-untyped-def]
+    """In place of `compile.usual_vectors` where there are none."""
+
+
+def make_advance(variant: Variant, rows: Rows, vectors: Callable[[], Any] = any_vectors) -> Callable[..., Any]:
     """Function that takes all lanes of a block one step on; the loop in it is what the compiler vectorises."""
     wired = wiring(variant)
     load_coefficients, load_state, store_state = wired.coefficients.load, wired.state.load, wired.state.store
@@ -188,14 +194,11 @@ def make_advance(variant: Variant, rows: Rows) -> Callable[..., Any]:
 
     @physics
     def advance(work, count, u, dt):  # type: ignore[no-untyped-def]
+        vectors()
         for lane in range(rows.lanes):
             c = load_coefficients(work, 0, rows.lanes, lane)
             s = load_state(work, rows.state, rows.lanes, lane)
-            arriving = Waves(
-                work[at(rows, rows.arriving, lane)],
-                work[at(rows, rows.arriving + 1, lane)],
-                work[at(rows, rows.arriving + 2, lane)],
-            )
+            arriving = Waves(arrived(work, rows, 0, lane), arrived(work, rows, 1, lane), arrived(work, rows, 2, lane))
             after, away = step(c, s, u, arriving, dt)
             old, new = motion(s.body).tip, motion(after.body).tip
             note_crossing(work, rows, lane, count, old, new)
@@ -230,35 +233,50 @@ def note_crossing(work, rows, lane, count, old, new):  # type: ignore[no-untyped
 
 
 @physics
-def arrive(work, waves, ring, rows, k, alike):  # type: ignore[no-untyped-def]
-    """Waves that arrive in step k: slots k − delay and k − delay − 1, interpolated.
-
-    Lanes that differ in no delay read neighbouring memory; others gather.
-    """
-    mask = ring - 1
-    for wave in range(3):
-        row = rows.delays + 2 * wave
-        if alike:
-            whole, part = int(work[at(rows, row, 0)]), work[at(rows, row + 1, 0)]
-            late = at(rows, wave * ring + ((k - whole) & mask), 0)
-            later = at(rows, wave * ring + ((k - whole - 1) & mask), 0)
-            for lane in range(rows.lanes):
-                mix = (1.0 - part) * waves[late + lane] + part * waves[later + lane]
-                work[at(rows, rows.arriving + wave, lane)] = mix
-        else:
-            for lane in range(rows.lanes):
-                whole, part = int(work[at(rows, row, lane)]), work[at(rows, row + 1, lane)]
-                late = at(rows, wave * ring + ((k - whole) & mask), lane)
-                later = at(rows, wave * ring + ((k - whole - 1) & mask), lane)
-                work[at(rows, rows.arriving + wave, lane)] = (1.0 - part) * waves[late] + part * waves[later]
+def arrived(work, rows, wave, lane):  # type: ignore[no-untyped-def]
+    """A wave that arrives: between the two slots of its ring that `arrive` has put side by side."""
+    part = work[at(rows, rows.delays + 2 * wave + 1, lane)]
+    late, later = work[at(rows, rows.arriving + wave, lane)], work[at(rows, rows.arriving + 3 + wave, lane)]
+    return (1.0 - part) * late + part * later
 
 
 @physics
-def leave(work, waves, ring, rows, k):  # type: ignore[no-untyped-def]
-    """Put the waves that leave in step k into their rings."""
-    for wave in range(3):
-        for lane in range(rows.lanes):
-            waves[at(rows, wave * ring + (k & (ring - 1)), lane)] = work[at(rows, rows.leaving + wave, lane)]
+def copy_number(target, to, source, first):  # type: ignore[no-untyped-def]
+    """A row of one lane."""
+    target[to] = source[first]
+
+
+def make_ferry(rows: Rows, copy: Callable[..., Any]) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Functions that bring the waves that arrive in step k, and take those that leave, from and into their rings.
+
+    Parameters
+    ----------
+    copy : function (target, to, source, first)
+        Copies a row.
+    """
+
+    @physics
+    def arrive(work, waves, ring, k, alike):  # type: ignore[no-untyped-def]
+        # slots k − delay and k − delay − 1; lanes that differ in no delay find theirs in one row
+        mask = ring - 1
+        for wave in range(3):
+            row = rows.delays + 2 * wave
+            for slot in range(2):
+                to = at(rows, rows.arriving + 3 * slot + wave, 0)
+                if alike:
+                    first = wave * ring + ((k - int(work[at(rows, row, 0)]) - slot) & mask)
+                    copy(work, to, waves, at(rows, first, 0))
+                else:
+                    for lane in range(rows.lanes):
+                        first = wave * ring + ((k - int(work[at(rows, row, lane)]) - slot) & mask)
+                        work[to + lane] = waves[at(rows, first, lane)]
+
+    @physics
+    def leave(work, waves, ring, k):  # type: ignore[no-untyped-def]
+        for wave in range(3):
+            copy(waves, at(rows, wave * ring + (k & (ring - 1)), 0), work, at(rows, rows.leaving + wave, 0))
+
+    return arrive, leave
 
 
 @physics
@@ -338,10 +356,11 @@ def record(work, rows, trace):  # type: ignore[no-untyped-def]
 def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
     """The loop over blocks [first, last) of a job; arguments are those of `lanes.Job`, `lanes.Misfit`, then outputs."""
     rows, real = make_rows(variant, vector.lanes), vector.real
-    begin, advance = make_begin(variant, rows), make_advance(variant, rows)
+    vectors = widest_vectors if vector.wide else usual_vectors
+    begin, advance = make_begin(variant, rows), make_advance(variant, rows, vectors)
+    arrive, leave = make_ferry(rows, row_copier(vector.lanes, vector.beside))
     parameters = len(PARAMETERS.paths) + len(FUEL.paths)
     memory = make_memory(vector)
-    vectors = widest_vectors if vector.wide else usual_vectors
     flush = FLUSH_TINY if real is np.float32 else KEEP_NONE
 
     def loop(  # type: ignore[no-untyped-def]
@@ -364,9 +383,9 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
             for k in range(steps[point]):
                 x = inputs[point, k]
                 u = Inputs(real(x[0]), real(x[1]), real(x[2]), real(x[3]), real(x[4]), real(x[5]))
-                arrive(work, waves, ring, rows, k, alike)
+                arrive(work, waves, ring, k, alike)
                 advance(work, real(k + 1), u, step_size)
-                leave(work, waves, ring, rows, k)
+                leave(work, waves, ring, k)
                 while bound < bound_count[point] and bounds[point, bound] <= k + 1.0:
                     width = dt * (bounds[point, bound] - bounds[point, max(bound - 1, 0)]) if bound > 0 else 1.0
                     sample(

@@ -22,11 +22,11 @@ from numba import cuda
 from commonrail.compile import offer_laws, physics
 from commonrail.engine.block import (
     CHECK_EVERY,
-    arrive,
-    leave,
+    copy_number,
     look,
     make_advance,
     make_begin,
+    make_ferry,
     make_rows,
     record,
     report,
@@ -79,6 +79,7 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
     """The loop over the steps; arguments as in `signature`. It has no constants of its own: see `physics`."""
     rows, real = make_rows(variant, 1), VECTORS[precision].real
     begin, advance = make_begin(variant, rows), make_advance(variant, rows)
+    arrive, leave = make_ferry(rows, copy_number)
     keep = keep_state if traced else keep_nothing
     count, kind = rows.end, numba.from_dtype(np.dtype(real))
 
@@ -99,9 +100,9 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
         for k in range(steps[point]):
             x = inputs[point, k]
             u = Inputs(x[0], x[1], x[2], x[3], x[4], x[5])
-            arrive(work, waves, ring, rows, k, True)
+            arrive(work, waves, ring, k, True)
             advance(work, real(k + 1), u, step_size)
-            leave(work, waves, ring, rows, k)
+            leave(work, waves, ring, k)
             while bound < bound_count[point] and due[point, bound] <= k:
                 s = samples[point, bound]
                 sample(work, rows, s[0], s[1], s[2], s[3], bound == 0)

@@ -35,7 +35,7 @@ class Precision(Enum):
 
 # Measured on machines with AVX-512: docs/howto/speed.md.
 VECTORS = {
-    Precision.F64: Vector(8, np.float64, 2, False),
+    Precision.F64: Vector(8, np.float64, 1, True),
     Precision.F32: Vector(16, np.float32, 1, True),
 }
 

@@ -1,0 +1,39 @@
+"""Populations: what a row says, and that a long step is judged as it is used."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from commonrail.bench import throughput
+from commonrail.bench.accuracy import lane_errors
+from commonrail.bench.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
+from commonrail.bench.timing import Effort
+from commonrail.engine import plan
+from commonrail.engine.stability import longest_step
+from commonrail.reproduction import paper
+
+
+def test_there_is_a_row_for_each_precision_step_count_and_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(throughput, "COUNTS", (1, 7))
+    monkeypatch.setattr(throughput, "usable_threads", lambda: 2)
+    rows = list(throughput.measure_throughput(Effort(1, 0.0), judged=1))
+    assert len(rows) == 2 * 2 * 2 * 2
+    assert {row["time_step"] for row in rows} == {TIME_STEP, LONG_STEP}
+    for row in rows:
+        assert row["per_second"] == pytest.approx(row["candidates"] / row["seconds"])
+        assert 0.0 < row["L1_percent"] <= row["worst_L1_percent"]
+
+
+def test_the_long_step_is_a_whole_part_of_the_case_and_bears_all_its_candidates() -> None:
+    assert POINT.duration / LONG_STEP == pytest.approx(round(POINT.duration / LONG_STEP), abs=1e-9)
+    theta = plan.candidate_matrix(injector(), paper.NAMES, candidates(512))
+    assert min(map(lambda one: longest_step(injector(), one), np.asarray(theta))) > LONG_STEP
+
+
+@pytest.mark.parametrize("precision", ["f64", "f32"])
+def test_the_long_step_keeps_to_a_thousandth(precision: str) -> None:
+    """0.1 % is what is claimed of it; of 24 candidates the worst had 0.08 %."""
+    found = [error.L1_percent for error in lane_errors(LONG_STEP, precision, 4)]
+    print("L1, per cent:", found)
+    assert max(found) < 0.1
