@@ -45,6 +45,7 @@ disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status
 
 bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results.json and docs/images/
 	$(BIN)/commonrail bench --peers --curves --out benchmarks/results.json
+	$(BIN)/python -m benchmarks.roofline benchmarks/results.json
 	$(BIN)/python -m benchmarks.plot benchmarks/results.json docs/images
 
 clean: ## remove the environment, caches and build products

@@ -2,14 +2,17 @@
 
 ``python -m benchmarks.roofline [RECORD.json]`` prints a table, and adds it to a benchmark's record. The machine code
 is that of the kernel as built here; its bound is what ``llvm-mca`` finds for the ports of the processor if every value
-were there in time (reciprocal throughput), left out where there is no llvm-mca. Cycles are measured: a chain of
-dependent instructions of one cycle each tells the clock.
+were there in time (reciprocal throughput), left out where there is no llvm-mca. Since that is a model, the bound is
+measured, too: the same instructions in the same order with the same places in memory, but each with operands that are
+always there. Cycles are measured: a chain of dependent instructions of one cycle each tells the clock.
 """
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -20,7 +23,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding as llvm
 import numba
+import numpy as np
 
 from commonrail.bench.case import POINT, TIME_STEP, candidates, injector
 from commonrail.compile import compiler_choices
@@ -76,6 +81,58 @@ def port_bound(block: list[str]) -> float | None:
     return float(found.group(1)) if found else None
 
 
+def without_waiting(block: list[str]) -> list[str]:
+    """The vector instructions of a step, none of which waits for another.
+
+    Results go to registers in turn that nothing reads; memory is read and written where the step does, by cache lines.
+    """
+    free, made = 0, []
+    for line in block:
+        operation, _, operands = line.replace("\t", " ").partition(" ")
+        if not re.search(r"%[yz]mm", operands):
+            continue
+        operands = re.sub(r"(\d*)\((%\w+)[^)]*\)", _in_line, operands)
+        *sources, result = re.split(r",\s*(?![^(]*\))", operands.strip())
+        given = [re.sub(r"mm\d+", f"mm{31 - i % 2}", source) for i, source in enumerate(sources)]
+        if "mm" in result:
+            result = re.sub(r"mm\d+", f"mm{free % 28}", result)
+            free += 1
+        made.append(f"{operation} {', '.join([*given, result])}")
+    return made
+
+
+def _in_line(place: re.Match[str]) -> str:
+    return f"{int(place[1] or 0) & ~63}({'%rdx' if place[2] == '%rsp' else '%rsi'})"
+
+
+def measured_bound(block: list[str]) -> float | None:
+    """Seconds of a step none of whose instructions waits for another; None where it cannot be assembled."""
+    if platform.machine() not in ("x86_64", "AMD64"):
+        return None
+    ones = [f"vbroadcastsd (%rsi), %zmm{register}" for register in (30, 31)]
+    lines = ["march:", *ones, "1:", *without_waiting(block), "dec %rdi", "jnz 1b", "vzeroupper", "ret"]
+    text = "\n".join(f'module asm "{line}"' for line in [".globl march", *lines])
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    llvm.initialize_native_asmparser()
+    machine = llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), jit=True
+    )
+    try:
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(text), machine)
+        engine.finalize_object()
+        found = engine.get_function_address("march")
+    except RuntimeError:
+        return None
+    if not found:
+        return None
+    march = ctypes.CFUNCTYPE(None, ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p)(found)
+    memory = np.ones(1 << 15)
+    start = (memory.ctypes.data + 4095) & ~4095
+    count = 100_000
+    return _best(lambda: march(count, start, start + memory.nbytes // 2), 9) / count
+
+
 @numba.njit  # type: ignore[untyped-decorator]
 def _chain(count: int, x: int) -> int:
     for _ in range(count):
@@ -116,7 +173,8 @@ def measure(precision: lanes.Precision) -> dict[str, Any]:
         kernel: Any = lanes.compiled(variant, precision)
         block = step_block(next(iter(kernel.compiled.inspect_asm().values())))
     cycles = seconds * hertz / (8 * steps)
-    bound = port_bound(block)
+    bound, least = port_bound(block), measured_bound(block)
+    least = None if least is None else least * hertz
     return {
         "precision": precision.value,
         "lanes": vector.lanes,
@@ -125,6 +183,8 @@ def measure(precision: lanes.Precision) -> dict[str, Any]:
         "cycles_a_step": cycles,
         "bound_cycles": bound,
         "share_of_bound": None if bound is None else bound / cycles,
+        "cycles_without_waiting": least,
+        "share_of_measured_bound": None if least is None else least / cycles,
         "gigahertz": hertz / 1e9,
         "simulations_per_second_and_core": len(values) / seconds,
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 
+import llvmlite.binding as llvm
 import pytest
 
 from benchmarks import roofline
@@ -46,3 +47,23 @@ def test_the_bound_of_divisions_alone() -> None:
     # a division of 512 bits keeps its port 16 cycles (Intel since Skylake) or 8 to 10 (AMD since Zen 4)
     bound = roofline.port_bound(["vdivpd %zmm1, %zmm2, %zmm3"] * 10)
     assert bound is None or 50.0 <= bound <= 250.0
+
+
+def test_nothing_waits_in_the_measured_bound() -> None:
+    lines = [line.split("#")[0].strip() for line in STEP.splitlines() if line.strip()]
+    made = roofline.without_waiting(lines)
+    assert made[0] == "vdivpd %zmm31, %zmm30, %zmm0"
+    assert made[2] == "vmulpd 64(%rsi), %zmm30, %zmm2"
+    assert made[3] == "vfmadd231pd 128(%rdx), %zmm30, %zmm3"
+    assert made[5] == "vmovapd %zmm31, 192(%rdx)"
+    assert len(made) == 6  # the scalar one is left out
+
+
+@pytest.mark.skipif(
+    not llvm.get_host_cpu_features().get("avx512vl", False), reason="this machine has no registers of 512 bits"
+)
+def test_the_measured_bound_of_divisions_is_that_of_their_port() -> None:
+    """They wait for their port alone: ten of them cannot take less than 40 cycles, nor as long as one after another."""
+    seconds = roofline.measured_bound(["vdivpd %zmm1, %zmm2, %zmm3"] * 10)
+    assert seconds is not None
+    assert 40.0 < seconds * roofline.clock() < 240.0 * 2.0  # others may use the machine meanwhile
