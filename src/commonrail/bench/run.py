@@ -38,7 +38,7 @@ class Options(NamedTuple):
     @property
     def effort(self) -> Effort:
         """How long each timing goes on."""
-        return Effort(3, 0.3) if self.quick else Effort(9, 2.0)
+        return Effort(3, 0.3) if self.quick else Effort(100, 2.0)
 
 
 class Stage(NamedTuple):
