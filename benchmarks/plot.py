@@ -49,9 +49,9 @@ def draw_costs(record: Row) -> Figure:
     figure, grid = plt.subplots(2, 3, figsize=(9.5, 5.4))
     axes = grid.ravel()
     alive = [r for r in record["candidates"] if "failed" not in r]
-    _curve(axes[0], alive, "candidates", "seconds", "candidates", "s", log=True)
-    _curve(axes[1], alive, "candidates", "per_second", "candidates", "simulations per second", log=True)
-    _curve(axes[2], alive, "candidates", "peak_bytes", "candidates", "greatest memory, MB", log=True, scale=1e-6)
+    _curve(axes[0], alive, "candidates", "seconds", "candidates", "s", log="xy")
+    _curve(axes[1], alive, "candidates", "per_second", "candidates", "simulations per second", log="xy")
+    _curve(axes[2], alive, "candidates", "peak_bytes", "candidates", "greatest memory, MB", log="x", scale=1e-6)
     _curve(axes[3], record["points"], "points", "seconds", "operating points, 512 candidates", "s")
     _curve(axes[4], record["horizon"], "horizon", "seconds", "horizon, s, 512 candidates", "s")
     _curve(axes[5], record["threads"], "threads", "per_second", "threads", "simulations per second")
@@ -60,14 +60,15 @@ def draw_costs(record: Row) -> Figure:
 
 
 def _curve(
-    axes: Axes, rows: list[Row], x: str, y: str, across: str, up: str, *, log: bool = False, scale: float = 1.0
+    axes: Axes, rows: list[Row], x: str, y: str, across: str, up: str, *, log: str = "", scale: float = 1.0
 ) -> None:
     known = [r for r in rows if r[y] is not None]
     axes.plot([r[x] for r in known], [scale * r[y] for r in known], "o-", color=COLOURS["lanes"])
     axes.set_xlabel(across)
     axes.set_ylabel(up)
-    if log:
+    if "x" in log:
         axes.set_xscale("log")
+    if "y" in log:
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import pytest
 
 from commonrail import compile as compiling
+from commonrail.bench.child import run_child
 from commonrail.bench.doctor import OK, Fact, cache_facts, extra_facts, kernel_facts, self_check, usable
 
 SOUND: dict[str, Any] = {
@@ -25,6 +27,13 @@ def facts_of(*answers: dict[str, Any]) -> list[Fact]:
     """Facts of kernels that answered so."""
     given = iter(answers)
     return list(kernel_facts(lambda: next(given)))
+
+
+@pytest.mark.skipif(compiling.cache_folder() is None, reason="no place for compiled simulations is writable here")
+def test_a_second_process_loads_what_the_first_has_compiled() -> None:
+    first, second = (json.loads(run_child("commonrail.bench.kernel_probe", [], 300.0).stdout) for _ in range(2))
+    assert first["compiled"]
+    assert second["from_cache"]
 
 
 def test_a_cache_that_cannot_be_written_is_told() -> None:

@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from commonrail.bench.case import POINT, injector
-from commonrail.engine.lanes import compiled
+from commonrail.engine.lanes import Precision, compiled
 from commonrail.engine.simulate import simulate
 
 __all__ = ["first_simulation"]
@@ -22,7 +22,7 @@ def first_simulation() -> dict[str, Any]:
     begin = time.perf_counter()
     found = simulate(case, POINT)
     seconds = time.perf_counter() - begin
-    dispatcher = getattr(compiled(case.variant), "compiled", None)  # none where the JIT is off
+    dispatcher = getattr(compiled(case.variant, Precision.F64), "compiled", None)  # none where the JIT is off
     return {
         "seconds": seconds,
         "from_cache": dispatcher is not None and sum(dispatcher.stats.cache_hits.values()) > 0,

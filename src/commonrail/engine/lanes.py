@@ -114,7 +114,7 @@ class Job(NamedTuple):
 
 
 @functools.cache
-def compiled(variant: Variant, precision: Precision = Precision.F64) -> Callable[..., None]:
+def compiled(variant: Variant, precision: Precision) -> Callable[..., None]:
     """The block loop of a variant, compiled (or loaded from the cache) at its first call."""
     vector = VECTORS[precision]
     name = f"{vector.lanes} lanes {precision.value}: {variant.label}"
