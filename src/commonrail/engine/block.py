@@ -347,9 +347,9 @@ def report(work, rows, out):  # type: ignore[no-untyped-def]
 
 @physics
 def record(work, rows, trace):  # type: ignore[no-untyped-def]
-    """Copy state and leaving waves into a trace, (rows, lanes)."""
+    """Copy state and leaving waves into a trace, (rows, lanes that are kept)."""
     for row in range(trace.shape[0]):
-        for lane in range(rows.lanes):
+        for lane in range(trace.shape[1]):
             trace[row, lane] = work[at(rows, rows.state + row, lane)]
 
 

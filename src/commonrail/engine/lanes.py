@@ -141,9 +141,12 @@ def run(
 def run_traced(
     job: Job, variant: Variant, threads: int = 1, precision: Precision = Precision.F64
 ) -> tuple[Outcome, Floats]:
-    """Run all blocks and keep the state after every step: (blocks, steps + 1, rows, lanes)."""
-    rows = len(trace_paths(variant))
-    trace = np.full((len(job.blocks), int(job.steps.max()) + 1, rows, job.blocks.shape[1] - 1), np.nan)
+    """Run all blocks and keep the state after every step: (blocks, steps + 1, rows, lanes).
+
+    Of a block that there are not enough candidates for, only their lanes are kept.
+    """
+    kept = min(job.blocks.shape[1] - 1, len(job.theta))
+    trace = np.full((len(job.blocks), int(job.steps.max()) + 1, len(trace_paths(variant)), kept), np.nan)
     return Outcome(*np.moveaxis(_run(job, compiled(variant, precision), None, trace, threads), 2, 0)), trace
 
 
