@@ -135,7 +135,8 @@ def exchange_rounding(typing: Any, bits: Any, kept: Any) -> Any:
     return types.int32(types.int32, types.int32), generate
 
 
-# Numbers too small for their format are zero: the processor takes a hundred cycles for each, and there are many in f32.
+# Numbers too small for their format are zero: the processor takes a hundred cycles for each. In f32 there are many of
+# them, in f64 where what has died away is simulated on.
 FLUSH_TINY = np.int32(0x8040)
 KEEP_ALL, KEEP_NONE = np.int32(-1), np.int32(0)
 

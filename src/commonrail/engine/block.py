@@ -361,7 +361,6 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
     arrive, leave = make_ferry(rows, row_copier(vector.lanes, vector.beside))
     parameters = len(PARAMETERS.paths) + len(FUEL.paths)
     memory = make_memory(vector)
-    flush = FLUSH_TINY if real is np.float32 else KEEP_NONE
 
     def loop(  # type: ignore[no-untyped-def]
         theta, settings, inputs, steps, quiet, blocks, dt, ring, stop_when_closed,
@@ -369,7 +368,7 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
     ):  # fmt: skip
         vectors()
         step_size = real(dt)
-        mode = exchange_rounding(flush, KEEP_ALL)
+        mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
         work = memory(rows.end * rows.lanes)
         waves = memory(max(3 * ring, parameters) * rows.lanes)
         for block in range(first, last):
