@@ -17,7 +17,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ import numba
 import numpy as np
 
 from commonrail.bench.case import POINT, TIME_STEP, candidates, injector
+from commonrail.bench.timing import Effort, time_best
 from commonrail.compile import compiler_choices
 from commonrail.engine import lanes, plan
 from commonrail.reproduction import paper
@@ -148,13 +148,8 @@ def clock() -> float:
     return count * CHAIN_LATENCY / _best(lambda: _chain(count, 3), 9)
 
 
-def _best(action: Callable[[], Any], repeats: int) -> float:
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        action()
-        times.append(time.perf_counter() - start)
-    return min(times)
+def _best(action: Callable[[], Any], runs: int) -> float:
+    return time_best(action, Effort(runs, float("inf"))).seconds
 
 
 def measure(precision: lanes.Precision) -> dict[str, Any]:
@@ -168,7 +163,7 @@ def measure(precision: lanes.Precision) -> dict[str, Any]:
     lanes.run(job, variant, None, 1, precision)
     seconds = _best(lambda: lanes.run(job, variant, None, 1, precision), 30)
     hertz = clock()
-    with compiler_choices(vector.beside):  # the machine code is made once more
+    with compiler_choices():  # the machine code is made once more
         kernel: Any = lanes.compiled(variant, precision)
         block = step_block(next(iter(kernel.compiled.inspect_asm().values())))
     cycles = seconds * hertz / (8 * steps)

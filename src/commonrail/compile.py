@@ -139,53 +139,45 @@ def exchange_rounding(typing: Any, bits: Any, kept: Any) -> Any:
 # them, in f64 where what has died away is simulated on.
 FLUSH_TINY = np.int32(0x8040)
 KEEP_ALL, KEEP_NONE = np.int32(-1), np.int32(0)
-
-
 CACHE_LINE = 64  # [bytes]
 
 
-def _shape_function(wide: bool) -> Any:
-    @intrinsic
-    def shape(typing: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            # vectors that do not fit into registers are kept on the stack: unaligned they would straddle cache lines
-            builder.function.attributes.alignstack = CACHE_LINE
-            if wide:
-                # llvmlite admits only attributes that it knows; LLVM takes any text
-                set.add(builder.function.attributes, '"prefer-vector-width"="512"')
-            return context.get_dummy_value()
+@intrinsic
+def widest_vectors(typing: Any) -> Any:
+    """Let the function that calls it be compiled to the widest vectors there are, where the compiler is shy of them.
 
-        return types.none(), generate
+    Each function is optimised by itself before it is put into its caller: call it where the loop over lanes is, and
+    around it.
+    """
 
-    return shape
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        # vectors that do not fit into registers are kept on the stack: unaligned they would straddle cache lines
+        builder.function.attributes.alignstack = CACHE_LINE
+        # llvmlite admits only attributes that it knows; LLVM takes any text
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+        return context.get_dummy_value()
 
-
-# Called in a function with vectors (that of the loop as well as those around it: each is optimised by itself), they
-# align its stack, and let it be compiled to the vectors that the compiler is inclined to or to the widest there are.
-usual_vectors, widest_vectors = map(_shape_function, (False, True))
+    return types.none(), generate
 
 
-def row_copier(lanes: int, registers: int) -> Callable[..., None]:
-    """Function (target, to, source, first) that copies `lanes` numbers, whole registers at a time.
+def row_copier(lanes: int) -> Callable[..., None]:
+    """Function (target, to, source, first) that copies `lanes` numbers as one vector.
 
     A vector that is loaded from where its numbers were stored one by one waits until they have left the processor.
     """
-    width = lanes // registers
 
     @intrinsic
     def copy(typing: Any, target: Any, to: Any, source: Any, first: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            vector = llvm_ir.VectorType(context.get_value_type(target.dtype), width)
-            size = context.get_abi_sizeof(context.get_value_type(target.dtype))
+            number = context.get_value_type(target.dtype)
+            vector, size = llvm_ir.VectorType(number, lanes), context.get_abi_sizeof(number)
 
-            def place(kind: Any, array: Any, index: Any, register: int) -> Any:
+            def place(kind: Any, array: Any, index: Any) -> Any:
                 data = context.make_array(kind)(context, builder, array).data
-                index = builder.add(index, llvm_ir.Constant(index.type, register * width))
                 return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
-            for register in range(registers):
-                row = builder.load(place(source, arguments[2], arguments[3], register), align=size)
-                builder.store(row, place(target, arguments[0], arguments[1], register), align=size)
+            row = builder.load(place(source, arguments[2], arguments[3]), align=size)
+            builder.store(row, place(target, arguments[0], arguments[1]), align=size)
             return context.get_dummy_value()
 
         return types.none(target, types.intp, source, types.intp), generate
@@ -198,7 +190,6 @@ def kernel(
     name: str,
     laws: tuple[Callable[..., Any], ...] = (),
     real: type = np.float64,
-    beside: int = 2,
 ) -> Any:
     """Compile an outer loop, releasing the GIL, with its machine code cached on disk.
 
@@ -212,8 +203,6 @@ def kernel(
         Functions from outside the package that `loop` calls: their source joins the cache stamp.
     real : type
         `numpy.float32` for a loop that computes in single precision.
-    beside : int
-        Vectors to work on side by side, where there are 32 vector registers.
     """
     if numba.config.DISABLE_JIT:
         return loop
@@ -225,7 +214,7 @@ def kernel(
     def run(*arguments: Any) -> Any:
         if compiled.signatures:
             return compiled(*arguments)
-        with _FIRST_CALL, compiler_choices(beside), contextlib.ExitStack() as told:
+        with _FIRST_CALL, compiler_choices(), contextlib.ExitStack() as told:
             compiled._cache.missed = lambda: told.enter_context(compiling())
             return compiled(*arguments)
 
@@ -237,27 +226,26 @@ _FIRST_CALL = threading.Lock()
 
 
 @contextlib.contextmanager
-def compiler_choices(beside: int) -> Iterator[None]:
-    """Have the compiler work on some vectors at a time, in an order that needs few registers at once.
+def compiler_choices() -> Iterator[None]:
+    """Have the compiler order instructions so that few registers are needed at once.
 
     A step is a thousand instructions in one piece, and most of what the usual scheduler does to them ends on the
-    stack; the older one, which works before registers are given out, leaves a tenth of the instructions out. All is
+    stack; the older one, which works before registers are given out, leaves a tenth of the instructions out. It is
     measured with 32 vector registers and done only there. LLVM offers it as process-wide options only, so they are
     taken back.
     """
     import llvmlite.binding as llvm
 
     plenty = llvm.get_host_cpu_features().get("avx512vl", False)
-    chosen = {"force-vector-interleave": (beside, 0), "enable-misched": (0, 1), "pre-RA-sched": ("list-ilp", "default")}
     if plenty:
-        for option, (ours, _) in chosen.items():
-            llvm.set_option("", f"-{option}={ours}")
+        llvm.set_option("", "-enable-misched=0")
+        llvm.set_option("", "-pre-RA-sched=list-ilp")
     try:
         yield
     finally:
         if plenty:
-            for option, (_, usual) in chosen.items():
-                llvm.set_option("", f"-{option}={usual}")
+            llvm.set_option("", "-enable-misched=1")
+            llvm.set_option("", "-pre-RA-sched=default")
 
 
 @functools.cache

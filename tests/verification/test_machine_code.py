@@ -35,7 +35,7 @@ def assembly(regulated: Injector) -> str:
     none = np.zeros((1, 0))
     misfit = lanes.Misfit(np.zeros(1, np.int64), none, none, none)
     out = np.empty((1, 8, len(lanes.Outcome._fields)))
-    with compiler_choices(VECTORS[Precision.F64].beside):
+    with compiler_choices():
         loop(*job, *misfit, np.empty((0, 0, 0, 0)), out, 0, 1)
         return "\n".join(loop.inspect_asm().values())
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.bench.case import INTERVAL, POINT, candidates, injector
+from commonrail.engine.lanes import Precision
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
@@ -64,7 +65,7 @@ def find_truth() -> Truth:
     return Truth(tight, errors(simulate_reference(injector(), POINT, INTERVAL, CHECK), tight))
 
 
-def lane_errors(time_step: float, precision: str, others: int) -> list[Errors]:
+def lane_errors(time_step: float, precision: Precision, others: int) -> list[Errors]:
     """Errors of the lanes: of the case, then of the first `others` candidates of the benchmark's population.
 
     Each is judged by the explicit scheme at its usual resolution; samples are some 3 us long, whole numbers of steps.

@@ -21,7 +21,7 @@ INJECTOR = "virtual-lino-2016"
 POINT = OperatingPoint(160e6, paper.ENERGISING_TIME, horizon=1.56e-3)
 INTERVAL = 3e-6  # between samples of the rate [s]
 TIME_STEP = 1e-6  # [s]
-LONG_STEP = 1.56e-3 / 832  # 1.875 us: the case and its candidates stay within an L1 error of 0.1 % [s]
+LONG_STEP = POINT.duration / 832  # 1.875 us: the case and its candidates stay within an L1 error of 0.1 % [s]
 SPREAD = 0.2  # candidates lie within this share of the drawn stiffness
 CASE = "virtual-lino-2016, flexible body, PWM; 160 MPa, 700 us, 1.56 ms simulated, 520 samples"
 

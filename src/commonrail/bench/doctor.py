@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 from commonrail import compile as compiling
 from commonrail.bench.child import reason, run_child
 from commonrail.bench.machine import busy, instruction_sets, load, processor, version
-from commonrail.bench.throughput import PRECISIONS
-from commonrail.engine.lanes import VECTORS, Precision
+from commonrail.engine.lanes import VECTORS
 from commonrail.engine.simulate import usable_threads
 
 __all__ = ["OK", "Fact", "cache_facts", "examine", "extra_facts", "kernel_facts", "machine_facts", "usable"]
@@ -71,7 +70,9 @@ def machine_facts() -> Iterator[Fact]:
         f"{threads}, load {'unknown' if now is None else f'{now:.1f}'}",
         crowded if busy(now, threads) else OK,
     )
-    kernels = " or ".join(f"{VECTORS[Precision(name)].lanes} candidates side by side in {name}" for name in PRECISIONS)
+    kernels = " or ".join(
+        f"{vector.lanes} candidates side by side in {precision.value}" for precision, vector in VECTORS.items()
+    )
     yield Fact("kernel", kernels)
 
 

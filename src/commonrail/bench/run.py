@@ -13,8 +13,9 @@ from commonrail.bench.case import CASE, injector
 from commonrail.bench.machine import busy, load, machine
 from commonrail.bench.methods import measure_methods, own_methods, peer_methods, right_hand_side
 from commonrail.bench.searches import OPTIMISERS, measure_search, reference_searches
-from commonrail.bench.throughput import COUNTS, PRECISIONS, TIME_STEPS, measure_throughput
+from commonrail.bench.throughput import COUNTS, TIME_STEPS, measure_throughput
 from commonrail.bench.timing import Effort
+from commonrail.engine.lanes import Precision
 from commonrail.engine.simulate import usable_threads
 
 __all__ = ["EXTRA", "PACKAGES", "Options", "Stage", "missing_peers", "run_bench", "stages"]
@@ -122,7 +123,7 @@ def stages(options: Options) -> list[Stage]:
         truths.append(truth.record())
         yield from measure_methods(methods, truth, effort)
 
-    populations = len(PRECISIONS) * len(TIME_STEPS) * len(COUNTS) * len({1, usable_threads()})
+    populations = len(Precision) * len(TIME_STEPS) * len(COUNTS) * len({1, usable_threads()})
     planned = [
         Stage("methods", "one simulation by every method", len(methods), judged),
         Stage("truth", "the reference they are judged by", 1, lambda: iter(truths)),

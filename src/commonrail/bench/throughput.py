@@ -9,16 +9,13 @@ from commonrail.bench.accuracy import lane_errors
 from commonrail.bench.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
 from commonrail.bench.timing import CLOCKS, Clocks, Effort, time_best
 from commonrail.engine import plan
+from commonrail.engine.lanes import Precision
 from commonrail.engine.simulate import simulate_batch, usable_threads
 from commonrail.reproduction import paper
 
-__all__ = ["COUNTS", "JUDGED", "PRECISIONS", "TIME_STEPS", "measure_throughput"]
+__all__ = ["COUNTS", "JUDGED", "TIME_STEPS", "measure_throughput"]
 
 COUNTS = (512, 50, 1, 7)  # full lanes; the paper's population; one; one of its seven stiffnesses each
-# By name, what `simulate_batch` is given in addition: another precision is another entry.
-PRECISIONS: dict[str, dict[str, Any]] = {"f64": {}, "f32": {"precision": "f32"}}
-
-
 TIME_STEPS = (TIME_STEP, LONG_STEP)
 JUDGED = 8  # candidates whose error is looked at
 
@@ -34,25 +31,34 @@ def measure_throughput(effort: Effort, clocks: Clocks = CLOCKS, judged: int = JU
         candidates, threads, precision, time_step, seconds, cpu_seconds, runs, per_second (candidates), L1_percent of
         the case, and worst_L1_percent of it and of `judged` candidates.
     """
-    for precision, options in PRECISIONS.items():
+    for precision in Precision:
         for step in TIME_STEPS:
             found = [error.L1_percent for error in lane_errors(step, precision, judged)]
             accuracy = {"L1_percent": found[0], "worst_L1_percent": max(found)}
             for count in COUNTS:
                 for threads in sorted({1, usable_threads()}):
-                    row = _measure(count, threads, step, options, effort, clocks)
-                    yield {"precision": precision, **row, **accuracy}
+                    row = _measure(count, threads, step, precision, effort, clocks)
+                    yield {"precision": precision.value, **row, **accuracy}
 
 
 def _measure(
-    count: int, threads: int, step: float, options: dict[str, Any], effort: Effort, clocks: Clocks
+    count: int, threads: int, step: float, precision: Precision, effort: Effort, clocks: Clocks
 ) -> dict[str, Any]:
     values = candidates(count)
     prepared = plan.prepare(injector(), [POINT], step)
-    how = {"time_step": step, "threads": threads, "stop_when_closed": False, "prepared": prepared, **options}
 
     def run() -> None:
-        simulate_batch(injector(), [POINT], paper.NAMES, values, **how)
+        simulate_batch(
+            injector(),
+            [POINT],
+            paper.NAMES,
+            values,
+            time_step=step,
+            threads=threads,
+            stop_when_closed=False,
+            precision=precision,
+            prepared=prepared,
+        )
 
     run()
     timing = time_best(run, effort, clocks)

@@ -15,13 +15,12 @@ from commonrail.engine.plan import Prepared, prepare
 from commonrail.engine.sampling import sampled_rates
 from commonrail.engine.simulate import check_step, reference_density, simulate_batch
 from commonrail.engine.solution import Batch
-from commonrail.engine.status import Status
+from commonrail.engine.status import OK, Status, which_failed
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 
 Floats = NDArray[np.float64]
 
-OK, STILL_INJECTING = int(Status.OK), int(Status.STILL_INJECTING)  # NumPy takes five times as long for an enum
 MM3_PER_MS = 1e6  # of 1 m³/s: the unit of the paper's J
 
 
@@ -108,7 +107,7 @@ class Objective:
         if self._misfit is not None:
             batch = self._curves(values)
             total += np.sum(_curve_costs(batch) * self._weights, axis=1)
-            _note_failures(statuses, batch.status, (batch.status != OK) & (batch.status != STILL_INJECTING))
+            _note_failures(statuses, batch.status, which_failed(batch.status))
             simulations += len(values) * len(self.curves)
         for data in self.maps:
             batch = self._map(data, values, self.precision)

@@ -21,7 +21,6 @@ from commonrail.compile import (
     exchange_rounding,
     physics,
     row_copier,
-    usual_vectors,
     widest_vectors,
 )
 from commonrail.fuel.kernel import FuelCoefficients
@@ -44,16 +43,10 @@ INJECTED, RETURNED, SUPPLIED, OPENING, CLOSING, GREATEST_LIFT, ABSOLUTE, SQUARED
 
 
 class Vector(NamedTuple):
-    """Candidates side by side, the numbers that they are computed in, and the registers that take them.
-
-    `beside` registers are worked on at a time; with `wide` they are the widest that the machine has, without it those
-    that the compiler takes.
-    """
+    """How many candidates stand side by side, and the numbers that they are computed in."""
 
     lanes: int
     real: Any
-    beside: int
-    wide: bool
 
 
 class Rows(NamedTuple):
@@ -183,7 +176,7 @@ def make_begin(variant: Variant, rows: Rows) -> Callable[..., Any]:
 
 @physics
 def any_vectors():  # type: ignore[no-untyped-def]
-    """In place of `compile.usual_vectors` where there are none."""
+    """In place of `compile.widest_vectors` where there are none."""
 
 
 def make_advance(variant: Variant, rows: Rows, vectors: Callable[[], Any] = any_vectors) -> Callable[..., Any]:
@@ -356,9 +349,8 @@ def record(work, rows, trace):  # type: ignore[no-untyped-def]
 def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
     """The loop over blocks [first, last) of a job; arguments are those of `lanes.Job`, `lanes.Misfit`, then outputs."""
     rows, real = make_rows(variant, vector.lanes), vector.real
-    vectors = widest_vectors if vector.wide else usual_vectors
-    begin, advance = make_begin(variant, rows), make_advance(variant, rows, vectors)
-    arrive, leave = make_ferry(rows, row_copier(vector.lanes, vector.beside))
+    begin, advance = make_begin(variant, rows), make_advance(variant, rows, widest_vectors)
+    arrive, leave = make_ferry(rows, row_copier(vector.lanes))
     parameters = len(PARAMETERS.paths) + len(FUEL.paths)
     memory = make_memory(vector)
 
@@ -366,7 +358,7 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
         theta, settings, inputs, steps, quiet, blocks, dt, ring, stop_when_closed,
         bound_count, bounds, target, weight, trace, out, first, last,
     ):  # fmt: skip
-        vectors()
+        widest_vectors()
         step_size = real(dt)
         mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
         work = memory(rows.end * rows.lanes)

@@ -33,10 +33,10 @@ class Precision(Enum):
     F32 = "f32"
 
 
-# Measured on machines with AVX-512: docs/howto/speed.md.
+# One register of 512 bits: docs/decisions/0011-the-widest-registers.md.
 VECTORS = {
-    Precision.F64: Vector(8, np.float64, 1, True),
-    Precision.F32: Vector(16, np.float32, 1, True),
+    Precision.F64: Vector(8, np.float64),
+    Precision.F32: Vector(16, np.float32),
 }
 
 
@@ -118,7 +118,7 @@ def compiled(variant: Variant, precision: Precision) -> Callable[..., None]:
     """The block loop of a variant, compiled (or loaded from the cache) at its first call."""
     vector = VECTORS[precision]
     name = f"{vector.lanes} lanes {precision.value}: {variant.label}"
-    return kernel(make_loop(variant, vector), name, real=vector.real, beside=vector.beside)  # type: ignore[no-any-return]
+    return kernel(make_loop(variant, vector), name, real=vector.real)  # type: ignore[no-any-return]
 
 
 def trace_paths(variant: Variant) -> tuple[str, ...]:

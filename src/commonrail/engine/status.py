@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 class Status(IntEnum):
@@ -45,3 +49,11 @@ _SENTENCES = {
     ),
     Status.STILL_INJECTING: "The needle had not closed at the end of the simulated time; take a longer horizon.",
 }
+
+
+OK, STILL_INJECTING = int(Status.OK), int(Status.STILL_INJECTING)  # NumPy takes five times as long for an enum
+
+
+def which_failed(statuses: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+    """`Status.failed` of many."""
+    return np.asarray((statuses != OK) & (statuses != STILL_INJECTING))
