@@ -110,6 +110,15 @@ def reciprocals(a: float, b: float) -> tuple[float, float]:
     return b * inverse, a * inverse
 
 
+@physics
+def three_reciprocals(a: float, b: float, c: float) -> tuple[float, float, float]:
+    """(1/a, 1/b, 1/c) with one division."""
+    ab = a * b
+    inverse = 1.0 / (ab * c)
+    per_ab = c * inverse
+    return b * per_ab, a * per_ab, ab * inverse
+
+
 @intrinsic
 def exchange_rounding(typing: Any, bits: Any, kept: Any) -> Any:
     """Set the processor's register of floating-point modes to (mode & kept) | bits; returns the mode before.

@@ -15,7 +15,7 @@ import numpy as np
 
 from commonrail.calibration.study import QuantityData, RateData, Study
 from commonrail.engine.plan import candidate_matrix, make_job
-from commonrail.engine.stability import longest_step
+from commonrail.engine.stability import longest_step, medium_of
 from commonrail.errors import CommonrailError
 from commonrail.files.injector_file import load_injector
 from commonrail.files.injector_writer import injector_text
@@ -125,7 +125,7 @@ def _read_injector(folder: Path) -> None:
 def _plan(injector: Injector) -> None:
     """The cheap steps before a simulation."""
     theta = candidate_matrix(injector, (), np.zeros((1, 0)))
-    longest_step(injector, theta[0, : len(parameter_paths())])
+    longest_step(injector, theta[0, : len(parameter_paths())], medium_of(injector, 160e6))
     injector_text(injector, {}, "")
 
 

@@ -15,7 +15,7 @@ LOAD = Loads(-2300.0, 7.0, -36.0, 1100.0, 420.0)
 
 @pytest.fixture(scope="module")
 def body(regulated: Injector) -> plunger_needle.Coefficients:
-    return plunger_needle.coefficients(regulated.parameters.plunger_needle)
+    return plunger_needle.coefficients(regulated.parameters.plunger_needle, 1e-6)
 
 
 def test_it_falls_freely_by_force_over_mass(body: plunger_needle.Coefficients) -> None:

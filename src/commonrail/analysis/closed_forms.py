@@ -16,13 +16,11 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from commonrail.analysis.by_hand import RAIL, drain_by_hand, fluid, nozzle_by_hand, pipe_area
-from commonrail.analysis.ringing import chain_frequency, echo, frequency, traced
+from commonrail.analysis.ringing import chain_frequency, chain_matrices, echo, frequency, traced
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
-from commonrail.engine.stability import chain_matrices
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body, Boundary, Drive, Variant
-from commonrail.parts import plunger_needle
 from commonrail.parts.plunger_needle import SeatContact
 
 STEP = 1e-6  # [s]
@@ -124,7 +122,6 @@ def pipe_period(injector: Injector) -> list[Check]:
 def chain_modes(injector: Injector) -> list[Check]:
     """Plunger and needle pressed on the seat ring at the roots of the generalised eigenproblem."""
     p = injector.parameters.plunger_needle._replace(damping_ratio=0.0, spring_stiffness=0.0)
-    c = plunger_needle.coefficients(p)
     seat = SeatContact(injector.parameters.needle_seat.contact_stiffness, 0.0)
     k = np.array([p.k1, p.k2, p.k3, p.k4, p.k5, p.k6, p.k7])
     masses = np.array([p.m1, p.m2, p.m3, p.m4, p.m5, p.m6, p.m7])
@@ -132,7 +129,7 @@ def chain_modes(injector: Injector) -> list[Check]:
     stiffness[8, 8] += seat.stiffness
     squares, shapes = eigh(stiffness, np.diag(nodes))
     omega = np.sqrt(squares)
-    found = [chain_frequency(c, seat, shapes[:, i], nodes, omega[i]) for i in range(9)]
+    found = [chain_frequency(p, seat, shapes[:, i], nodes, omega[i]) for i in range(9)]
     worst = float(np.max(np.abs(np.array(found) / omega - 1.0)))
     detail = (
         f"nine modes, {omega[0] / 2e3 / math.pi:.1f} to {omega[8] / 2e3 / math.pi:.0f} kHz; limit: 200 steps a period"

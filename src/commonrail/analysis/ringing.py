@@ -50,11 +50,30 @@ def frequency(signal: Floats, dt: float, near: float) -> float:
     return float(minimize_scalar(weakness, bounds=(0.99 * best, 1.01 * best), method="bounded").x)
 
 
+def chain_matrices(k: Floats, masses: Floats, joint: float) -> tuple[Floats, Floats]:
+    """Stiffness matrix [N/m] and nodal masses [kg] of the nine-mass chain in contact, Eq. (10).
+
+    Parameters
+    ----------
+    k, masses : (7,)
+        Stiffness and mass of the cylinders.
+    joint : float
+        Contact stiffness between masses 6 and 7.
+    """
+    springs = np.array([*k[:5], joint, *k[5:]])
+    matrix = np.diag(np.append(springs, 0.0) + np.append(0.0, springs))
+    matrix -= np.diag(springs, 1) + np.diag(springs, -1)
+    plunger, needle = masses[:5], masses[5:]
+    half = [np.append(part, 0.0) / 2 + np.append(0.0, part) / 2 for part in (plunger, needle)]
+    return matrix, np.concatenate(half)
+
+
 def chain_frequency(
-    c: plunger_needle.Coefficients, seat: SeatContact, shape: Floats, mass: Floats, omega: float, periods: int = 10
+    p: plunger_needle.Parameters, seat: SeatContact, shape: Floats, mass: Floats, omega: float, periods: int = 10
 ) -> float:
     """Angular frequency [1/s] of a small modal amplitude of the pressed chain, from its zero crossings."""
     dt = 2.0 * math.pi / omega / 200.0
+    c = plunger_needle.coefficients(p, dt)
     load = Loads(-2000.0, 0.0, 0.0, 0.0, 0.0)
     rest = np.array(plunger_needle.at_rest(c, seat, load).z)
     away = 1e-8 * shape / np.abs(shape).max()

@@ -1,7 +1,7 @@
 """The loop over blocks, steps and lanes that `lanes` compiles.
 
 Working rows of a block, each as wide as its lanes, behind one pointer: coefficients, state, the three waves that
-leave and that arrive, and notes (samples, opening and closing, figures kept at the end). Travelling waves wait in
+leave and that arrive, and notes (samples, opening and closing, rest). Travelling waves wait in
 three ring buffers of `ring` slots. Parameters are read once, through the rings' memory, before the first wave is
 written. How many lanes there are, and in which precision, is a choice of the machine: see `Vector`.
 """
@@ -32,9 +32,9 @@ from commonrail.injector.variants import Variant, wiring
 
 PARAMETERS = layout_of(Parameters)
 FUEL = layout_of(FuelCoefficients)
-CHECK_EVERY = 32  # steps between looks at health and closing
 RUNAWAY = 2e-3  # a tip or top this far off [m] has left the injector
 RECOVERED = 0.9  # share of the accumulation's pressure that the control chamber regains once the valve is shut
+DRIBBLE = 1e-12, 1e-6  # what a resting injector injects between two looks, at most: [kg], and share of the stroke
 
 # figures of a lane in `out`, in the order of `lanes.Outcome`
 INJECTED, RETURNED, SUPPLIED, OPENING, CLOSING, GREATEST_LIFT, ABSOLUTE, SQUARED, SOUND, CLOSED_AT_START, CLOSED = (
@@ -64,7 +64,8 @@ class Rows(NamedTuple):
     opened: int
     shut: int
     clear: int
-    final: int
+    rested: int
+    seen: int
     done: int
     delays: int
     end: int
@@ -101,11 +102,12 @@ def make_rows(variant: Variant, lanes: int) -> Rows:
         *body,
     )
     single = [note + i for i in (0, 1, 2, 3, 4)]
-    opened, shut, clear, final = note + 5, note + 8, note + 11, note + 12  # step, lift before, lift after; four figures
-    done, delays, end = final + 4, final + 5, final + 11  # delays: whole steps and rest, for each wave
+    opened, shut, clear = note + 5, note + 8, note + 11  # step, lift before, lift after
+    rested, seen, done = note + 12, note + 13, note + 14
+    delays, end = note + 15, note + 21  # whole steps and rest, for each wave
     state_rows = [state + wired.state.row(name) for name in looked_at]
     delay_rows = [wired.coefficients.row(name) for name in ("delays.feed", "delays.back")]
-    groups = [lanes, state, leaving, leaving + 3, *single, opened, shut, clear, final, done, delays, end]
+    groups = [lanes, state, leaving, leaving + 3, *single, opened, shut, clear, rested, seen, done, delays, end]
     return Rows._make(groups + state_rows + delay_rows)
 
 
@@ -286,35 +288,47 @@ def sample(work, rows, part, width, target, weight, first):  # type: ignore[no-u
 
 
 @physics
-def look(work, rows, cylinder, quiet, stop_when_closed, out):  # type: ignore[no-untyped-def]
-    """Keep the figures of lanes that are still running; true once every lane is done.
+def look(work, rows, cylinder, quiet, patience, out):  # type: ignore[no-untyped-def]
+    """Take the figures of lanes that have ended; true once every lane has.
 
-    A lane is done when it has failed or, if asked for, when its needle rests, its SAC is empty and its control
-    chamber is shut: what its neighbours go on doing then no longer touches its figures.
+    A lane ends when it has failed or, where there is a `patience`, when needle and valve have rested for that many
+    looks: what its neighbours do after that does not touch its figures. A needle that has closed on a valve still in
+    motion, or on a chamber that has not refilled, may open again.
     """
-    done = 0
+    ended = 0
     for lane in range(rows.lanes):
-        lift, top, mass = (
-            work[at(rows, rows.tip, lane)],
-            work[at(rows, rows.top, lane)],
-            work[at(rows, rows.injected, lane)],
-        )
-        sac = work[at(rows, rows.sac_pressure, lane)]
-        sane = abs(lift) < RUNAWAY and abs(top) < RUNAWAY and abs(mass) < 1.0 and abs(sac) < 1e10
-        rests = lift <= 0.0 and sac - cylinder < RELAXED
-        shut = work[at(rows, rows.control_pressure, lane)] > RECOVERED * work[at(rows, rows.store_pressure, lane)]
-        closed = quiet and rests and shut
         if work[at(rows, rows.done, lane)] == 0.0:
-            work[at(rows, rows.final, lane)] = mass
-            work[at(rows, rows.final + 1, lane)] = work[at(rows, rows.returned, lane)]
-            work[at(rows, rows.final + 2, lane)] = work[at(rows, rows.supplied, lane)]
-            work[at(rows, rows.final + 3, lane)] = 1.0 if sane else 0.0
-            out[lane, CLOSED] = 1.0 if closed else 0.0
-            if (stop_when_closed and closed) or not sane:
+            mass = work[at(rows, rows.injected, lane)]
+            gain = mass - work[at(rows, rows.seen, lane)]
+            work[at(rows, rows.seen, lane)] = mass
+            shut = work[at(rows, rows.control_pressure, lane)] > RECOVERED * work[at(rows, rows.store_pressure, lane)]
+            rests = needle_rests(work, rows, lane, cylinder) and work[at(rows, rows.valve_lift, lane)] <= 0.0 and shut
+            still = quiet and rests and gain <= DRIBBLE[0] + DRIBBLE[1] * mass
+            work[at(rows, rows.rested, lane)] = work[at(rows, rows.rested, lane)] + 1.0 if still else 0.0
+            over = patience > 0 and work[at(rows, rows.rested, lane)] > patience
+            if over or not is_sound(work, rows, lane):
+                report(work, rows, lane, cylinder, out)
                 work[at(rows, rows.done, lane)] = 1.0
         if work[at(rows, rows.done, lane)] != 0.0:
-            done += 1
-    return done == rows.lanes
+            ended += 1
+    return ended == rows.lanes
+
+
+@physics
+def needle_rests(work, rows, lane, cylinder):  # type: ignore[no-untyped-def]
+    """True for a needle on its seat and a SAC that has emptied."""
+    return work[at(rows, rows.tip, lane)] <= 0.0 and work[at(rows, rows.sac_pressure, lane)] - cylinder < RELAXED
+
+
+@physics
+def is_sound(work, rows, lane):  # type: ignore[no-untyped-def]
+    """True for a state that is finite and inside its stops."""
+    return (
+        abs(work[at(rows, rows.tip, lane)]) < RUNAWAY
+        and abs(work[at(rows, rows.top, lane)]) < RUNAWAY
+        and abs(work[at(rows, rows.injected, lane)]) < 1.0
+        and abs(work[at(rows, rows.sac_pressure, lane)]) < 1e10
+    )
 
 
 @physics
@@ -325,17 +339,26 @@ def crossing(work, rows, row, lane):  # type: ignore[no-untyped-def]
 
 
 @physics
-def report(work, rows, out):  # type: ignore[no-untyped-def]
-    """Write the figures of a block, (lanes, figures)."""
+def report(work, rows, lane, cylinder, out):  # type: ignore[no-untyped-def]
+    """Write the figures of a lane, (lanes, figures)."""
+    out[lane, INJECTED] = work[at(rows, rows.injected, lane)]
+    out[lane, RETURNED] = work[at(rows, rows.returned, lane)]
+    out[lane, SUPPLIED] = work[at(rows, rows.supplied, lane)]
+    out[lane, OPENING] = crossing(work, rows, rows.opened, lane)
+    out[lane, CLOSING] = crossing(work, rows, rows.shut, lane)
+    out[lane, GREATEST_LIFT] = work[at(rows, rows.greatest, lane)]
+    out[lane, ABSOLUTE] = work[at(rows, rows.absolute, lane)]
+    out[lane, SQUARED] = work[at(rows, rows.squared, lane)]
+    out[lane, SOUND] = 1.0 if is_sound(work, rows, lane) else 0.0
+    out[lane, CLOSED] = 1.0 if needle_rests(work, rows, lane, cylinder) else 0.0
+
+
+@physics
+def report_rest(work, rows, cylinder, out):  # type: ignore[no-untyped-def]
+    """Write the figures of the lanes that have run to the end of the simulated time."""
     for lane in range(rows.lanes):
-        for i in range(3):
-            out[lane, INJECTED + i] = work[at(rows, rows.final + i, lane)]
-        out[lane, SOUND] = work[at(rows, rows.final + 3, lane)]
-        out[lane, OPENING] = crossing(work, rows, rows.opened, lane)
-        out[lane, CLOSING] = crossing(work, rows, rows.shut, lane)
-        out[lane, GREATEST_LIFT] = work[at(rows, rows.greatest, lane)]
-        out[lane, ABSOLUTE] = work[at(rows, rows.absolute, lane)]
-        out[lane, SQUARED] = work[at(rows, rows.squared, lane)]
+        if work[at(rows, rows.done, lane)] == 0.0:
+            report(work, rows, lane, cylinder, out)
 
 
 @physics
@@ -355,7 +378,7 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
     memory = make_memory(vector)
 
     def loop(  # type: ignore[no-untyped-def]
-        theta, settings, inputs, steps, quiet, blocks, dt, ring, stop_when_closed,
+        theta, settings, inputs, steps, quiet, blocks, dt, ring, look_every, patience,
         bound_count, bounds, target, weight, trace, out, first, last,
     ):  # fmt: skip
         widest_vectors()
@@ -391,10 +414,10 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
                     bound += 1
                 if trace.shape[0] > 0:
                     record(work, rows, trace[block, k + 1])
-                if k % CHECK_EVERY == CHECK_EVERY - 1 or k == steps[point] - 1:  # noqa: SIM102
-                    if look(work, rows, u.cylinder, k >= quiet[point], stop_when_closed, out[block]):
+                if k % look_every == look_every - 1:  # noqa: SIM102
+                    if look(work, rows, u.cylinder, k >= quiet[point], patience, out[block]):
                         break
-            report(work, rows, out[block])
+            report_rest(work, rows, real(inputs[point, steps[point] - 1, 1]), out[block])
         exchange_rounding(mode, KEEP_NONE)
 
     return loop

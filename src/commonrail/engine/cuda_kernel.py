@@ -21,7 +21,6 @@ from numba import cuda
 
 from commonrail.compile import offer_laws, physics
 from commonrail.engine.block import (
-    CHECK_EVERY,
     copy_number,
     look,
     make_advance,
@@ -29,7 +28,7 @@ from commonrail.engine.block import (
     make_ferry,
     make_rows,
     record,
-    report,
+    report_rest,
     sample,
 )
 from commonrail.engine.lanes import VECTORS, Precision
@@ -58,10 +57,10 @@ def open_device() -> None:
 
 def signature(precision: Precision) -> Any:
     """Types of the kernel's arguments."""
-    real, whole, yes = numba.from_dtype(np.dtype(VECTORS[precision].real)), numba.int64, numba.boolean
+    real, whole = numba.from_dtype(np.dtype(VECTORS[precision].real)), numba.int64
     job = (real[:, ::1], real[:, ::1], real[:, :, ::1], whole[::1], whole[::1], whole[:, ::1])
     samples = (whole[::1], whole[:, ::1], real[:, :, ::1])
-    return numba.void(*job, real, whole, yes, *samples, real[:, ::1], real[:, :, :, ::1], real[:, ::1])
+    return numba.void(*job, real, whole, whole, whole, *samples, real[:, ::1], real[:, :, :, ::1], real[:, ::1])
 
 
 @physics
@@ -84,7 +83,7 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
     count, kind = rows.end, numba.from_dtype(np.dtype(real))
 
     def march(  # type: ignore[no-untyped-def]
-        theta, settings, inputs, steps, quiet, blocks, step_size, ring, stop_when_closed,
+        theta, settings, inputs, steps, quiet, blocks, step_size, ring, look_every, patience,
         bound_count, due, samples, rings, trace, out,
     ):  # fmt: skip
         thread = cuda.grid(1)
@@ -108,9 +107,9 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
                 sample(work, rows, s[0], s[1], s[2], s[3], bound == 0)
                 bound += 1
             keep(work, rows, trace, thread, k + 1)
-            if k % CHECK_EVERY == CHECK_EVERY - 1 or k == steps[point] - 1:  # noqa: SIM102
-                if look(work, rows, u.cylinder, k >= quiet[point], stop_when_closed, figures):
+            if k % look_every == look_every - 1:  # noqa: SIM102
+                if look(work, rows, u.cylinder, k >= quiet[point], patience, figures):
                     break
-        report(work, rows, figures)
+        report_rest(work, rows, inputs[point, steps[point] - 1, 1], figures)
 
     return march

@@ -65,7 +65,7 @@ class Outcome(NamedTuple):
     `opening` and `closing` are in steps (NaN where there is none); masses in kg; `absolute` and `squared`
     are the weighted sums of the samples' errors [kg/s], [(kg/s)²]; `sound` is 1 for a run that stayed
     finite and inside its stops, `closed_at_start` for needle and valve at rest before energising, `closed_at_end` for
-    a needle that had closed for good.
+    a needle on its seat and a SAC that had emptied when the simulation ended.
     """
 
     injected: Floats
@@ -93,13 +93,16 @@ class Job(NamedTuple):
         Fields of `Inputs`, means over each step.
     steps : (points,) int
     quiet : (points,) int
-        First step after which nothing is energised any more.
+        First step at which an injection may have ended.
     blocks : (blocks, 1 + lanes) int
         Operating point, then the candidates of the lanes.
     dt : float
     ring : int
         Slots of a ring buffer, a power of two above the longest delay.
-    stop_when_closed : bool
+    look_every : int
+        Steps between looks at health and rest.
+    patience : int
+        Looks for which needle and valve must have rested before a simulation ends; 0: it runs to its horizon.
     """
 
     theta: Floats
@@ -110,7 +113,8 @@ class Job(NamedTuple):
     blocks: NDArray[np.int64]
     dt: float
     ring: int
-    stop_when_closed: bool
+    look_every: int
+    patience: int
 
 
 @functools.cache

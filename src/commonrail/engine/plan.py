@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from commonrail.engine.block import FUEL
 from commonrail.engine.lanes import VECTORS, Job, Precision
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
+from commonrail.engine.stability import Medium, medium_of
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
@@ -20,7 +21,9 @@ from commonrail.parts.furniture import Domain
 
 Floats = NDArray[np.float64]
 
-LOOK_AFTER = 200e-6  # an injection is not looked for its end earlier than this after energising [s]
+LOOK_AFTER = 100e-6  # earliest time after energising at which the end of injection is looked for [s]
+LOOK_INTERVAL = 20e-6  # between looks at health and rest [s]
+RESTING = 100e-6  # an injection has ended once needle and valve have rested this long [s]
 SLOWEST_WAVE = 600.0  # below any sound speed of a fuel [m/s]: sizes the buffers of the travelling waves
 MAXIMUM_STEPS = 2_000_000
 
@@ -39,6 +42,8 @@ class Prepared(NamedTuple):
         Time at which a simulation begins [s].
     densities : (points,)
         `reference_density` [kg/m³].
+    medium : Medium
+        Fuel at the largest rail pressure of all points, which decides how long a step may be.
     """
 
     points: Sequence[OperatingPoint]
@@ -49,6 +54,7 @@ class Prepared(NamedTuple):
     quiet: NDArray[np.int64]
     begin: Floats
     densities: Floats
+    medium: Medium
 
 
 def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Prepared:
@@ -72,7 +78,12 @@ def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> 
         np.array([_quiet(point, dt) for point in points]),
         np.array([point.start for point in points]),
         np.array([reference_density(injector, point) for point in points]),
+        medium_of(injector, max(_largest(point.rail_pressure) for point in points)),
     )
+
+
+def _largest(course: Course) -> float:
+    return max(course.value) if isinstance(course, Trace) else course
 
 
 def reference_density(injector: Injector, point: OperatingPoint) -> float:
@@ -159,6 +170,7 @@ def make_job(
     its last candidate.
     """
     given = prepared or prepare(injector, points, dt)
+    every = max(round(LOOK_INTERVAL / dt), 1)
     return Job(
         np.ascontiguousarray(theta),
         given.settings,
@@ -168,7 +180,8 @@ def make_job(
         blocks(len(theta), len(points), width),
         dt,
         _ring(theta, dt, int(given.steps.max())),
-        stop_when_closed,
+        every,
+        max(round(RESTING / (every * dt)), 1) if stop_when_closed else 0,
     )
 
 

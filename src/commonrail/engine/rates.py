@@ -145,7 +145,7 @@ def past_limit(c: Coefficients, peak: float, conducting: float, flux: float, lif
 @physics
 def regulated(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
     """Ideal regulator."""
-    return drive.regulated(c.drive, c.solenoid, drive.State(1.0), supply, now, 1e-9).flux_rate
+    return drive.regulated(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate
 
 
 @physics
@@ -165,7 +165,7 @@ def by_voltage(c: Coefficients, outside: Outside, supply: drive.Supply, now: sol
 @physics
 def by_current(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
     """Measured current."""
-    return drive.current_trace(c.drive, c.solenoid, drive.State(1.0), supply, now, 1e-9).flux_rate
+    return drive.current_trace(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate
 
 
 @physics

@@ -18,7 +18,7 @@ from commonrail.engine.lanes import VECTORS, Job, Misfit, Outcome, Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, reference_density
 from commonrail.engine.solution import Batch, Solution
-from commonrail.engine.stability import longest_step
+from commonrail.engine.stability import LARGEST, SMALLEST, longest_step, too_long
 from commonrail.engine.status import OK, STILL_INJECTING, Status, which_failed
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
@@ -90,15 +90,16 @@ def simulate(
         from commonrail.engine.reference import simulate_reference
 
         return simulate_reference(injector, point, sample_interval or 3e-6)
-    theta = plan.candidate_matrix(injector, (), np.empty((1, 0)))
-    job = plan.make_job(injector, theta, [point], time_step, False, _width(engine, real))
+    prepared = plan.prepare(injector, [point], time_step)
+    theta = plan.candidate_matrix(injector, (), np.empty((1, 0)), prepared)
+    job = plan.make_job(injector, theta, [point], time_step, False, _width(engine, real), prepared)
     outcome, trace = _run_traced(job, injector.variant, engine, real)
     stride = max(round((sample_interval or time_step) / time_step), 1)
     rows = trace[0, ::stride, :, 0]
     names = lanes.trace_paths(injector.variant)
     time: Floats = np.asarray(point.start + time_step * stride * np.arange(len(rows)), float)
     injected = rows[:, names.index("nozzle.injected")]
-    status = _status(injector, theta, outcome, time_step, 1, 1)[0, 0]
+    status = _status(outcome, too_long(injector, (), theta, prepared.medium, time_step), 1)[0, 0]
     return Solution(
         time,
         np.diff(injected) / np.diff(time),
@@ -112,6 +113,7 @@ def simulate(
         Status(int(status)),
         engine.value,
         relative_balance(injector, point, names, trace[0, :, :, 0], time_step),
+        longest_step(injector, theta[0], prepared.medium),
     )
 
 
@@ -255,7 +257,8 @@ def _simulate(injector: Injector, names: Sequence[str], candidates: Floats, how:
     width = _width(how.engine, how.precision)
     job = plan.make_job(injector, theta, points, how.time_step, how.stop_when_closed, width, prepared)
     outcome = _run(job, injector.variant, how)
-    status = _status(injector, theta, outcome, how.time_step, len(theta), len(points))
+    beyond = too_long(injector, names, theta, prepared.medium, how.time_step)
+    status = _status(outcome, beyond, len(points))
     status[~inside] = Status.OUTSIDE_DOMAIN
 
     failed = which_failed(status)
@@ -288,24 +291,24 @@ def _joined(parts: Sequence[Batch]) -> Batch:
 
 def check_step(time_step: float) -> None:
     """Refuse a time step that makes no sense."""
-    if not 1e-9 <= time_step <= 1e-4:
+    if not SMALLEST <= time_step <= LARGEST:
         raise ConfigurationError(f"The time step must lie between 1 ns and 100 us, not {time_step * 1e6:g} us.")
 
 
-def _status(
-    injector: Injector, theta: Floats, outcome: Outcome, dt: float, candidates: int, points: int
-) -> NDArray[np.int64]:
-    def table(figures: Floats) -> Floats:
-        return plan.by_candidate(figures, candidates, points)
+def _status(outcome: Outcome, beyond: NDArray[np.bool_], points: int) -> NDArray[np.int64]:
+    """Status (candidates, points); `beyond` (candidates,) tells for which candidates the step is too long."""
 
-    status = np.full((candidates, points), OK)
+    def table(figures: Floats) -> Floats:
+        return plan.by_candidate(figures, len(beyond), points)
+
+    status = np.full((len(beyond), points), OK)
     status[table(outcome.closed_at_end) == 0.0] = STILL_INJECTING
     bad = table(outcome.sound) == 0.0
     if bad.any():
         finite = np.isfinite(table(outcome.injected))
         status[bad] = np.where(finite[bad], Status.RAN_AWAY, Status.NOT_FINITE)
-        unstable = np.array([longest_step(injector, row) < dt for row in theta])
-        status[bad & unstable[:, None]] = Status.STEP_UNSTABLE
+    # whatever came out: beyond the limit a plausible figure may be far off
+    status[beyond] = Status.STEP_UNSTABLE
     status[table(outcome.closed_at_start) == 0.0] = Status.NOT_CLOSED_AT_START
     return status
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.engine.status import Status
+from commonrail.engine.status import Status, step_advice
 
 Floats = NDArray[np.float64]
 
@@ -41,6 +42,8 @@ class Solution:
         "lanes" or "reference".
     balance : float
         In − out − stored, relative to the injected mass.
+    longest_step : float
+        Longest time step that the fast engines bear for this injector [s]; infinite for the reference.
     """
 
     time: Floats
@@ -55,6 +58,14 @@ class Solution:
     status: Status
     engine: str
     balance: float
+    longest_step: float = math.inf
+
+    @property
+    def sentence(self) -> str:
+        """How the simulation ended; for a step that was too long, the one that would do."""
+        if self.status is not Status.STEP_UNSTABLE:
+            return self.status.sentence
+        return f"{self.status.sentence} {step_advice(self.longest_step)}"
 
     @property
     def sample_time(self) -> Floats:

@@ -1,55 +1,223 @@
-"""How long a time step the plunger–needle chain bears."""
+"""Longest time step of the fast engines for an injector: stability of what moves, travel times of the waves.
+
+Leapfrog with dampers at the extrapolated velocity (3 v_{n−1/2} − v_{n−3/2})/2 is stable for M z̈ + C ż + K z = 0 as long
+as 4 M − dt² K − 4 dt C is positive definite: there the fastest mode, of period 2 dt, begins to grow. The needle chain
+is judged in contact with seat and stop and pressed on by the fuel enclosed in its chambers, whose stiffness is
+K_f A²/V each. The matrix has three diagonals: its pivots decide.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.injector.definition import Injector, parameter_paths
+from commonrail.flow.wave import pipe_area
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.injector.variants import Body
 
+__all__ = ["LARGEST", "SMALLEST", "Medium", "bears", "longest_step", "medium_of", "stiffest_corner", "too_long"]
+
 Floats = NDArray[np.float64]
+Values = Mapping[str, Any]
+
+SMALLEST, LARGEST = 1e-9, 1e-4  # time steps that an engine accepts [s]
+# Largest ω dt of the valve on its seat or stop: leapfrog's correction of fourth order needs it well below one. The
+# contact's damping counts at this speed of impact [m/s].
+RESOLVED, IMPACT = 0.5, 1.0
+_DIGITS = 60  # halvings of the interval in which the longest step is sought
+
+# Parameters that shorten the longest step as they grow, and as they shrink.
+SHORTENS = (
+    *(f"plunger_needle.k{i}" for i in range(1, 8)),
+    "plunger_needle.joint_stiffness",
+    "plunger_needle.stop_stiffness",
+    "plunger_needle.damping_ratio",
+    "plunger_needle.plunger_diameter",
+    "plunger_needle.guide_diameter",
+    "plunger_needle.stem_diameter",
+    "needle_seat.contact_stiffness",
+    "needle_seat.diameter",
+    "valve.contact_stiffness",
+    "valve.contact_damping",
+)
+LENGTHENS = (
+    *(f"plunger_needle.m{i}" for i in range(1, 8)),
+    "control_chamber.volume",
+    "accumulation.volume",
+    "sac.volume",
+    "valve.mass",
+    "feed_pipe.length",
+    "return_line.length",
+)
 
 
-def chain_matrices(k: Floats, masses: Floats, joint: float) -> tuple[Floats, Floats]:
-    """Stiffness matrix [N/m] and nodal masses [kg] of the nine-mass chain in contact, Eq. (10).
+class Medium(NamedTuple):
+    """Fuel at the largest rail pressure: bulk modulus [Pa], sound speed there and in the return line [m/s]."""
+
+    modulus: float
+    speed: float
+    return_speed: float
+
+
+def medium_of(injector: Injector, rail_pressure: float, return_pressure: float = 0.5e6) -> Medium:
+    """Fuel of an injector at its own temperature.
 
     Parameters
     ----------
-    k, masses : (7,)
-        Stiffness and mass of the cylinders.
-    joint : float
-        Contact stiffness between masses 6 and 7.
+    injector : Injector
+    rail_pressure, return_pressure : float
+        [Pa].
     """
-    springs = np.array([*k[:5], joint, *k[5:]])
-    matrix = np.diag(np.append(springs, 0.0) + np.append(0.0, springs))
-    matrix -= np.diag(springs, 1) + np.diag(springs, -1)
-    plunger, needle = masses[:5], masses[5:]
-    half = [np.append(part, 0.0) / 2 + np.append(0.0, part) / 2 for part in (plunger, needle)]
-    return matrix, np.concatenate(half)
+    fuel, temperature = injector.fuel, injector.values[FUEL_TEMPERATURE]
+    return Medium(
+        float(fuel.bulk_modulus(rail_pressure, temperature)),
+        float(fuel.sound_speed(rail_pressure, temperature)),
+        float(fuel.sound_speed(return_pressure, temperature)),
+    )
 
 
-def longest_step(injector: Injector, theta: Floats) -> float:
-    """Stability limit 2/ω_max of the leapfrog step [s], seat and stop in contact.
+def bears(body: Body, values: Values, medium: Medium, dt: float) -> Any:
+    """True where a step is short enough.
 
     Parameters
     ----------
+    body : Body
+    values : mapping of str to float or (n,)
+        SI values of `SHORTENS` and `LENGTHENS` by dotted name.
+    medium : Medium
+    dt : float
+        Step [s].
+
+    Returns
+    -------
+    bool or (n,) bool
+        NaN anywhere counts as too long.
+    """
+    moves = _chain_bears if body is Body.FLEXIBLE else _rigid_bears
+    return moves(values, medium, dt) & _valve_bears(values, dt) & _waves_bear(values, medium, dt)
+
+
+def _chain_bears(values: Values, medium: Medium, dt: float) -> Any:
+    k = [values[f"plunger_needle.k{i}"] for i in range(1, 8)]
+    m = [values[f"plunger_needle.m{i}"] for i in range(1, 8)]
+    ratio = values["plunger_needle.damping_ratio"]
+    links = [
+        dt * (dt * stiffness + 8.0 * ratio * (stiffness * mass) ** 0.5) for stiffness, mass in zip(k, m, strict=True)
+    ]
+    links.insert(5, dt * dt * values["plunger_needle.joint_stiffness"])
+    nodes = [m[0], m[0] + m[1], m[1] + m[2], m[2] + m[3], m[3] + m[4], m[4], m[5], m[5] + m[6], m[6]]
+    top, shoulder, tip = _pressed(values, medium)
+    held = {
+        0: values["plunger_needle.stop_stiffness"] + top,
+        7: shoulder,
+        8: values["needle_seat.contact_stiffness"] + tip,
+    }
+    pivot, before = None, 0.0
+    stable: Any = True
+    for i, node in enumerate(nodes):
+        after = links[i] if i < 8 else 0.0
+        diagonal = 2.0 * node - before - after - dt * dt * held.get(i, 0.0)
+        pivot = diagonal if pivot is None else diagonal - before * before / pivot
+        stable = stable & (pivot > 0.0)
+        pivot = abs(pivot) + 1e-300  # what is unstable already stays so; no division by zero
+        before = after
+    return stable
+
+
+def _rigid_bears(values: Values, medium: Medium, dt: float) -> Any:
+    mass = sum(values[f"plunger_needle.m{i}"] for i in range(1, 8))
+    contact = values["plunger_needle.stop_stiffness"] + values["needle_seat.contact_stiffness"]
+    return dt * dt * (contact + sum(_pressed(values, medium))) < 4.0 * mass
+
+
+def _pressed(values: Values, medium: Medium) -> tuple[Any, Any, Any]:
+    """Stiffness [N/m] of the enclosed fuel on the plunger's top, the needle's shoulder and its tip.
+
+    Shoulder and tip share the accumulation volume: twice each one's own stiffness bounds the two together.
+    """
+    top = pipe_area(values["plunger_needle.plunger_diameter"])
+    guide, stem = (pipe_area(values[f"plunger_needle.{name}_diameter"]) for name in ("guide", "stem"))
+    seat = pipe_area(values["needle_seat.diameter"])
+    around = 2.0 * medium.modulus / values["accumulation.volume"]
+    return (
+        medium.modulus * top * top / values["control_chamber.volume"],
+        around * guide * guide,
+        around * stem * stem + medium.modulus * seat * seat / values["sac.volume"],
+    )
+
+
+def _valve_bears(values: Values, dt: float) -> Any:
+    frequency = (values["valve.contact_stiffness"] / values["valve.mass"]) ** 0.5
+    damped = values["valve.contact_damping"] * IMPACT
+    return (dt * frequency <= RESOLVED) & (dt * frequency * damped <= 2.0 * RESOLVED)
+
+
+def _waves_bear(values: Values, medium: Medium, dt: float) -> Any:
+    feed, line = values["feed_pipe.length"], values["return_line.length"]
+    return (feed >= medium.speed * dt) & ((line == 0.0) | (2.0 * line >= medium.return_speed * dt))
+
+
+def longest_step(injector: Injector, theta: Floats, medium: Medium) -> float:
+    """Longest step [s] that a candidate bears, 0 if none does.
+
+    Parameters
+    ----------
+    injector : Injector
     theta : (parameters, …)
         Flat parameter vector of one candidate.
+    medium : Medium
     """
-    value = dict(zip(parameter_paths(), theta.tolist(), strict=False))
-    needle = {name: value[f"plunger_needle.{name}"] for name in ("joint_stiffness", "stop_stiffness")}
-    k = np.array([value[f"plunger_needle.k{i}"] for i in range(1, 8)])
-    masses = np.array([value[f"plunger_needle.m{i}"] for i in range(1, 8)])
-    seat = value["needle_seat.contact_stiffness"]
-    if injector.variant.body is Body.RIGID:
-        return float(2.0 / np.sqrt(max(seat, needle["stop_stiffness"]) / masses.sum()))
-    matrix, nodes = chain_matrices(k, masses, needle["joint_stiffness"])
-    matrix[0, 0] += needle["stop_stiffness"]
-    matrix[8, 8] += seat
-    scale = 1.0 / np.sqrt(nodes)
-    with np.errstate(over="ignore", invalid="ignore"):
-        scaled = matrix * np.outer(scale, scale)
-    if not np.isfinite(scaled).all():
-        return 0.0  # beyond numbers: no step is short enough
-    return float(2.0 / np.sqrt(np.linalg.eigvalsh(scaled).max()))
+    values = dict(zip(parameter_paths(), theta.tolist(), strict=False))
+    body = injector.variant.body
+    with np.errstate(all="ignore"):
+        try:
+            if not bears(body, values, medium, 1e-15):
+                return 0.0
+        except (OverflowError, ZeroDivisionError):
+            return 0.0
+        low, high = 1e-15, 1.0
+        for _ in range(_DIGITS):
+            middle = (low * high) ** 0.5
+            low, high = (middle, high) if bears(body, values, medium, middle) else (low, middle)
+    return low
+
+
+def too_long(injector: Injector, names: Sequence[str], theta: Floats, medium: Medium, dt: float) -> NDArray[np.bool_]:
+    """Candidates (n,) for which a step is too long.
+
+    Parameters
+    ----------
+    injector : Injector
+    names : sequence of str
+        Parameters in which the candidates differ.
+    theta : (n, parameters, …)
+        Flat parameter vectors.
+    medium : Medium
+    dt : float
+        [s].
+    """
+    paths = parameter_paths()
+    columns = {name: paths.index(name) for name in (*SHORTENS, *LENGTHENS)}
+    values: dict[str, Any] = {name: theta[0, column] for name, column in columns.items()}
+    varied = [name for name in names if name in columns]
+    # if the stiffest combination of what varies bears the step, so does every candidate
+    corner = values | {
+        name: theta[:, columns[name]].max() if name in SHORTENS else theta[:, columns[name]].min() for name in varied
+    }
+    with np.errstate(all="ignore"):
+        if bears(injector.variant.body, corner, medium, dt):
+            return np.zeros(len(theta), bool)
+        each = values | {name: theta[:, columns[name]] for name in varied}
+        return ~np.broadcast_to(bears(injector.variant.body, each, medium, dt), len(theta))
+
+
+def stiffest_corner(values: Mapping[str, float], lower: Mapping[str, float], upper: Mapping[str, float]) -> Values:
+    """Values with which an injector needs the shortest step of all within bounds, the rest being as they are."""
+    return {
+        **values,
+        **{name: upper[name] for name in upper if name in SHORTENS},
+        **{name: lower[name] for name in lower if name in LENGTHENS},
+    }

@@ -1,4 +1,4 @@
-"""One-sided contact with Hunt–Crossley damping."""
+"""One-sided contact with Hunt–Crossley damping, at an instant and as the mean of a leapfrog step."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from commonrail.compile import physics
 
-__all__ = ["Contact", "contact"]
+__all__ = ["Contact", "contact", "contact_over_step"]
 
 
 class Contact(NamedTuple):
@@ -26,3 +26,58 @@ def contact(depth: float, stiffness: float, damping_factor: float) -> Contact:
     """
     elastic = stiffness * max(depth, 0.0)
     return Contact(elastic, elastic * damping_factor)
+
+
+@physics
+def mean_overlap(depth: float, move: float) -> float:
+    """Mean of max(δ, 0) [m] over a path from `depth` − `move` to `depth` + `move`, weighted 1 − |s| as leapfrog does.
+
+    Midpoint rule on the four quarters of the path: exact where the bodies touch or part at none of them.
+    """
+    near = max(depth - 0.25 * move, 0.0) + max(depth + 0.25 * move, 0.0)
+    far = max(depth - 0.75 * move, 0.0) + max(depth + 0.75 * move, 0.0)
+    return 0.375 * near + 0.125 * far
+
+
+@physics
+def contact_over_step(
+    depth: float, speed: float, outer: float, per_mass: float, law: tuple[float, float], dt: float
+) -> Contact:
+    """Contact force of a single mass that a leapfrog step of fourth order needs in place of `contact`.
+
+    Leapfrog changes the velocity from t − dt/2 to t + dt/2 by the mean of the force under the weight 1 − |s|, s from
+    −1 to 1 being time in steps; up to fourth order that is F + dt²/12 F″. The overlap is averaged along the path, so
+    that touching and parting may fall anywhere inside a step, and the rest follows from δ̈ and
+    m δ⃛ = −k δ̇ − k β (δ̇² + δ δ̈):
+
+        elastic force  k δ̄ + (k + c²/m) dt²/12 δ̈,      c = k β δ̄
+        damping        c (1 + (k + k β δ̇) dt²/(12 m)) + k β dt²/4 δ̈
+
+    the damping being applied to the mean of the velocities before and after the step, which is δ̇ + dt²/6 δ⃛.
+
+    Parameters
+    ----------
+    depth : float
+        Overlap δ at the start of the step [m].
+    speed : float
+        dδ/dt, half a step before [m/s].
+    outer : float
+        All other forces on the mass, positive when they increase the overlap [N].
+    per_mass : float
+        1/m [1/kg].
+    law : (float, float)
+        Stiffness k [N/m] and Hunt–Crossley factor β [s/m].
+    dt : float
+        Step [s]; k dt² < 4 m.
+    """
+    stiffness, factor = law
+    per_step = dt * dt * per_mass
+    overlap = mean_overlap(depth, dt * speed)
+    damper = stiffness * factor
+    damping = damper * overlap
+    resisting = stiffness + damper * speed
+    bend = per_step * (outer - resisting * overlap) if depth > 0.0 else 0.0  # dt² δ̈
+    return Contact(
+        stiffness * overlap + (stiffness + damping * damping * per_mass) * bend * (1.0 / 12.0),
+        max(damping * (1.0 + per_step * resisting * (1.0 / 12.0)) + 0.25 * damper * bend, 0.0),
+    )

@@ -82,7 +82,16 @@ def stiffness(f: FuelCoefficients, rho: float) -> float:
 def pressure_and_stiffness(f: FuelCoefficients, rho: float) -> PressureAndStiffness:
     """Return `pressure` and `stiffness` at a density [kg/m3], without a division."""
     x = rho * f.inverse_reference_density - 1.0
-    return PressureAndStiffness(_pressure_of_strain(f, x), _slope_of_strain(f, x) * f.inverse_reference_density)
+    c = max(x, 0.0)
+    # Horner's scheme for the polynomial and, in step with it, for its derivative
+    b5 = f.p6 + c * f.p7
+    b4 = f.p5 + c * b5
+    b3 = f.p4 + c * b4
+    b2 = f.p3 + c * b3
+    b1 = f.p2 + c * b2
+    slope = b1 + c * (b2 + c * (b3 + c * (b4 + c * (b5 + c * f.p7))))
+    bend = c * b1
+    return PressureAndStiffness(f.p1 * x + c * bend, (f.p1 + bend + c * slope) * f.inverse_reference_density)
 
 
 @physics

@@ -44,7 +44,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         solenoid.coefficients(p.solenoid),
         p.drive,
         back,
-        plunger_needle.coefficients(p.plunger_needle),
+        plunger_needle.coefficients(p.plunger_needle, at.dt),
         needle_seat.coefficients(p.needle_seat, viscosity),
         p.accumulation,
         p.sac,

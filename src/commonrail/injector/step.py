@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from commonrail.compile import physics, reciprocals
+from commonrail.compile import physics, reciprocals, three_reciprocals
 from commonrail.flow.orifice import jet
-from commonrail.flow.volume import mean_departure, relaxation
+from commonrail.flow.volume import mean_departure
 from commonrail.injector.joints import (
     RELAXED,
     Room,
@@ -101,7 +101,7 @@ def move_valve(c: Coefficients, s: State, dt: float) -> valve.State:
     upstream = s.control_chamber.fuel.pressure
     pressure = seat_pressure(c, gap, upstream, s.return_line.pressure)
     pull = solenoid.pull(c.solenoid, s.solenoid.pulling_flux)
-    force, damping = valve.forces(c.valve, s.valve.lift, pull, pressure)
+    force, damping = valve.forces_over_step(c.valve, s.valve, pull, pressure, dt)
     per_mass = dt * c.valve.per_mass
     half = 0.5 * per_mass * damping
     velocity = next_velocity(s.valve.velocity, per_mass * force, half, 1.0 / (1.0 + half))
@@ -113,10 +113,10 @@ def magnetise(
     c: Coefficients, s: State, u: Inputs, lift: float, drive_law: Law, dt: float
 ) -> tuple[solenoid.State, float]:
     """Flux after the step, and the PWM's transistor; `lift` is the armature's at mid-step."""
-    now = solenoid.circuit(c.solenoid, s.solenoid.flux, c.valve.lift - lift)
+    now = solenoid.circuit(c.solenoid, s.solenoid.flux, c.valve.lift - lift, lift - s.valve.lift)
     supply = drive.Supply(drive.schedule(c.drive, u.since_start, u.since_end, dt), u.trace)
     rate = drive_law(c.drive, c.solenoid, s.drive, supply, now, dt)
-    flux = s.solenoid.flux + dt * rate.flux_rate * relaxation(dt * rate.decay)
+    flux = s.solenoid.flux + dt * rate.flux_rate
     share = c.delays.eddy_share
     lagged = s.solenoid.pulling_flux + share * (middle(s.solenoid.flux, flux) - s.solenoid.pulling_flux)
     return solenoid.State(flux, lagged if share < 1.0 else flux), rate.conducting
@@ -138,9 +138,25 @@ def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, way: Way, re
     volume = middle(way.before.sac, way.after.sac)
     departure = mean_departure(net, seat_slope + out_slope, here.stiffness, volume, growth, dt)
     inflow = seat.mass_flow - seat_slope * departure
-    mass = here.mass + dt * (inflow - (out.mass_flow + out_slope * departure))
-    mass = _not_past_cylinder(c, here, u.cylinder, mass, growth, way.after.sac)
+    outflow = out.mass_flow + out_slope * departure
+    filled = here.mass + dt * (inflow - outflow)
+    full = _not_past_accumulation(here, upstream, before, filled, growth, way.after.sac)
+    inflow = inflow - (filled - full) / dt
+    mass = _not_past_cylinder(c, here, u.cylinder, full, growth, way.after.sac)
     return SacFlows(inflow, inflow - (mass - here.mass) / dt, mass)
+
+
+@physics
+def _not_past_accumulation(
+    here: Contents, upstream: float, density: float, mass: float, growth: float, volume: float
+) -> float:
+    """A SAC that fills stops at the pressure of the accumulation volume.
+
+    The linearised root of Eq. (4) carries a pressure that is four times as far from its balance as it should be to the
+    other side of the seat, and from there back again: through a wide seat the two would go on for ever.
+    """
+    filling = here.pressure <= upstream and growth >= 0.0
+    return min(mass, max(density * volume, here.mass)) if filling else mass
 
 
 @physics
@@ -258,7 +274,7 @@ def make_step(advance: Law, motion: Law, drive_law: Law, inlet_law: Law, draw: L
             feed_pipe.returning(c.feed_pipe, filled.pressure - z * filled.pipe, filled.pipe),
             behind + c.return_line.impedance * chamber.a_hole,
         )
-        per_control, per_store = reciprocals(way.after.control, way.after.store)
+        per_control, per_store, per_sac = three_reciprocals(way.after.control, way.after.store, way.after.sac)
         after = State(
             draw(c, s, drawn),
             feed_pipe.State(inlet.flow, filled.pipe),
@@ -269,7 +285,7 @@ def make_step(advance: Law, motion: Law, drive_law: Law, inlet_law: Law, draw: L
             return_line.State(behind),
             accumulation.State(contents(c.fuel, filled.mass, per_store), store.pressure),
             body,
-            contents(c.fuel, out.mass, 1.0 / way.after.sac),
+            contents(c.fuel, out.mass, per_sac),
             nozzle.State(max(reached, new.tip), s.nozzle.injected + dt * out.nozzle),
             Books(
                 s.books.supplied + drawn,

@@ -1,14 +1,14 @@
 """Drive of the solenoid: boost, peak, hold and off, by an ideal regulator or by PWM, or a measured trace.
 
-Each law returns the rate of the coil's flux, N dφ/dt = v − R i (Eq. 11), with its decay −∂(dφ/dt)/∂φ.
+Each law returns the mean over a step of the coil's flux rate, N dφ/dt = v − R i (Eq. 11). A phase that holds for a
+share of the step relaxes over that share alone: what ends inside a step does not damp what begins there.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from commonrail.compile import physics
-from commonrail.flow.volume import relaxation
+from commonrail.compile import physics, reciprocals
 from commonrail.parts import solenoid
 from commonrail.parts.furniture import Annotated, Domain, Q
 
@@ -46,15 +46,22 @@ class Schedule(NamedTuple):
 
 
 class Rate(NamedTuple):
-    """dφ/dt at the start of the step [V], its decay [1/s], and the PWM's transistor after it."""
+    """dφ/dt under one voltage [V] with the gap of mid-step and of its end, and its decay −∂(dφ/dt)/∂φ [1/s]."""
 
     flux_rate: float
+    at_end: float
     decay: float
+
+
+class Change(NamedTuple):
+    """Mean of dφ/dt over the step [V], and the PWM's transistor after it."""
+
+    flux_rate: float
     conducting: float
 
 
 class Supply(NamedTuple):
-    """What the drive sees of its schedule and of a measured trace (mean voltage [V] or current [A])."""
+    """Inputs of a drive: its schedule, and a measured trace (mean voltage [V] or current [A])."""
 
     schedule: Schedule
     trace: float
@@ -77,31 +84,63 @@ def schedule(p: Parameters, since_start: float, since_end: float, dt: float) -> 
 
 
 @physics
+def during(share: float, rate: Rate) -> Rate:
+    """Rate that holds for a share of the step, as a mean over the step."""
+    return Rate(share * rate.flux_rate, share * rate.at_end, share * rate.decay)
+
+
+@physics
+def relaxed(rate: Rate, dt: float) -> float:
+    """Mean over the step of dφ/dt [V] while the flux relaxes and the gap goes on closing.
+
+    With y = dt · decay: (r + y/6 r_end)/(1 + 2y/3 + y²/6), `relaxation` for a gap at rest. A rate that changes linearly
+    by 2 (r_end − r) adds (r_end − r) (2 (1 − e^(−y)(1 + y))/y² − (1 − e^(−y))/y) ≈ (r_end − r) (y/6)/(1 + y/2 + y²/6).
+    """
+    return risen(rate, dt) / damped(rate, dt)
+
+
+@physics
+def risen(rate: Rate, dt: float) -> float:
+    """Numerator of `relaxed` [V]."""
+    return rate.flux_rate + dt * rate.decay * (1.0 / 6.0) * rate.at_end
+
+
+@physics
+def damped(rate: Rate, dt: float) -> float:
+    """Denominator of `relaxed` [1]."""
+    y = dt * rate.decay
+    return 1.0 + y * (2.0 / 3.0 + y * (1.0 / 6.0))
+
+
+@physics
 def applied(c: solenoid.Coefficients, voltage: float, now: solenoid.Circuit) -> Rate:
     """Flux rate under a given voltage."""
-    rate = (voltage - c.resistance * now.current) * c.per_turn
-    return Rate(rate, c.resistance * now.slope * c.per_turn, 1.0)
+    resistance = c.resistance * c.per_turn
+    rate = voltage * c.per_turn - resistance * now.current
+    return Rate(rate, rate + resistance * now.drift, resistance * now.slope)
 
 
 @physics
 def regulated(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
-) -> Rate:
+) -> Change:
     """Ideal regulator: v = R i* + G (i* − i) between −quench and +boost; after the end −boost until i = 0.
 
-    Peak, hold and off weigh by their shares of the step, so a switching may fall anywhere inside it: the
+    Peak, hold and off count by their shares of the step, so a switching may fall anywhere inside it: the
     current is a smooth function of the parameters, as a fit needs it.
     """
     plan = supply.schedule
     peak = _towards(c, p.peak_current, p.regulator_gain, -p.quench_voltage, p.boost_voltage, now)
     hold = _towards(c, p.hold_current, p.regulator_gain, -p.quench_voltage, p.boost_voltage, now)
-    off = switched_off(p, c, now)
-    held, ended = plan.on - plan.peak, 1.0 - plan.on
-    return Rate(
-        plan.peak * peak.flux_rate + held * hold.flux_rate + ended * off.flux_rate,
-        plan.peak * peak.decay + held * hold.decay + ended * off.decay,
-        1.0,
+    held = plan.on - plan.peak
+    live = Rate(
+        plan.peak * peak.flux_rate + held * hold.flux_rate,
+        plan.peak * peak.at_end + held * hold.at_end,
+        plan.peak * peak.decay + held * hold.decay,
     )
+    off = during(1.0 - plan.on, switched_off(p, c, now))
+    per_live, per_off = reciprocals(damped(live, dt), damped(off, dt))
+    return Change(risen(live, dt) * per_live + risen(off, dt) * per_off, 1.0)
 
 
 @physics
@@ -113,8 +152,8 @@ def _towards(
     lowest = (low - c.resistance * now.current) * c.per_turn
     highest = (high - c.resistance * now.current) * c.per_turn
     rate = clamp(free, lowest, highest)
-    resistance = stiff if rate == free else c.resistance
-    return Rate(rate, resistance * now.slope * c.per_turn, 1.0)
+    resistance = (stiff if rate == free else c.resistance) * c.per_turn
+    return Rate(rate, rate + resistance * now.drift, resistance * now.slope)
 
 
 @physics
@@ -136,10 +175,12 @@ def turned(conducting: float) -> float:
 
 
 @physics
-def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Rate:
+def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Change:
     """Two-point current control: first rise by +boost, then +supply and −quench in turn, switching inside the step.
 
-    The instant at which the current meets its limit is interpolated and the voltage averaged over the step.
+    `now` has the gap of mid-step; the armature's motion is taken off both ends, so that the current is compared with
+    its limit where the step begins and where energising or the step ends. The instant at which it meets the limit is
+    interpolated between them, and the voltage averaged.
     """
     plan = supply.schedule
     in_peak = plan.peak >= 0.5 * plan.on
@@ -148,34 +189,32 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     conducting = s.conducting > 0.5
     voltage = pwm_voltage(p, s.conducting)
     limit = mean + half_band if conducting else mean - half_band
-    trial = applied(c, voltage, now)
-    change = dt * trial.flux_rate * relaxation(dt * trial.decay) * now.slope
-    after = now.current + change
-    crossed = after > limit if conducting else after < limit
-    before = clamp((limit - now.current) / change, 0.0, 1.0) if crossed else 1.0
-    other = pwm_voltage(p, 0.0 if conducting else 1.0)
-    live = applied(c, before * voltage + (1.0 - before) * other, now)
-    off = switched_off(p, c, now)
+    trial = during(plan.on, applied(c, voltage, now))
+    per_damped = 1.0 / damped(trial, dt)
+    first = now.current + now.drift
+    change = dt * risen(trial, dt) * per_damped * now.slope - 2.0 * now.drift
+    after = first + change
     energised = plan.on > 0.0
+    crossed = energised and (after > limit if conducting else after < limit)
+    before = clamp((limit - first) / change, 0.0, 1.0) if crossed else 1.0
+    other = pwm_voltage(p, 0.0 if conducting else 1.0)
+    live = during(plan.on, applied(c, before * voltage + (1.0 - before) * other, now))
+    off = during(1.0 - plan.on, switched_off(p, c, now))
     flag = (turned(s.conducting) if crossed else s.conducting) if energised else 2.0
-    return Rate(
-        plan.on * live.flux_rate + (1.0 - plan.on) * off.flux_rate,
-        live.decay if energised else off.decay,
-        flag,
-    )
+    return Change(risen(live, dt) * per_damped + relaxed(off, dt), flag)
 
 
 @physics
 def voltage_trace(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
-) -> Rate:
+) -> Change:
     """Measured coil voltage v(t)."""
-    return applied(c, supply.trace, now)
+    return Change(relaxed(applied(c, supply.trace, now), dt), 1.0)
 
 
 @physics
 def current_trace(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
-) -> Rate:
+) -> Change:
     """Measured coil current i(t), followed by the regulator without limits of voltage."""
-    return _towards(c, supply.trace, p.regulator_gain, -1e9, 1e9, now)
+    return Change(relaxed(_towards(c, supply.trace, p.regulator_gain, -1e9, 1e9, now), dt), 1.0)

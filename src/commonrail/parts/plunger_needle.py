@@ -99,11 +99,12 @@ class Guides(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Springs, dampers, inverse masses [1/kg] of the chain, its mass [kg] and what is common to all variants."""
+    """Springs, dampers, inverse masses [1/kg] and step over mass [s/kg] of the chain, its mass [kg], and the guides."""
 
     k: Seven
     c: Seven
     per_mass: Nine
+    impulse: Nine
     joint_stiffness: float
     total_mass: float
     guides: Guides
@@ -161,9 +162,20 @@ def damper(damping_ratio: float, stiffness: float, mass: float) -> float:
 
 
 @physics
-def coefficients(p: Parameters) -> Coefficients:
-    """Coefficients of chain, guides, spring and stop."""
+def coefficients(p: Parameters, dt: float) -> Coefficients:
+    """Coefficients of chain, guides, spring and stop; `dt` is the leapfrog's step [s]."""
     x = p.damping_ratio
+    m = Nine(
+        2.0 / p.m1,
+        2.0 / (p.m1 + p.m2),
+        2.0 / (p.m2 + p.m3),
+        2.0 / (p.m3 + p.m4),
+        2.0 / (p.m4 + p.m5),
+        2.0 / p.m5,
+        2.0 / p.m6,
+        2.0 / (p.m6 + p.m7),
+        2.0 / p.m7,
+    )
     guides = Guides(
         pipe_area(p.plunger_diameter),
         pipe_area(p.guide_diameter),
@@ -187,17 +199,8 @@ def coefficients(p: Parameters) -> Coefficients:
             damper(x, p.k6, p.m6),
             damper(x, p.k7, p.m7),
         ),
-        Nine(
-            2.0 / p.m1,
-            2.0 / (p.m1 + p.m2),
-            2.0 / (p.m2 + p.m3),
-            2.0 / (p.m3 + p.m4),
-            2.0 / (p.m4 + p.m5),
-            2.0 / p.m5,
-            2.0 / p.m6,
-            2.0 / (p.m6 + p.m7),
-            2.0 / p.m7,
-        ),
+        m,
+        Nine(dt * m.i1, dt * m.i2, dt * m.i3, dt * m.i4, dt * m.i5, dt * m.i6, dt * m.i7, dt * m.i8, dt * m.i9),
         p.joint_stiffness,
         p.m1 + p.m2 + p.m3 + p.m4 + p.m5 + p.m6 + p.m7,
         guides,
@@ -249,10 +252,33 @@ def next_velocity(v: float, gain: float, half: float, per_one_plus_half: float) 
     return (v * (1.0 - half) + gain) * per_one_plus_half
 
 
+class Needle(NamedTuple):
+    """One value for each of masses 6 to 9: gains of velocity over a step [m/s] or forces [N]."""
+
+    foot: float
+    head: float
+    shoulder: float
+    tip: float
+
+
+@physics
+def bends(c: Coefficients, seat: SeatContact, z: Nine, gain: Needle, dt: float) -> Needle:
+    """dt²/12 d²F/dt² of the springs from the joint to the seat [N]; `gain` is dt times the acceleration [m/s].
+
+    Numerov's correction: with it leapfrog is of fourth order in these springs. The plunger's own springs go without,
+    as their waves hardly move the needle.
+    """
+    share = dt * (1.0 / 12.0)
+    joint = c.joint_stiffness * (gain.foot - gain.head) if z.i6 < z.i7 else 0.0
+    guide, stem = c.k.i6 * (gain.head - gain.shoulder), c.k.i7 * (gain.shoulder - gain.tip)
+    rest = seat.stiffness * gain.tip if z.i9 < 0.0 else 0.0
+    return Needle(-share * joint, share * (joint - guide), share * (guide - stem), share * (stem - rest))
+
+
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
     """One leapfrog step; dampers see the velocity extrapolated to t_n."""
-    z, v, w, m = s.z, s.v, s.v_before, c.per_mass
+    z, v, w, m = s.z, s.v, s.v_before, c.impulse
     now = Nine(
         1.5 * v.i1 - 0.5 * w.i1,
         1.5 * v.i2 - 0.5 * w.i2,
@@ -267,18 +293,20 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
     f = forces(c, z, now, load)
     stop = contact(z.i1 - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
     rest = contact(-z.i9, seat.stiffness, seat.damping)
-    half1, half9 = 0.5 * dt * m.i1 * stop.damping, 0.5 * dt * m.i9 * rest.damping
+    half1, half9 = 0.5 * m.i1 * stop.damping, 0.5 * m.i9 * rest.damping
     per1, per9 = reciprocals(1.0 + half1, 1.0 + half9)
+    gain = Needle(m.i6 * f.i6, m.i7 * f.i7, m.i8 * f.i8, m.i9 * (f.i9 + rest.force))
+    bent = bends(c, seat, z, gain, dt)
     u = Nine(
-        next_velocity(v.i1, dt * m.i1 * (f.i1 - stop.force), half1, per1),
-        v.i2 + dt * m.i2 * f.i2,
-        v.i3 + dt * m.i3 * f.i3,
-        v.i4 + dt * m.i4 * f.i4,
-        v.i5 + dt * m.i5 * f.i5,
-        v.i6 + dt * m.i6 * f.i6,
-        v.i7 + dt * m.i7 * f.i7,
-        v.i8 + dt * m.i8 * f.i8,
-        next_velocity(v.i9, dt * m.i9 * (f.i9 + rest.force), half9, per9),
+        next_velocity(v.i1, m.i1 * (f.i1 - stop.force), half1, per1),
+        v.i2 + m.i2 * f.i2,
+        v.i3 + m.i3 * f.i3,
+        v.i4 + m.i4 * f.i4,
+        v.i5 + m.i5 * f.i5,
+        v.i6 + gain.foot + m.i6 * bent.foot,
+        v.i7 + gain.head + m.i7 * bent.head,
+        v.i8 + gain.shoulder + m.i8 * bent.shoulder,
+        next_velocity(v.i9, gain.tip + m.i9 * bent.tip, half9, per9),
     )
     moved = Nine(
         z.i1 + dt * u.i1,

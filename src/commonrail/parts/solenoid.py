@@ -55,10 +55,11 @@ class State(NamedTuple):
 
 
 class Circuit(NamedTuple):
-    """Coil current [A] and its slope di/dφ [A/Wb]."""
+    """Coil current [A], its slope di/dφ [A/Wb], and its decrease by the closing gap over half a step [A]."""
 
     current: float
     slope: float
+    drift: float
 
 
 @physics
@@ -79,16 +80,27 @@ def coefficients(p: Parameters) -> Coefficients:
 
 
 @physics
-def circuit(c: Coefficients, flux: float, armature_gap: float) -> Circuit:
-    """Coil current and its slope, Eq. (11), `armature_gap` [m] being what the armature leaves open.
+def circuit(c: Coefficients, flux: float, armature_gap: float, closing: float = 0.0) -> Circuit:
+    """Coil current and its slope, Eq. (11).
 
     Magnetisation curve H_s(B) = B/(μ0 μ_r) · (1 + (B/B_k)⁸): linear far below the knee B_k, then steep.
+
+    Parameters
+    ----------
+    c : Coefficients
+    flux : float
+        φ [Wb].
+    armature_gap : float
+        Part of the air gap that the armature leaves open [m].
+    closing : float
+        Decrease of that gap in half a step [m].
     """
     air = c.gap_reluctance * (c.residual_gap + armature_gap)
     b2 = flux * flux * c.per_knee_squared
     b8 = b2 * b2 * b2 * b2
     current = flux * (air + c.iron_reluctance * (1.0 + b8)) * c.per_turn
-    return Circuit(current, (air + c.iron_reluctance * (1.0 + 9.0 * b8)) * c.per_turn)
+    slope = (air + c.iron_reluctance * (1.0 + 9.0 * b8)) * c.per_turn
+    return Circuit(current, slope, flux * c.gap_reluctance * closing * c.per_turn)
 
 
 @physics
