@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+from commonrail.arguments import source_of
 from commonrail.errors import InputError, nearest
 from commonrail.files.injector_values import (
     Given,
@@ -73,9 +74,12 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     InputError
         If the file cannot be read or something in it is unknown, missing, of the wrong kind or outside
         its domain; the message has file and key.
+    ConfigurationError
+        If `source` is neither a name nor a path.
     """
-    if isinstance(source, Path) or source.endswith(".toml"):
-        path = Path(source)
+    source = source_of(source, "source of an injector")
+    if isinstance(source, Path):
+        path = source
         data, at = read_toml(path)[0], Place(str(path))
         return _injector(data, at, path.stem, reach or Reach(path, read_allowed(data, at)))
     known = injector_catalogue()

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from commonrail.arguments import file_path
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
 from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.space import Space
@@ -57,15 +58,15 @@ def load_study(path: str | Path) -> Study:
     InputError
         If a file cannot be read, or something in it is unknown, missing or of the wrong kind.
     ConfigurationError
-        If values contradict one another: crossed bounds, constraints without room, a window outside
-        the data.
+        If `path` is no path, or values contradict one another: crossed bounds, constraints without room, a window
+        outside the data.
 
     Notes
     -----
     Files that the study names lie in its folder or below, unless it says ``allow_outside = true``.
     """
     with noting_files() as files:
-        study = _study(Path(path))
+        study = _study(file_path(path, "path of a study"))
     return replace(study, files=files)
 
 

@@ -17,7 +17,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from commonrail.calibration.optimisers.evolution_settings import InitialSampling
+from commonrail.calibration.optimisers.evolution_settings import MOST_GENERATIONS, MOST_MEMBERS, InitialSampling
 from commonrail.calibration.optimisers.treatments import Treatment
 from commonrail.engine.lanes import Precision
 from commonrail.errors import nearest
@@ -40,8 +40,6 @@ UNSTATED = "no source stated"
 MOST_SETS = 1000
 MOST_PARAMETERS = 1000
 MOST_CONSTRAINTS = 1000
-MOST_MEMBERS = 100_000
-MOST_GENERATIONS = 1_000_000
 LONGEST_NAME = 200
 
 
