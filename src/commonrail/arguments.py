@@ -14,7 +14,7 @@ from enum import Enum
 from numbers import Real
 from pathlib import Path
 from types import UnionType
-from typing import Any, TypeVar, get_args, overload
+from typing import Any, NamedTuple, TypeVar, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from commonrail.unit_table import FAST, NAMES
 from commonrail.units import parse, to_text
 
 __all__ = [
+    "Limits",
     "Quantity",
     "amount",
     "array",
@@ -69,6 +70,24 @@ _CURES = {
 _EXAMPLES = {"Study": "study.toml", "Injector": "virtual-lino-2016", "Truth": "virtual-lino-2016", "Fuel": "iso4113"}
 
 
+class Limits(NamedTuple):
+    """Smallest and largest value that is accepted, both in SI, and what a number beyond them was probably meant to be.
+
+    Attributes
+    ----------
+    low, high : float
+    likely : (float, float)
+        Range of everyday values.
+    units : sequence of str
+        Units that people say the quantity in: the first in which a number lies in the likely range is proposed.
+    """
+
+    low: float
+    high: float
+    likely: tuple[float, float] = (1.0, 0.0)
+    units: Sequence[str] = ()
+
+
 def number(value: object, unit: str, what: str) -> float:
     """Read one finite number.
 
@@ -104,41 +123,36 @@ def number(value: object, unit: str, what: str) -> float:
     return found
 
 
-def amount(value: object, unit: str, what: str, limits: tuple[float, float], usual: Sequence[str] = ()) -> float:
+def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     """Read one number between two limits, both included.
 
     Parameters
     ----------
     value, unit, what
         As for `number`.
-    limits : (float, float)
-        Smallest and largest value [unit].
-    usual : sequence of str
-        Units that people say the quantity in: the first in which the number would do is proposed.
+    limits : Limits
+        [unit].
 
     Raises
     ------
     ConfigurationError
-        As `number`, and beyond the limits, with what was read.
+        As `number`, and beyond the limits, with what was read and in which unit it was probably meant.
     """
     found = number(value, unit, what)
-    if limits[0] <= found <= limits[1]:
+    if limits.low <= found <= limits.high:
         return found
-    low, high = (to_text(limit, unit) for limit in limits)
+    low, high = to_text(limits.low, unit), to_text(limits.high, unit)
+    read = f"{found:.6g} {unit.removesuffix('1')}".rstrip()
     raise ConfigurationError(
-        f"The {what} must lie between {low} and {high}, and {found:.6g} {unit} was read{_meant(found, limits, usual)}."
+        f"The {what} must lie between {low} and {high}, and {read} was read{_meant(found, limits)}."
     )
 
 
-def _meant(found: float, limits: tuple[float, float], usual: Sequence[str]) -> str:
+def _meant(found: float, limits: Limits) -> str:
     """Proposal of the unit in which a plain number was probably meant."""
-    fitting = (unit for unit in usual if limits[0] <= found * FAST[unit].factor <= limits[1])
-    unit = next(fitting, "") if found else ""
-    if not unit:
-        return ""
-    factor, written = FAST[unit].factor, f"{found:.6g}"
-    plain = f"{found * factor:.6g}" if "e" in written else f"{written}e{round(math.log10(factor))}"
-    return f'; if {written} {unit} is meant, write "{written} {unit}" or {plain}'
+    low, high = limits.likely
+    unit = next((unit for unit in limits.units if low <= found * FAST[unit].factor <= high), "")
+    return f'; if {found:.6g} {unit} is meant, write "{found:.6g} {unit}"' if unit else ""
 
 
 def array(

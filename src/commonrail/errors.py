@@ -19,11 +19,13 @@ __all__ = [
     "SimulationError",
     "StudyError",
     "nearest",
+    "nearest_key",
 ]
 
 
 LONGEST_SENTENCE = 1000
 MOST_SUGGESTED = 4
+MOST_LISTED = 20
 LONGEST_NAME = 100  # that is worth comparing: the search for the nearest one costs as the square of the length
 
 # What ends a line or moves the cursor of a terminal: parts of a sentence come from files and their names.
@@ -107,8 +109,18 @@ def nearest(name: str, options: Iterable[str]) -> str:
     asked = name.casefold()
     dotted = [option for option in reversed(known) if "." in option]
     found = (_of_dotted(asked, dotted) if dotted else []) or get_close_matches(asked, known, n=1)
-    *others, last = (f'"{known[option]}"' for option in found) if found else ("",)
-    return f" (did you mean {', '.join(others)}{' or ' * bool(others)}{last}?)" if found else ""
+    if not found:
+        return ""
+    *others, last = (f'"{known[option]}"' for option in found)
+    return f" (did you mean {', '.join(others)}{' or ' * bool(others)}{last}?)"
+
+
+def nearest_key(key: str, known: Iterable[str]) -> str:
+    """Suggest the key of a table that `key` was probably meant to be, else list those that a short table can have."""
+    options = list(known)
+    if (meant := nearest(key, options)) or not 0 < len(options) <= MOST_LISTED:
+        return meant
+    return f" (it can have {', '.join(options)})"
 
 
 def _of_dotted(asked: str, options: list[str]) -> list[str]:
@@ -118,6 +130,8 @@ def _of_dotted(asked: str, options: list[str]) -> list[str]:
     there = [option for option in options if option.rpartition(".")[0] in places]
     found = _by_end(end, options if not place else there)
     elsewhere = [option for option in options if option.rpartition(".")[2] == end] if place else []
+    if found and len(elsewhere) > 1:  # "toml" of file names
+        elsewhere = []
     return list(dict.fromkeys([*found, *elsewhere]))[:MOST_SUGGESTED]
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import (
+    Limits,
     amount,
     array,
     chosen,
@@ -31,6 +32,9 @@ from commonrail.errors import ConfigurationError, nearest
 from commonrail.injector.definition import Injector
 
 Floats = NDArray[np.float64]
+
+
+TOLERANCES = Limits(1e-18, 1.0, (1e-12, 1e-6), ("mm3",))  # of a quantity per stroke [m3]
 
 
 class Role(Enum):
@@ -137,8 +141,8 @@ class QuantityData:
             self,
             points=points,
             quantity=quantity,
-            absolute=amount(self.absolute, "m3", "absolute tolerance", (1e-18, 1.0), ("mm3",)),
-            relative=amount(self.relative, "1", "relative tolerance", (0.0, 1e6)),
+            absolute=amount(self.absolute, "m3", "absolute tolerance", TOLERANCES),
+            relative=amount(self.relative, "1", "relative tolerance", Limits(0.0, 1e6)),
             dead_time=dead_time,
         )
 

@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.arguments import Quantity, amount, array, instance, number, sequence, settle, shown
+from commonrail.arguments import Limits, Quantity, amount, array, instance, number, sequence, settle, shown
 from commonrail.errors import ConfigurationError
 
-# Limits that no injector comes near, and that every number meant in another unit passes: 160 (MPa) and 1600 (bar) lie
-# below the pressures, 700 (us) and 0.7 (ms) above the durations.
-RAIL_PRESSURES = (0.1e6, 1e9)
-OTHER_PRESSURES = (10e3, 1e9)  # of cylinder and return line, which may be a little below the atmosphere
-LONGEST_ENERGISING = 0.1  # [s]
+# Limits that no injector comes near, and that numbers meant in another unit pass: 160 (MPa) and 1600 (bar) lie below
+# the pressures, 700 (us) and 0.7 (ms) above the durations.
+RAIL_PRESSURES = Limits(0.1e6, 1e9, (5e6, 400e6), ("MPa", "bar"))
+OTHER_PRESSURES = Limits(
+    10e3, 1e9, (0.05e6, 30e6), ("MPa", "bar")
+)  # cylinder, return line: little below the atmosphere
+ENERGISING_TIMES = Limits(0.0, 0.1, (10e-6, 20e-3), ("us", "ms"))
 LONGEST = 1.0  # of a simulation [s]
-PRESSURE_UNITS, TIME_UNITS = ("MPa", "bar"), ("us", "ms")
 
 
 @dataclass(frozen=True)
@@ -102,11 +103,10 @@ class Energising(_Pulse):
     __slots__ = ()
 
     def __new__(cls, start: Quantity, duration: Quantity) -> Energising:
-        limits = (0.0, LONGEST_ENERGISING)
         return super().__new__(
             cls,
             number(start, "s", "start of an energising"),
-            amount(duration, "s", "duration of an energising", limits, TIME_UNITS),
+            amount(duration, "s", "duration of an energising", ENERGISING_TIMES),
         )
 
 
@@ -188,11 +188,11 @@ class OperatingPoint:
         if self.horizon is not None:
             return (
                 f"The horizon must lie between 0 and {LONGEST:g} s, not {self.horizon:g} s; for microseconds write "
-                '"1500 us" or 1500e-6.'
+                '"1500 us".'
             )
         return (
             f"The energisings end {self.duration:g} s after the start, and at most {LONGEST:g} s are simulated; for "
-            'microseconds write "900 us" or 900e-6.'
+            'microseconds write "900 us".'
         )
 
     @property
@@ -220,11 +220,11 @@ class OperatingPoint:
         return float(course.at(self.start)) if isinstance(course, Trace) else float(course)
 
 
-def _course(name: str, course: object, limits: tuple[float, float]) -> Course:
+def _course(name: str, course: object, limits: Limits) -> Course:
     if not isinstance(course, Trace):
-        return amount(course, "Pa", name, limits, PRESSURE_UNITS)
+        return amount(course, "Pa", name, limits)
     for value in (min(course.value), max(course.value)):
-        amount(value, "Pa", name, limits, PRESSURE_UNITS)
+        amount(value, "Pa", name, limits)
     return course
 
 
@@ -233,7 +233,7 @@ def _energisings(given: object) -> tuple[Energising, ...] | float:
         return (given,)
     if np.ndim(given) if isinstance(given, np.ndarray) else isinstance(given, list | tuple):
         return tuple(_pulse(item) for item in sequence(given, "energisings", _PULSES))
-    return amount(given, "s", "energising time", (0.0, LONGEST_ENERGISING), TIME_UNITS)
+    return amount(given, "s", "energising time", ENERGISING_TIMES)
 
 
 _PULSES = '[(0.0, "250 us"), ("900 us", "600 us")], pairs of start and duration'

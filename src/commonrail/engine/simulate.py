@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonrail.arguments import (
+    Limits,
     Quantity,
     amount,
     array,
@@ -39,6 +40,7 @@ from commonrail.injector.variants import Variant
 
 Floats = NDArray[np.float64]
 
+TIME_STEPS = Limits(1e-9, 1e-4, (50e-9, 10e-6), ("us", "ns"))
 DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail verify`
 
 
@@ -338,7 +340,7 @@ def _joined(parts: Sequence[Batch]) -> Batch:
 
 def check_step(time_step: Quantity) -> float:
     """Read a time step [s], from 1 ns to 100 us."""
-    return amount(time_step, "s", "time step", (1e-9, 1e-4), ("us", "ns"))
+    return amount(time_step, "s", "time step", TIME_STEPS)
 
 
 def _status(

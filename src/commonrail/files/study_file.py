@@ -73,8 +73,7 @@ def load_study(path: str | Path) -> Study:
 def _study(file: Path) -> Study:
     document, text = read_toml(file)
     at = Place(str(file))
-    if "format" not in document:
-        raise at.error(f'format is missing; a study file begins with format = "{FORMAT}"')
+    at.check_format(document, FORMAT)
     model = read_model(document, at)
     reach = Reach(file, model.allow_outside)
     injector = _injector(model.injector, reach, at / "injector")
@@ -99,7 +98,7 @@ def _injector(text: str, reach: Reach, at: Place) -> Injector:
     if text.endswith(".toml"):
         return load_injector(reach.path(reach.file.parent, text, at), reach)
     with located(at):
-        return load_injector(text)
+        return load_injector(text, reach)
 
 
 def _data(

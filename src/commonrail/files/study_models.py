@@ -20,7 +20,7 @@ from pydantic_core import PydanticCustomError
 from commonrail.calibration.optimisers.evolution_settings import MOST_GENERATIONS, MOST_MEMBERS, InitialSampling
 from commonrail.calibration.optimisers.treatments import Treatment
 from commonrail.engine.lanes import Precision
-from commonrail.errors import nearest
+from commonrail.errors import nearest_key
 
 __all__ = [
     "ConstraintsModel",
@@ -53,7 +53,7 @@ class _TableModel(BaseModel):
     def _refuse_unknown_keys(cls, data: Any) -> Any:
         for key in data if isinstance(data, dict) else ():
             if key not in cls.model_fields:
-                hint = nearest(key, cls.model_fields)
+                hint = nearest_key(key, cls.model_fields)
                 raise PydanticCustomError("unknown_key", 'there is no key "{key}"{hint}', {"key": key, "hint": hint})
         return data
 

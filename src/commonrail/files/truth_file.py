@@ -92,7 +92,7 @@ def load_truth(source: str | Path) -> Truth:
 
 
 def _truth(data: Mapping[str, Any], at: Place, text: str, folder: Path | None) -> Truth:
-    _check_format(data, at)
+    at.check_format(data, FORMAT)
     at.refuse_unknown(data, _KEYS)
     name = Path(at.file).stem
     injector = _injector_name(data, at, folder)
@@ -118,13 +118,6 @@ def _truth(data: Mapping[str, Any], at: Place, text: str, folder: Path | None) -
         base = load_injector(injector)
     _check_fit(truth, base, at)
     return truth
-
-
-def _check_format(data: Mapping[str, Any], at: Place) -> None:
-    found = data.get("format")
-    if found != FORMAT:
-        what = "format is missing" if found is None else f"format is {found!r}"
-        raise at.error(f'{what}; a truth of the virtual test bench begins with format = "{FORMAT}"')
 
 
 def _injector_name(data: Mapping[str, Any], at: Place, folder: Path | None) -> str:

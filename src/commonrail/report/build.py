@@ -60,6 +60,10 @@ def write_report(folder: str | Path) -> Path:
         If the report cannot be written.
     """
     folder = file_path(folder, "folder")
+    if not folder.is_dir():
+        raise InputError(
+            f"{folder}: this is no folder; name one that `commonrail calibrate`, `compare` or `reproduce` left."
+        )
     name, verb, make = next((k for k in _KINDS if (folder / k[0]).is_file()), _KINDS[-1])
     try:
         page = make(folder)
