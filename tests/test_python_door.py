@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import pickle
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -47,6 +49,14 @@ def refused(call: Callable[[], object], word: str) -> None:
         call()
     assert re.search(word, str(found.value), re.IGNORECASE), str(found.value)
     assert str(found.value).endswith("."), str(found.value)
+
+
+def outcome(call: Callable[[], object]) -> object:
+    """What a call returns, or the error of the project that it raises."""
+    try:
+        return call()
+    except CommonrailError as error:
+        return error
 
 
 def point(**changed: Any) -> object:
@@ -399,6 +409,35 @@ def test_texts_in_the_rows_of_a_batch_have_the_unit_of_their_column() -> None:
     read = _candidates(names, [["75 N", "80 degC"], [76.0, np.float64(354.0)], (np.nan, "1 kK")])
     np.testing.assert_array_equal(read, [[75.0, 353.15], [76.0, 354.0], [np.nan, 1000.0]])
     assert _candidates(names, [75.0, "80 degC"]).tolist() == [[75.0, 353.15]]
+
+
+# What division by zero, a time under way for ever and an initial state beyond all numbers came from.
+EXTREME = [
+    ("feed_pipe.length", 1e15),
+    ("feed_pipe.diameter", 1e-308),
+    ("solenoid.knee_flux_density", 1e-308),
+    ("nozzle.lift_transition_offset", 1e20),
+    ("control_chamber.volume", 1e308),
+]
+
+
+@pytest.mark.parametrize("engine", ["lanes", "reference"])
+@pytest.mark.parametrize(("name", "value"), EXTREME)
+def test_an_extreme_parameter_gives_a_status_or_a_sentence(name: str, value: float, engine: str) -> None:
+    made = cr.OperatingPoint("160 MPa", "4 us", horizon="6 us")
+    found = outcome(lambda: cr.simulate(INJECTOR.with_values({name: value}), made, engine))
+    if isinstance(found, cr.Solution):
+        assert isinstance(found.status, cr.Status)
+    else:
+        assert f"the most extreme is {name} = {value:g}" in str(found)
+
+
+def test_a_text_with_an_everyday_unit_does_not_load_pint() -> None:
+    code = (
+        "import sys, commonrail as cr; cr.OperatingPoint('160 MPa', [('0 us', '0.7 ms')]); print('pint' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False"]
 
 
 def test_examples_in_docstrings() -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +36,7 @@ from commonrail.engine.plan import Prepared, reference_density
 from commonrail.engine.solution import Batch, Solution
 from commonrail.engine.stability import longest_step
 from commonrail.engine.status import OK, STILL_INJECTING, Status, which_failed
-from commonrail.errors import ConfigurationError
+from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.injector.definition import Injector, parameter_quantities
 from commonrail.injector.variants import Variant
 
@@ -42,6 +44,9 @@ Floats = NDArray[np.float64]
 
 TIME_STEPS = Limits(1e-9, 1e-4, (50e-9, 10e-6), ("us", "ns"))
 DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail verify`
+
+
+_Given = ParamSpec("_Given")
 
 
 class Engine(Enum):
@@ -61,6 +66,32 @@ def usable_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def _within_numbers(run: Callable[_Given, Solution]) -> Callable[_Given, Solution]:
+    """Turn the arithmetic error of parameters that are far from any injector's into a sentence."""
+
+    @functools.wraps(run)
+    def refusing(*args: _Given.args, **kwargs: _Given.kwargs) -> Solution:
+        try:
+            return run(*args, **kwargs)
+        except ArithmeticError as error:
+            injector = args[0] if args else kwargs["injector"]
+            raise SimulationError(_beyond_numbers(instance(injector, Injector, "injector"), error)) from error
+
+    return refusing
+
+
+def _beyond_numbers(injector: Injector, error: ArithmeticError) -> str:
+    sizes = {name: abs(math.log10(abs(value))) for name, value in injector.values.items() if value}
+    name = max(sizes, key=lambda name: sizes[name])
+    return (
+        f"{injector.name}: its parameters lead to numbers beyond all bounds ({error}); correct the one that is far "
+        f"from an injector's, the most extreme is {name} = {injector.values[name]:g} "
+        f"{parameter_quantities()[name].unit.removesuffix('1')}".rstrip()
+        + "."
+    )
+
+
+@_within_numbers
 def simulate(
     injector: Injector,
     point: OperatingPoint,
@@ -90,6 +121,8 @@ def simulate(
     ConfigurationError
         If an argument is of the wrong kind or beyond its limits, the settings contradict each other, or the engine is
         not to be had here. A simulation that fails returns a `Solution` whose status says so.
+    SimulationError
+        If parameters far from any injector's lead to a division by zero or a number beyond all bounds.
     """
     instance(injector, Injector, "injector")
     instance(point, OperatingPoint, "point")
