@@ -7,6 +7,7 @@ import pytest
 
 from commonrail import errors
 from commonrail.errors import CommonrailError, nearest
+from commonrail.injector.definition import parameter_quantities
 
 EXIT_CODES = {
     "InputError": 2,
@@ -46,6 +47,62 @@ def test_one_handler_catches_every_leaf_and_no_programming_error() -> None:
 )
 def test_nearest_suggests_what_was_meant(name: str, options: list[str], meant: str) -> None:
     assert nearest(name, options) == f' (did you mean "{meant}"?)'
+
+
+DOTTED = ["control_chamber.z_hole_diameter", "nozzle.hole_diameter", "valve.mass", "rail.volume", "sac.volume"]
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("z_hole_diameter", '"control_chamber.z_hole_diameter"'),
+        ("z_hole_diamter", '"control_chamber.z_hole_diameter"'),
+        ("z_hole", '"control_chamber.z_hole_diameter"'),
+        ("Z-Hole diameter", '"control_chamber.z_hole_diameter"'),
+        ("control_chamber.z_hole_diamter", '"control_chamber.z_hole_diameter"'),
+        ("control_chamber.hole_diameter", '"control_chamber.z_hole_diameter" or "nozzle.hole_diameter"'),
+        ("hole", '"control_chamber.z_hole_diameter" or "nozzle.hole_diameter"'),
+        ("volume", '"rail.volume" or "sac.volume"'),
+        ("valve", '"valve.mass"'),
+        ("control_chamber", '"control_chamber.z_hole_diameter"'),
+        ("valv.mass", '"valve.mass"'),
+    ],
+)
+def test_a_part_of_a_dotted_name_is_understood(name: str, meant: str) -> None:
+    assert nearest(name, DOTTED) == f" (did you mean {meant}?)"
+
+
+def _typos(name: str) -> dict[str, str]:
+    """Names that people write when they mean a parameter."""
+    room, _, end = name.partition(".")
+    middle = len(end) // 2
+    swapped = end[: middle - 1] + end[middle] + end[middle - 1] + end[middle + 1 :]
+    return {
+        "last part": end,
+        "capitals": name.upper(),
+        "dashes": name.replace("_", "-"),
+        "spaces": name.replace("_", " ").replace(".", " . ").replace(" . ", "."),
+        "letter missing": f"{room}.{end[:middle]}{end[middle + 1 :]}" if len(end) > 2 else f"{room[1:]}.{end}",
+        "letters swapped": f"{room}.{swapped if len(end) > 2 else end}",
+        "letter twice": f"{room}.{end[:middle]}{end[middle : middle + 1] * 2}{end[middle + 1 :]}",
+        "last part, letters swapped": swapped if len(end) > 4 else end,
+        "last part, letter missing": end[:middle] + end[middle + 1 :] if len(end) > 4 else end,
+        "another room": f"injector.{end}",
+        "room without underscore": f"{room.replace('_', '')}.{end}",
+        "word at the end missing": f"{room}.{end.rpartition('_')[0] or end}" if room else end,
+    }
+
+
+@pytest.mark.parametrize("name", list(parameter_quantities()))
+def test_typos_of_every_parameter_find_it(name: str) -> None:
+    end = name.partition(".")[2]
+    shared = [other for other in parameter_quantities() if other.partition(".")[2] == end]
+    for kind, typo in _typos(name).items():
+        if typo == name or (kind == "another room" and len(shared) > 1):
+            continue
+        suggested = nearest(typo, parameter_quantities())
+        meant = name.rpartition("_")[0] if kind == "word at the end missing" else name
+        assert meant in suggested or any(other in suggested for other in shared), (kind, typo, suggested)
 
 
 @pytest.mark.parametrize("options", [[], ["needle", "plunger"]])

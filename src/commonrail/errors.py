@@ -19,10 +19,13 @@ __all__ = [
     "SimulationError",
     "StudyError",
     "nearest",
+    "nearest_key",
 ]
 
 
 LONGEST_SENTENCE = 1000
+MOST_SUGGESTED = 4
+MOST_LISTED = 20
 LONGEST_NAME = 100  # that is worth comparing: the search for the nearest one costs as the square of the length
 
 # What ends a line or moves the cursor of a terminal: parts of a sentence come from files and their names.
@@ -82,7 +85,8 @@ def nearest(name: str, options: Iterable[str]) -> str:
     Parameters
     ----------
     name : str
-        What the user wrote; upper and lower case count as equal.
+        What the user wrote; upper and lower case count as equal. Of a dotted option the last part alone, or some of its
+        words, are understood too: several options are then suggested if several fit.
     options : iterable of str
         What would have been accepted.
 
@@ -95,10 +99,49 @@ def nearest(name: str, options: Iterable[str]) -> str:
     --------
     >>> nearest("presure", ["pressure", "voltage"])
     ' (did you mean "pressure"?)'
+    >>> nearest("hole_diamter", ["nozzle.hole_diameter", "valve.seat_diameter"])
+    ' (did you mean "nozzle.hole_diameter"?)'
     """
     if len(name) > LONGEST_NAME:
         return ""
     # Reversed, so that of two options that differ in case alone the first one listed wins.
     known = {option.casefold(): option for option in reversed(list(options))}
-    found = get_close_matches(name.casefold(), known, n=1)
-    return f' (did you mean "{known[found[0]]}"?)' if found else ""
+    asked = name.casefold()
+    dotted = [option for option in reversed(known) if "." in option]
+    found = (_of_dotted(asked, dotted) if dotted else []) or get_close_matches(asked, known, n=1)
+    if not found:
+        return ""
+    *others, last = (f'"{known[option]}"' for option in found)
+    return f" (did you mean {', '.join(others)}{' or ' * bool(others)}{last}?)"
+
+
+def nearest_key(key: str, known: Iterable[str]) -> str:
+    """Suggest the key of a table that `key` was probably meant to be, else list those that a short table can have."""
+    options = list(known)
+    if (meant := nearest(key, options)) or not 0 < len(options) <= MOST_LISTED:
+        return meant
+    return f" (it can have {', '.join(options)})"
+
+
+def _of_dotted(asked: str, options: list[str]) -> list[str]:
+    """Dotted options that a name fits: by its place, the part before the last point, and by its end."""
+    place, _, end = re.sub(r"[\s-]+", "_", asked.strip()).rpartition(".")
+    places = get_close_matches(place, {option.rpartition(".")[0] for option in options}, n=1)
+    there = [option for option in options if option.rpartition(".")[0] in places]
+    found = _by_end(end, options if not place else there)
+    elsewhere = [option for option in options if option.rpartition(".")[2] == end] if place else []
+    if found and len(elsewhere) > 1:  # "toml" of file names
+        elsewhere = []
+    return list(dict.fromkeys([*found, *elsewhere]))[:MOST_SUGGESTED]
+
+
+def _by_end(end: str, options: list[str]) -> list[str]:
+    """Options whose last part is the same, else those with these words in it, else the most similar ones."""
+    ends = {option: option.rpartition(".")[2] for option in options}
+    same = [option for option in options if ends[option] == end]
+    # A word of the option begins where the name does: "hole" is in "z_hole_diameter", "ole" is not.
+    word = re.compile(rf"(?:^|_){re.escape(end)}" if len(end) > 1 else "(?!)")
+    within = [option for option in options if word.search(ends[option])]
+    begun = [option for option in options if word.match(option)]
+    close = get_close_matches(end, ends.values(), n=1)
+    return same or within or begun or [option for option in options if ends[option] in close]

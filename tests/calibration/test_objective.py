@@ -59,7 +59,7 @@ def test_other_data_than_its_own_are_simulated_at_their_own_points(regulated: In
     found = []
     for pressure in np.linspace(80e6, 140e6, 30):  # objects that come and go take each other's place in memory
         points = (OperatingPoint(float(pressure), 300e-6),)
-        data = replace(a_map("other", 80e6), points=points, quantity=np.array([5e-9]))
+        data = replace(a_map("other", 80e6), points=points, quantity=np.array([5e-9]), dead_time=[False])
         found.append(float(objective.quantities(data, itself)[0, 0]))
         del points, data
     assert np.all(np.diff(found) > 0.0)  # more pressure, more fuel
@@ -110,7 +110,9 @@ def test_the_first_point_that_failed_is_told(regulated: Injector, monkeypatch: p
 
 def test_a_cost_beyond_all_numbers_is_a_failure(regulated: Injector) -> None:
     values = candidates(regulated, 2)
-    scores = Objective(regulated, NAMES, [a_map("heavy", 160e6, weight=np.inf)], STEP, 1).costs(values)
+    heavy = [a_map("heavy", 160e6, weight=np.finfo(float).max)]
+    with np.errstate(over="ignore"):
+        scores = Objective(regulated, NAMES, heavy, STEP, 1).costs(values)
     assert scores.statuses.tolist() == [Status.NOT_FINITE] * 2
     assert np.isinf(scores.costs).all()
 

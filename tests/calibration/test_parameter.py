@@ -54,7 +54,7 @@ def test_percent_bounds_refuse_what_crosses_or_turns_negative(reference: float, 
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"lower": 5.0}, "less than the upper"),
+        ({"lower": 5.0}, "above the upper; exchange them"),
         ({"lower": 4.0}, "less than the upper"),
         ({"lower": -1.0}, "must not be negative"),
         ({"upper": float("inf")}, "finite"),

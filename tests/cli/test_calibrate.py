@@ -84,7 +84,7 @@ def test_a_used_run_folder_is_not_touched(command: Command, finished: dict[str, 
     before = {p.name: p.stat().st_mtime_ns for p in finished["run"].iterdir()}
     done = command("calibrate", finished["study"], "--out", finished["run"])
     assert (done.status, done.out) == (2, "")
-    assert "name another folder with --out" in done.sentence
+    assert "name another folder, nothing was overwritten" in done.sentence
     assert {p.name: p.stat().st_mtime_ns for p in finished["run"].iterdir()} == before
 
 

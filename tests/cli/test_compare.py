@@ -89,7 +89,7 @@ def test_a_used_folder_is_not_touched(command: Command, done: dict[str, Any]) ->
     before = {p.name: p.stat().st_mtime_ns for p in done["folder"].iterdir()}
     found = command("compare", *done["arguments"], "--out", done["folder"])
     assert (found.status, found.out) == (2, "")
-    assert "name another folder with --out" in found.sentence
+    assert "name another folder, nothing was overwritten" in found.sentence
     assert {p.name: p.stat().st_mtime_ns for p in done["folder"].iterdir()} == before
 
 

@@ -126,7 +126,7 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         InputError,
         "study/1",
         "study/2",
-        r"study\.toml, format: this must be 'commonrail-study/1', not 'comm",
+        r"study\.toml: format is 'commonrail-study/2'; a study file begins with format = \"commonrail-study/1\"",
     ),
     "unknown key": (
         InputError,
@@ -284,7 +284,7 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         ConfigurationError,
         UPPER,
         UPPER + MASS + 'lower = "9 g"\nupper = "1 g"\n',
-        r"parameter\[4\]: valve\.mass: the lower bound must be less than the upper",
+        r"parameter\[4\]: valve\.mass: the lower bound lies above the upper; exchange them",
     ),
     "reference outside": (
         ConfigurationError,

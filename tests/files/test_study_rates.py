@@ -150,7 +150,7 @@ CONFLICTS = {
     ),
     "window before": (
         (WINDOW, 'window = ["-20 us", "50 us"]\n'),
-        r"data\[1\]\.window: the window reaches from -20 us to 50 us, and the samples only from 0 s to 100 us",
+        r"data\[1\]\.window: the window reaches from -20 us to 50 us, and the samples reach from 0 s to 100 us",
     ),
     "window behind": (
         (WINDOW, 'window = ["0 us", "111 us"]\n'),

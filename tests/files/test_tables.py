@@ -74,8 +74,11 @@ FAULTS = {
     "no unit": (GOOD.replace(" [us]", ""), 'column "time": there is no unit; write it in the header'),
     "unit guessed from the name": (GOOD.replace("time [us]", "time_us"), 'there is no column "time"'),
     "unknown unit": (GOOD.replace("[us]", "[ticks]"), 'column "time": "ticks" is not a known unit'),
-    "unit of another kind": (GOOD.replace("[us]", "[mm]"), 'column "time": a unit like s is expected, not "mm"'),
-    "neither volume nor mass": (GOOD.replace("[mm3/ms]", "[MPa]"), 'a unit like m3/s or kg/s is expected, not "MPa"'),
+    "unit of another kind": (GOOD.replace("[us]", "[mm]"), 'column "time": a unit like us is expected, not "mm"'),
+    "neither volume nor mass": (
+        GOOD.replace("[mm3/ms]", "[MPa]"),
+        'a unit like mm3/ms or mg/ms is expected, not "MPa"',
+    ),
     "text": (GOOD.replace("3,2", "3,two"), 'line 3, column "rate": "two" is not a finite number'),
     "not a number": (GOOD.replace("6,4", "6,nan"), 'line 4, column "rate": "nan" is not a finite number'),
     "infinite": (GOOD.replace("6,4", "inf,4"), 'line 4, column "time": "inf" is not a finite number'),

@@ -197,7 +197,7 @@ def test_nothing_to_go_on_with(tmp_path: Path) -> None:
         resume(tmp_path / "none")
     with pytest.raises(StudyError, match=r"there is no run to go on with; `commonrail runs .*` lists those in it"):
         resume(tmp_path)
-    with pytest.raises(ConfigurationError, match="generations = -1"):
+    with pytest.raises(ConfigurationError, match="generations must be a whole number, 0 or greater, not -1"):
         resume(tmp_path, generations=-1)
 
 
@@ -312,7 +312,7 @@ def test_sigterm_ends_in_order_and_resume_goes_on(whole: Whole, tmp_path: Path) 
 
 def test_too_many_generations_are_refused_before_anything_is_changed(whole: Whole, tmp_path: Path) -> None:
     run = Path(shutil.copytree(whole.run, tmp_path / "run"))
-    with pytest.raises(ConfigurationError, match=r"--generations: 1000000 more .* at most 1000000 are allowed"):
+    with pytest.raises(ConfigurationError, match=r"generations: 1000000 more .* at most 1000000 are allowed"):
         resume(run, generations=1_000_000)
     assert timeless(run) == timeless(whole.run)
     resume(run)

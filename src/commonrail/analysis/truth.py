@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from commonrail.analysis.bench_sensor import Sensor
+from commonrail.arguments import chosen, instance, mapping, plain_text, settle
 from commonrail.engine.reference import Resolution
 from commonrail.injector.definition import Injector, Source, parameter_quantities
 from commonrail.injector.variants import Boundary
@@ -59,6 +60,15 @@ class Friction:
     viscous: tuple[float, ...] = (0.0,) * MASSES
 
 
+_KINDS = {
+    "friction": Friction,
+    "resolution": Resolution,
+    "rate_meter": Sensor,
+    "rail_sensor": Sensor,
+    "scatter": Scatter,
+}
+
+
 @dataclass(frozen=True)
 class Truth:
     """The declared truth of the bench, richer than any model that is fitted to it.
@@ -85,6 +95,11 @@ class Truth:
         Origin of the numbers by dotted name, such as "plunger_needle.k1", "friction.coulomb", "rate_meter.noise".
     text : str
         The file it was read from.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind.
     """
 
     name: str
@@ -99,6 +114,15 @@ class Truth:
     scatter: Scatter = Scatter()
     sources: Mapping[str, Source] = field(default_factory=dict)
     text: str = ""
+
+    def __post_init__(self) -> None:
+        for what in ("name", "title", "injector", "text"):
+            plain_text(getattr(self, what), f"{what} of a truth")
+        mapping(self.values, "values of a truth", '{"valve.spring_preload": "75 N"}')
+        mapping(self.sources, "sources of a truth", '{"rate_meter.noise": Source("E", "estimate")}')
+        settle(self, boundary=chosen(self.boundary, Boundary, "boundary of a truth"))
+        for what, kind in _KINDS.items():
+            instance(getattr(self, what), kind, f"{what} of a truth")
 
     @property
     def synthetic(self) -> str:

@@ -6,10 +6,12 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
 
+from commonrail.arguments import instance, instances, mapping, thread_count
 from commonrail.calibration.score import DataScore, QuantityScore, RateScore, score_data
 from commonrail.calibration.study import QuantityData, RateData, Study
 from commonrail.engine.operating_point import OperatingPoint
@@ -91,12 +93,15 @@ def compare(
     Raises
     ------
     ConfigurationError
-        If a label cannot be used, there is no model or too many, or a model's drive does not fit the data. A
-        simulation that fails is no error: its point has no number, and `Comparison.failures` says why.
+        If an argument is of another kind, a label cannot be used, there is no model or too many, no study, or a model's
+        drive does not fit the data. A simulation that fails is no error: its point has no number, and
+        `Comparison.failures` says why.
     """
-    studies = (studies,) if isinstance(studies, Study) else tuple(studies)
-    check_labels(list(models))
+    studies = (studies,) if isinstance(studies, Study) else _several(studies)
+    threads = thread_count(threads)
+    check_labels(list(mapping(models, "models", '{"first": injector}')))
     for label, injector in models.items():
+        instance(injector, Injector, f'injector "{label}" of the models')
         for study in studies:
             check_drive(injector, study, label)
     data = _named_apart(studies)
@@ -112,6 +117,15 @@ def compare(
         for label, injector in models.items()
     }
     return Comparison(dict(models), studies, data, scores, failures)
+
+
+def _several(studies: Sequence[Study]) -> tuple[Study, ...]:
+    if isinstance(studies, str | PathLike):
+        instance(studies, Study, "studies")
+    found = instances(studies, Study, "studies")
+    if not found:
+        raise ConfigurationError("The studies must be at least one; its data are what the models are compared on.")
+    return found
 
 
 def check_labels(labels: Sequence[str]) -> None:

@@ -93,7 +93,9 @@ class Parameter:
     def __post_init__(self) -> None:
         if not all(map(isfinite, (self.reference, self.lower, self.upper))):
             self._refuse("reference, lower and upper must be finite numbers")
-        if not self.lower < self.upper:
+        if self.lower > self.upper:
+            self._refuse("the lower bound lies above the upper; exchange them")
+        if self.lower == self.upper:
             self._refuse("the lower bound must be less than the upper; fix the value instead")
         if self.lower < 0.0 < self.reference:
             self._refuse("the lower bound of a positive quantity must not be negative")
@@ -106,5 +108,7 @@ class Parameter:
 
     def _refuse(self, why: str) -> None:
         raise ConfigurationError(
-            f"{self.name}: {why} (reference {self.reference:g}, bounds {self.lower:g} to {self.upper:g} {self.unit})"
+            f"{self.name}: {why} (reference {self.reference:g}, bounds {self.lower:g} to {self.upper:g} "
+            f"{self.unit.removesuffix('1')}".rstrip()
+            + ")"
         )

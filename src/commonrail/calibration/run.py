@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.arguments import function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.interrupt import held_interrupts
 from commonrail.calibration.optimisers import Counts
@@ -96,11 +97,20 @@ def calibrate(
 
     Raises
     ------
+    ConfigurationError
+        If an argument is of another kind, such as a path in place of a study.
     StudyError
         If the study has no data to fit, if the workers failed, or if the checkpoint belongs to another study.
     SimulationError
         If not one candidate could be simulated.
     """
+    instance(study, Study, "study")
+    threads = thread_count(threads)
+    function(progress, "progress")
+    if workers is not None:
+        instance(workers, Workers, "workers")
+    if checkpoint is not None:
+        instance(checkpoint, Checkpoint, "checkpoint")
     with held_interrupts() as wish:
         search = Search(study, threads, workers, Listeners(progress, recorder, wish), checkpoint)
         return _calibrate(search, study, threads)
@@ -173,7 +183,23 @@ def score_all(
 
 
 def validate(study: Study, injector: Injector, threads: int | None = None) -> list[dict[str, Any]]:
-    """Figures of an injector on all data of a study, as in ``result.json``'s "data" with the one label "best"."""
+    """Figures of an injector on all data of a study, as in ``result.json``'s "data" with the one label "best".
+
+    Parameters
+    ----------
+    study : Study
+    injector : Injector
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or the injector's drive does not fit the data.
+    """
+    instance(study, Study, "study")
+    instance(injector, Injector, "injector")
+    threads = thread_count(threads)
     from commonrail.calibration.result import data_records
 
     return data_records(study.data, {"best": score_all(study.data, injector, study.time_step, threads)})

@@ -13,6 +13,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import wait
 from typing import NamedTuple
 
+from commonrail.arguments import LARGEST_WHOLE, whole
 from commonrail.calibration.worker import (
     STOP_SIGNALS,
     Lost,
@@ -66,9 +67,10 @@ def check_count(count: int) -> None:
         If it is not between 1 and eight for each processor.
     """
     processors = usable_threads()
+    count = whole(count, "number of workers", -LARGEST_WHOLE)
     if not 1 <= count <= CROWD * processors:
         raise ConfigurationError(
-            f"--workers: the number must lie between 1 and {CROWD * processors}, {CROWD} for each processor of this "
+            f"The number of workers must lie between 1 and {CROWD * processors}, {CROWD} for each processor of this "
             f"machine, not {count}; as many as processors, {processors}, are the fastest."
         )
 

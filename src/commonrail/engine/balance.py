@@ -46,7 +46,7 @@ def relative_balance(injector: Injector, point: OperatingPoint, names: Sequence[
 
 def _pipe(wave: Floats, delay: float, share: float) -> float:
     """Gain in fuel under way [kg]: the waves that have left but not arrived, less those at the start."""
-    whole = int(max(delay, 1.0))
+    whole = int(min(max(delay, 1.0), len(wave)))  # a wave under way longer than the simulation has not left yet
     part = max(delay, 1.0) - whole
     weights = np.concatenate((np.ones(whole), [part]))
     recent = wave[::-1][: whole + 1]

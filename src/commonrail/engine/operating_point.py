@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from commonrail.arguments import Limits, Quantity, amount, array, instance, number, sequence, settle, shown
 from commonrail.errors import ConfigurationError
+
+# Limits that no injector comes near, and that numbers meant in another unit pass: 160 (MPa) and 1600 (bar) lie below
+# the pressures, 700 (us) and 0.7 (ms) above the durations.
+RAIL_PRESSURES = Limits(0.1e6, 1e9, (5e6, 400e6), ("MPa", "bar"))
+OTHER_PRESSURES = Limits(
+    10e3, 1e9, (0.05e6, 30e6), ("MPa", "bar")
+)  # cylinder, return line: little below the atmosphere
+ENERGISING_TIMES = Limits(0.0, 0.1, (10e-6, 20e-3), ("us", "ms"))
+LONGEST = 1.0  # of a simulation [s]
 
 
 @dataclass(frozen=True)
@@ -22,23 +32,30 @@ class Trace:
         Strictly increasing [s].
     value : tuple of float
         SI values at those times.
+
+    Raises
+    ------
+    ConfigurationError
+        If times and values are not two finite lists of one length, or the times do not increase.
     """
 
     time: tuple[float, ...]
     value: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if len(self.time) != len(self.value) or len(self.time) < 2:
-            raise ConfigurationError("A trace needs at least two times and as many values.")
-        if not np.all(np.isfinite(self.time)) or not np.all(np.isfinite(self.value)):
-            raise ConfigurationError("A trace holds a value that is not finite.")
-        if not np.all(np.diff(self.time) > 0.0):
+        time, value = array(self.time, "s", "time of a trace", 1), array(self.value, "1", "value of a trace", 1)
+        if len(time) != len(value) or len(time) < 2:
+            raise ConfigurationError(
+                f"A trace needs at least two times and as many values, not {len(time)} times and {len(value)} values."
+            )
+        if not np.all(np.diff(time) > 0.0):
             raise ConfigurationError("The times of a trace must increase from sample to sample.")
+        settle(self, time=tuple(time.tolist()), value=tuple(value.tolist()))
 
     @classmethod
     def of(cls, time: ArrayLike, value: ArrayLike) -> Trace:
-        """Trace from arrays."""
-        return cls(tuple(np.asarray(time, float).tolist()), tuple(np.asarray(value, float).tolist()))
+        """Trace from arrays (samples,) of times [s], or texts with units, and of SI values."""
+        return cls(time, value)  # type: ignore[arg-type]  # read by __post_init__
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
         """Values at times [s]."""
@@ -64,62 +81,126 @@ class Trace:
 Course = float | Trace
 
 
-class Energising(NamedTuple):
-    """One energising of the solenoid: start and duration (energising time) [s]."""
-
+class _Pulse(NamedTuple):
     start: float
     duration: float
 
 
+class Energising(_Pulse):
+    """One energising of the solenoid.
+
+    Parameters
+    ----------
+    start, duration : float or str
+        Start and energising time [s], or texts such as ``"900 us"``; zero to 100 ms long.
+
+    Raises
+    ------
+    ConfigurationError
+        If one is no time, or the duration lies beyond its limits.
+    """
+
+    __slots__ = ()
+
+    def __new__(cls, start: Quantity, duration: Quantity) -> Energising:
+        return super().__new__(
+            cls,
+            number(start, "s", "start of an energising"),
+            amount(duration, "s", "duration of an energising", ENERGISING_TIMES),
+        )
+
+
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Operating point of one simulation; SI units.
+    """Operating point of one simulation; SI numbers, or texts with their unit, which are read as SI numbers.
 
     Attributes
     ----------
     rail_pressure : float or Trace
-        [Pa].
+        [Pa], from 0.1 MPa to 1000 MPa.
     energisings : sequence of Energising or (start, duration), or float
-        A number is one energising of that duration from t = 0.
+        A number is one energising of that duration [s] from t = 0, at most 100 ms.
     cylinder_pressure, return_pressure : float or Trace
-        [Pa].
+        [Pa], from 10 kPa to 1000 MPa.
     drive : Trace, optional
         Measured coil current [A] or voltage [V], for an injector driven by a trace.
     horizon : float, optional
         Time simulated after `start` [s]; by default 2.5 ms beyond the end of the last energising.
     start : float
         Time at which the simulation begins, all at rest [s].
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is no quantity of its kind or lies beyond its limits, energisings overlap, or more than 1 s would be
+        simulated.
+
+    Examples
+    --------
+    >>> OperatingPoint("160 MPa", "700 us") == OperatingPoint(160e6, 700e-6)
+    True
     """
 
     rail_pressure: Course
-    energisings: Sequence[tuple[float, float]] | float
+    energisings: tuple[Energising, ...] | float
     cylinder_pressure: Course = 5e6
     return_pressure: Course = 0.5e6
     drive: Trace | None = None
     horizon: float | None = None
     start: float = 0.0
 
+    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+
+        def __init__(
+            self,
+            rail_pressure: Course | str,
+            energisings: Sequence[tuple[Quantity, Quantity]] | Quantity,
+            cylinder_pressure: Course | str = 5e6,
+            return_pressure: Course | str = 0.5e6,
+            drive: Trace | None = None,
+            horizon: Quantity | None = None,
+            start: Quantity = 0.0,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
-        _refuse_unless_positive("rail pressure", self.rail_pressure)
-        _refuse_unless_positive("cylinder pressure", self.cylinder_pressure)
-        _refuse_unless_positive("return pressure", self.return_pressure)
+        settle(
+            self,
+            rail_pressure=_course("rail pressure", self.rail_pressure, RAIL_PRESSURES),
+            energisings=_energisings(self.energisings),
+            cylinder_pressure=_course("cylinder pressure", self.cylinder_pressure, OTHER_PRESSURES),
+            return_pressure=_course("return pressure", self.return_pressure, OTHER_PRESSURES),
+            drive=None if self.drive is None else instance(self.drive, Trace, "drive"),
+            horizon=None if self.horizon is None else number(self.horizon, "s", "horizon"),
+            start=number(self.start, "s", "start"),
+        )
         ends = self.start
         for pulse in self.pulses:
-            if not (pulse.duration >= 0.0 and pulse.start >= ends):
+            if not pulse.start >= ends:
                 raise ConfigurationError(
-                    f"The energising at {pulse.start * 1e6:g} us must start at or after {ends * 1e6:g} us and last "
-                    "zero or longer; energisings must follow one another."
+                    f"The energising at {pulse.start * 1e6:g} us must start at or after {ends * 1e6:g} us; energisings "
+                    "must follow one another, the first not before the start of the simulation."
                 )
             ends = pulse.start + pulse.duration
-        if self.horizon is not None and not 0.0 < self.horizon <= 1.0:
-            raise ConfigurationError(f"The horizon must lie between 0 and 1 s, not {self.horizon:g} s.")
+        if not 0.0 < self.duration <= LONGEST:
+            raise ConfigurationError(self._too_long())
+
+    def _too_long(self) -> str:
+        if self.horizon is not None:
+            return (
+                f"The horizon must lie between 0 and {LONGEST:g} s, not {self.horizon:g} s; for microseconds write "
+                '"1500 us".'
+            )
+        return (
+            f"The energisings end {self.duration:g} s after the start, and at most {LONGEST:g} s are simulated; for "
+            'microseconds write "900 us".'
+        )
 
     @property
     def pulses(self) -> tuple[Energising, ...]:
         """Energisings in order."""
-        if isinstance(self.energisings, int | float):
-            return (Energising(0.0, float(self.energisings)),)
-        return tuple(Energising(*pulse) for pulse in self.energisings)
+        if isinstance(self.energisings, float):
+            return (Energising(0.0, self.energisings),)
+        return self.energisings
 
     @property
     def duration(self) -> float:
@@ -139,7 +220,27 @@ class OperatingPoint:
         return float(course.at(self.start)) if isinstance(course, Trace) else float(course)
 
 
-def _refuse_unless_positive(name: str, course: Course) -> None:
-    values: Sequence[float] = course.value if isinstance(course, Trace) else (course,)
-    if not (min(values) > 0.0 and max(values) < 1e9):
-        raise ConfigurationError(f"The {name} must lie between 0 and 1000 MPa, not {min(values) * 1e-6:g} MPa.")
+def _course(name: str, course: object, limits: Limits) -> Course:
+    if not isinstance(course, Trace):
+        return amount(course, "Pa", name, limits)
+    for value in (min(course.value), max(course.value)):
+        amount(value, "Pa", name, limits)
+    return course
+
+
+def _energisings(given: object) -> tuple[Energising, ...] | float:
+    if isinstance(given, Energising):
+        return (given,)
+    if np.ndim(given) if isinstance(given, np.ndarray) else isinstance(given, list | tuple):
+        return tuple(_pulse(item) for item in sequence(given, "energisings", _PULSES))
+    return amount(given, "s", "energising time", ENERGISING_TIMES)
+
+
+_PULSES = '[(0.0, "250 us"), ("900 us", "600 us")], pairs of start and duration'
+
+
+def _pulse(given: object) -> Energising:
+    pair = given if isinstance(given, tuple | list | np.ndarray) else ()
+    if len(pair) != 2:
+        raise ConfigurationError(f"The energisings must be a list, such as {_PULSES}, and {shown(given)} is no pair.")
+    return Energising(*pair)

@@ -152,6 +152,8 @@ class Model:
             if not segment.on:
                 self.outside[5] = 2.0
             while now < segment.stop - 1e-15:
+                if not np.isfinite(y).all():  # SciPy would refuse it with an error of its own
+                    return states, *_instants(clears, falls), False
                 if self.past_limit(y) > 1e-9:
                     self.outside[5] = drive.turned(self.outside[5])
                 inside = time[(time > now) & (time <= segment.stop)]

@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
+import functools
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from commonrail.arguments import (
+    Limits,
+    Quantity,
+    amount,
+    array,
+    chosen,
+    flag,
+    instance,
+    instances,
+    known_names,
+    number,
+    sequence,
+    thread_count,
+)
 from commonrail.engine import lanes, plan
 from commonrail.engine.balance import relative_balance
 from commonrail.engine.channels import read_channels
@@ -18,15 +34,19 @@ from commonrail.engine.lanes import VECTORS, Job, Misfit, Outcome, Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, reference_density
 from commonrail.engine.solution import Batch, Solution
-from commonrail.engine.stability import LARGEST, SMALLEST, longest_step, too_long
+from commonrail.engine.stability import longest_step, too_long
 from commonrail.engine.status import OK, STILL_INJECTING, Status, which_failed
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
+from commonrail.errors import ConfigurationError, SimulationError
+from commonrail.injector.definition import Injector, parameter_quantities
 from commonrail.injector.variants import Variant
 
 Floats = NDArray[np.float64]
 
+TIME_STEPS = Limits(1e-9, 1e-4, (50e-9, 10e-6), ("us", "ns"))
 DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail verify`
+
+
+_Given = ParamSpec("_Given")
 
 
 class Engine(Enum):
@@ -46,12 +66,38 @@ def usable_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def _within_numbers(run: Callable[_Given, Solution]) -> Callable[_Given, Solution]:
+    """Turn the arithmetic error of parameters that are far from any injector's into a sentence."""
+
+    @functools.wraps(run)
+    def refusing(*args: _Given.args, **kwargs: _Given.kwargs) -> Solution:
+        try:
+            return run(*args, **kwargs)
+        except ArithmeticError as error:
+            injector = args[0] if args else kwargs["injector"]
+            raise SimulationError(_beyond_numbers(instance(injector, Injector, "injector"), error)) from error
+
+    return refusing
+
+
+def _beyond_numbers(injector: Injector, error: ArithmeticError) -> str:
+    sizes = {name: abs(math.log10(abs(value))) for name, value in injector.values.items() if value}
+    name = max(sizes, key=lambda name: sizes[name])
+    return (
+        f"{injector.name}: its parameters lead to numbers beyond all bounds ({error}); correct the one that is far "
+        f"from an injector's, the most extreme is {name} = {injector.values[name]:g} "
+        f"{parameter_quantities()[name].unit.removesuffix('1')}".rstrip()
+        + "."
+    )
+
+
+@_within_numbers
 def simulate(
     injector: Injector,
     point: OperatingPoint,
     engine: Engine | str = Engine.LANES,
-    time_step: float = DEFAULT_STEP,
-    sample_interval: float | None = None,
+    time_step: Quantity = DEFAULT_STEP,
+    sample_interval: Quantity | None = None,
     precision: Precision | str = Precision.F64,
 ) -> Solution:
     """Simulate one injection.
@@ -63,26 +109,32 @@ def simulate(
     engine : Engine or str
         "lanes" (fast, fixed step), "cuda" (the same on an NVIDIA GPU; to compare, one injection is no work for it) or
         "reference" (slow, error-controlled).
-    time_step : float
-        The fixed step [s].
-    sample_interval : float, optional
-        Spacing of the samples [s]; by default the fixed step, 3 us for the reference.
+    time_step : float or str
+        The fixed step [s], or text such as ``"1 us"``; from 1 ns to 100 us.
+    sample_interval : float or str, optional
+        Spacing of the samples [s], or text; by default the fixed step, 3 us for the reference.
     precision : Precision or str
         "f64" or "f32", of the fast engines; the reference is f64 alone.
 
     Raises
     ------
     ConfigurationError
-        If the settings contradict each other, or the engine is not to be had here. A simulation that fails returns a
-        `Solution` whose status says so.
+        If an argument is of the wrong kind or beyond its limits, the settings contradict each other, or the engine is
+        not to be had here. A simulation that fails returns a `Solution` whose status says so.
+    SimulationError
+        If parameters far from any injector's lead to a division by zero or a number beyond all bounds.
     """
-    check_step(time_step)
+    instance(injector, Injector, "injector")
+    instance(point, OperatingPoint, "point")
+    time_step = check_step(time_step)
     engine = _engine(engine)
-    if sample_interval is not None and not 1e-9 <= sample_interval <= point.duration:
-        raise ConfigurationError(
-            f"The sample interval must lie between 1 ns and the simulated {point.duration * 1e3:g} ms, "
-            f"not {sample_interval:g} s."
-        )
+    if sample_interval is not None:
+        sample_interval = number(sample_interval, "s", "sample interval")
+        if not 1e-9 <= sample_interval <= point.duration:
+            raise ConfigurationError(
+                f"The sample interval must lie between 1 ns and the simulated {point.duration * 1e3:g} ms, "
+                f"not {sample_interval:g} s."
+            )
     real = _precision(precision)
     if engine is Engine.REFERENCE:
         if real is not Precision.F64:
@@ -121,9 +173,9 @@ def simulate_batch(
     injector: Injector,
     points: Sequence[OperatingPoint],
     names: Sequence[str] = (),
-    values: Floats | None = None,
+    values: ArrayLike | None = None,
     *,
-    time_step: float = DEFAULT_STEP,
+    time_step: Quantity = DEFAULT_STEP,
     threads: int | None = None,
     misfit: Misfit | None = None,
     stop_when_closed: bool = True,
@@ -138,11 +190,12 @@ def simulate_batch(
     injector : Injector
     points : sequence of OperatingPoint
     names : sequence of str
-        Dotted names of the parameters that vary.
+        Dotted names of the parameters that vary, each once.
     values : (candidates, names), optional
-        Their SI values; one candidate, the injector itself, if left out.
-    time_step : float
-        [s].
+        Their SI values, or texts with units; one candidate, the injector itself, if left out. A candidate with a value
+        that is not finite or outside its domain has the status OUTSIDE_DOMAIN.
+    time_step : float or str
+        [s], or text such as ``"1 us"``; from 1 ns to 100 us.
     threads : int, optional
         All usable processors by default. The result does not depend on it.
     misfit : Misfit, optional
@@ -159,24 +212,25 @@ def simulate_batch(
     Raises
     ------
     ConfigurationError
-        If the settings contradict each other, or the engine is not to be had here.
+        If an argument is of the wrong kind or beyond its limits, a name is unknown or repeated, the settings contradict
+        each other, or the engine is not to be had here.
     """
-    check_step(time_step)
-    if threads is not None and not 1 <= threads <= 1024:
-        raise ConfigurationError(f"The number of threads must lie between 1 and 1024, not {threads}.")
-    if not len(points):
-        raise ConfigurationError("At least one operating point is needed.")
-    candidates = np.empty((1, 0)) if values is None else np.atleast_2d(np.asarray(values, float))
-    if candidates.shape[1] != len(names):
-        raise ConfigurationError(f"{len(names)} names but {candidates.shape[1]} values a candidate were given.")
-    if not len(candidates):
-        raise ConfigurationError("At least one candidate is needed.")
+    instance(injector, Injector, "injector")
+    time_step, threads = check_step(time_step), thread_count(threads)
+    points = instances(points, OperatingPoint, "points")
+    if not points:
+        raise ConfigurationError("At least one operating point is needed among the points.")
+    names = known_names(names, parameter_quantities(), "names", "valve.spring_preload")
+    candidates = _candidates(names, values)
+    for given, kind, what in ((misfit, Misfit, "misfit"), (prepared, Prepared, "prepared")):
+        if given is not None:
+            instance(given, kind, what)
     how = _How(
         prepared or plan.prepare(injector, points, time_step),
         time_step,
         threads or usable_threads(),
         misfit,
-        stop_when_closed and misfit is None,
+        flag(stop_when_closed, "stop_when_closed") and misfit is None,
         _precision(precision),
         _batch_engine(engine),
     )
@@ -187,19 +241,50 @@ def simulate_batch(
     return parts[0] if len(parts) == 1 else _joined(parts)
 
 
+def _candidates(names: Sequence[str], values: ArrayLike | None) -> Floats:
+    """Values (candidates, names) as SI numbers; text is read in the unit of its own column."""
+    if values is None:
+        candidates = np.empty((1, 0))
+    elif isinstance(values, np.ndarray) and values.dtype.kind in "iuf":
+        candidates = np.atleast_2d(np.asarray(values, float))
+    else:
+        candidates = _read_rows(names, values)
+    if candidates.ndim != 2 or candidates.shape[1] != len(names):
+        raise ConfigurationError(
+            f"{len(names)} names but {candidates.shape[-1]} values a candidate were given: the values must have a row "
+            "for each candidate and in it one value for each name, such as [[1e-3], [2e-3]] for one name."
+        )
+    if not len(candidates):
+        raise ConfigurationError("At least one candidate is needed among the values.")
+    return candidates
+
+
+def _read_rows(names: Sequence[str], values: Any) -> Floats:
+    rows = sequence(values, "values", "[[1e-3], [2e-3]], a row for each candidate")
+    if not any(isinstance(row, Sequence | np.ndarray) and not isinstance(row, str) for row in rows):
+        rows = [rows]
+    known = parameter_quantities()
+    read = []
+    for i, row in enumerate(rows, start=1):
+        what = f"values of candidate {i}"
+        items = sequence(row, what, "[1e-3]")
+        if len(items) != len(names):
+            raise ConfigurationError(f"{len(names)} names but {len(items)} {what} were given; give one for each name.")
+        read.append(
+            [
+                float(array(item, known[name].unit, f"{what}, {name}", 0, finite=False))
+                for item, name in zip(items, names, strict=True)
+            ]
+        )
+    return np.reshape(read, (len(read), len(names))).astype(float)
+
+
 def _precision(name: Precision | str) -> Precision:
-    try:
-        return Precision(name)
-    except ValueError:
-        raise ConfigurationError(f'The precision must be "f64" or "f32", not {name!r}.') from None
+    return chosen(name, Precision, "precision")
 
 
 def _engine(name: Engine | str) -> Engine:
-    try:
-        engine = Engine(name)
-    except ValueError:
-        known = " or ".join(f'"{one.value}"' for one in Engine)
-        raise ConfigurationError(f"The engine must be {known}, not {name!r}.") from None
+    engine = chosen(name, Engine, "engine")
     if engine is Engine.CUDA:
         from commonrail.engine import cuda
 
@@ -289,10 +374,9 @@ def _joined(parts: Sequence[Batch]) -> Batch:
     return Batch(**{**columns, "reference_density": parts[0].reference_density})
 
 
-def check_step(time_step: float) -> None:
-    """Refuse a time step that makes no sense."""
-    if not SMALLEST <= time_step <= LARGEST:
-        raise ConfigurationError(f"The time step must lie between 1 ns and 100 us, not {time_step * 1e6:g} us.")
+def check_step(time_step: Quantity) -> float:
+    """Read a time step [s], from 1 ns to 100 us."""
+    return amount(time_step, "s", "time step", TIME_STEPS)
 
 
 def _status(outcome: Outcome, beyond: NDArray[np.bool_], points: int) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+from commonrail.arguments import source_of
 from commonrail.errors import InputError, nearest
 from commonrail.files.injector_values import (
     Given,
@@ -73,15 +74,18 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     InputError
         If the file cannot be read or something in it is unknown, missing, of the wrong kind or outside
         its domain; the message has file and key.
+    ConfigurationError
+        If `source` is neither a name nor a path.
     """
-    if isinstance(source, Path) or source.endswith(".toml"):
-        path = Path(source)
+    source = source_of(source, "source of an injector")
+    if isinstance(source, Path):
+        path = source
         data, at = read_toml(path)[0], Place(str(path))
         return _injector(data, at, path.stem, reach or Reach(path, read_allowed(data, at)))
     known = injector_catalogue()
     if source not in known:
         raise InputError(
-            f'There is no injector "{source}" in the catalogue{nearest(source, known)}: choose one of '
+            f'There is no injector "{source}" in the catalogue{_similar(source, known, reach)}: choose one of '
             f"{', '.join(known)}, or give the path of a .toml file."
         )
     file = f"{source}.toml"
@@ -89,9 +93,19 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     return _injector(data, Place(file), source, Reach(Path(file), False))
 
 
+def _similar(source: str, known: list[str], reach: Reach | None) -> str:
+    """Suggestion of a file of that name, else of the nearest name of the catalogue."""
+    file = f"{source}.toml"
+    try:
+        there = ((reach.file.parent if reach else Path()) / file).is_file()
+    except (OSError, ValueError):  # a name that no file can have
+        there = False
+    return f' (did you mean the file "{file}"?)' if there else nearest(source, known)
+
+
 def _injector(data: Mapping[str, Any], at: Place, stem: str, reach: Reach) -> Injector:
     rooms = tuple(get_type_hints(Parameters))
-    _check_format(data, at)
+    at.check_format(data, FORMAT)
     at.refuse_unknown(data, ("format", "name", "title", "synthetic", ALLOW, "fuel", *_VARIANT, *rooms))
     given: dict[str, Given] = {}
     for room in rooms:
@@ -111,13 +125,6 @@ def _injector(data: Mapping[str, Any], at: Place, stem: str, reach: Reach) -> In
         return Injector(
             name, title, values, fuel, variant, {path: item.source for path, item in given.items()}, synthetic
         )
-
-
-def _check_format(data: Mapping[str, Any], at: Place) -> None:
-    found = data.get("format")
-    if found != FORMAT:
-        what = "format is missing" if found is None else f"format is {found!r}"
-        raise at.error(f'{what}; an injector file begins with format = "{FORMAT}"')
 
 
 def _room(room: str, table: Mapping[str, Any], at: Place) -> dict[str, Given]:

@@ -9,6 +9,7 @@ from typing import Any
 import tomlkit
 from tomlkit.items import InlineTable
 
+from commonrail.arguments import file_path, instance, known_names, mapping, plain_text
 from commonrail.files.atomic import write_text
 from commonrail.fuel.catalogue import catalogue, load_fuel
 from commonrail.fuel.fuel import Fuel, Law
@@ -21,13 +22,15 @@ __all__ = ["FORMAT", "dump_injector"]
 FORMAT = "commonrail-injector/1"
 
 
-def dump_injector(injector: Injector, path: Path, notes: Mapping[str, str] | None = None, header: str = "") -> None:
+def dump_injector(
+    injector: Injector, path: str | Path, notes: Mapping[str, str] | None = None, header: str = ""
+) -> None:
     """Write a complete injector file, which `load_injector` reads back bit by bit.
 
     Parameters
     ----------
     injector : Injector
-    path : Path
+    path : str or Path
     notes : mapping of str to str, optional
         Sources of values that a calibration has fitted, by dotted name; they are marked F.
     header : str
@@ -37,8 +40,16 @@ def dump_injector(injector: Injector, path: Path, notes: Mapping[str, str] | Non
     ------
     OutputError
         If the file cannot be written.
+    ConfigurationError
+        If an argument is of another kind, or a note belongs to no parameter.
     """
-    write_text(path, injector_text(injector, notes or {}, header))
+    instance(injector, Injector, "injector")
+    path = file_path(path, "path of an injector")
+    notes = mapping({} if notes is None else notes, "notes", '{"nozzle.holes": "measured again"}')
+    known_names(list(notes), parameter_quantities(), "notes", "nozzle.holes")
+    for note in notes.values():
+        plain_text(note, "notes")
+    write_text(path, injector_text(injector, notes, plain_text(header, "header")))
 
 
 def injector_text(injector: Injector, notes: Mapping[str, str], header: str) -> str:

@@ -7,9 +7,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from commonrail.errors import CommonrailError, InputError, nearest
+from commonrail.errors import CommonrailError, InputError, nearest_key
 
 __all__ = ["Place", "located"]
+
+
+_KINDS = {
+    "commonrail-injector": "an injector file",
+    "commonrail-study": "a study file",
+    "commonrail-fleet": "a fleet file",
+    "commonrail-truth": "a truth of the virtual test bench",
+}
 
 
 @dataclass(frozen=True)
@@ -35,11 +43,22 @@ class Place:
         """Error that opens with this place."""
         return InputError(f"{self}: {sentence}.")
 
+    def check_format(self, document: Mapping[str, Any], wanted: str) -> None:
+        """Refuse a document whose key ``format`` is not `wanted`, and say so if it is a file of another kind."""
+        found, kind = document.get("format"), _KINDS[wanted.partition("/")[0]]
+        if found == wanted:
+            return
+        other = _KINDS.get(found.partition("/")[0], kind) if isinstance(found, str) else kind
+        if other != kind:
+            raise self.error(f'this is {other} (format = "{found}"), and {kind} is expected; name that file instead')
+        what = "format is missing" if found is None else f"format is {found!r}"
+        raise self.error(f'{what}; {kind} begins with format = "{wanted}"')
+
     def refuse_unknown(self, table: Mapping[str, Any], known: Collection[str]) -> None:
         """Refuse the first key of a table that is not `known`, with the nearest that is."""
         for key in table:
             if key not in known:
-                raise self.error(f'there is no key "{key}"{nearest(key, known)}')
+                raise self.error(f'there is no key "{key}"{nearest_key(key, known)}')
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from commonrail.arguments import file_path, instance, mapping
 from commonrail.calibration.result import LABELS, result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.score import DataScore, RateScore
@@ -33,18 +34,21 @@ RESULT, STUDY, TRACES = "result.json", "study.toml", "traces.csv"
 _COLUMNS = (MEASURED, *LABELS)
 
 
-def create_run_folder(path: Path) -> Path:
+def create_run_folder(path: str | Path) -> Path:
     """Make a new run folder.
 
     Raises
     ------
+    ConfigurationError
+        If it is no path.
     InputError
         If it exists and is not empty.
     OutputError
         If it cannot be made.
     """
+    path = file_path(path, "folder")
     refuse_used(path)
-    with writing(path, "--out"):
+    with writing(path):
         path.mkdir(parents=True, exist_ok=True)
         probe = path / ".writable"
         probe.touch()
@@ -61,13 +65,22 @@ def refuse_used(path: Path) -> None:
         If it exists and is not empty.
     """
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise InputError(
-            f"{path}: there already is something; name another folder with --out, nothing was overwritten."
-        )
+        raise InputError(f"{path}: there already is something; name another folder, nothing was overwritten.")
 
 
-def write_run(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write study.toml, calibrated.toml, result.json and traces.csv."""
+def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write study.toml, calibrated.toml, result.json and traces.csv.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind.
+    OutputError
+        If a file cannot be written.
+    """
+    folder = file_path(folder, "folder")
+    instance(calibration, Calibration, "calibration")
+    mapping(identified, "identified", "what identify(calibration) returns")
     write_text(folder / STUDY, calibration.study.text)
     write_results(folder, calibration, identified)
 
@@ -82,14 +95,17 @@ def write_results(folder: Path, calibration: Calibration, identified: Mapping[st
     _write_traces(folder / TRACES, calibration)
 
 
-def read_run(folder: Path) -> tuple[dict[str, Any], Traces]:
+def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
     """result.json, and per injection curve the arrays time_s [s] and rates [m³/s] by label.
 
     Raises
     ------
     InputError
         If the folder is not a run folder, or a file of it is broken.
+    ConfigurationError
+        If it is no path.
     """
+    folder = file_path(folder, "folder")
     return read_record(folder / RESULT, "commonrail calibrate"), read_traces(folder / TRACES)
 
 

@@ -48,13 +48,28 @@ def _sentence(fault: ErrorDetails) -> str:
     if kind == "model_type":
         return "this must be a table"
     if kind == "list_type":
-        return f"this must be a list, and a list of tables is written [[{fault['loc'][-1]}]]"
+        name = fault["loc"][-1]
+        if name in _LISTS_OF_TABLES:
+            return f"this must be a list, and a list of tables is written [[{name}]]"
+        return f"this must be a list in brackets{_EXAMPLES.get(str(name), '')}"
     if kind in ("too_short", "too_long"):
         limit = fault["ctx"].get("min_length") or fault["ctx"].get("max_length")
         return f"this must be a list of {'at least' if kind == 'too_short' else 'at most'} {limit}"
     message = message.removeprefix("Input should be ").removeprefix("a valid ").removeprefix("must be ")
     shown = f"not {reprlib.repr(found)}" if isinstance(found, (str, int, float)) else "which it is not"
     return f"this must be {_plain(kind, message)}, {shown}"
+
+
+_LISTS_OF_TABLES = ("data", "parameter")
+_EXAMPLES = {
+    "window": ', such as ["0 us", "1600 us"]',
+    "energisings": ', such as [{ start = "0 us", duration = "700 us" }]',
+    "rail_pressure": ', such as ["80 MPa", "160 MPa"]',
+    "energising_time": ', such as ["400 us", "700 us"]',
+    "order": ', such as ["nozzle.lift_transition_slope < nozzle.lift_maximum_slope"]',
+    "linear": ', such as ["2 plunger_needle.k1 > plunger_needle.k2"]',
+    "factor": ", such as [0.4, 1.0]",
+}
 
 
 def _plain(kind: str, message: str) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from commonrail.arguments import file_path
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
 from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.space import Space
@@ -57,23 +58,22 @@ def load_study(path: str | Path) -> Study:
     InputError
         If a file cannot be read, or something in it is unknown, missing or of the wrong kind.
     ConfigurationError
-        If values contradict one another: crossed bounds, constraints without room, a window outside
-        the data.
+        If `path` is no path, or values contradict one another: crossed bounds, constraints without room, a window
+        outside the data.
 
     Notes
     -----
     Files that the study names lie in its folder or below, unless it says ``allow_outside = true``.
     """
     with noting_files() as files:
-        study = _study(Path(path))
+        study = _study(file_path(path, "path of a study"))
     return replace(study, files=files)
 
 
 def _study(file: Path) -> Study:
     document, text = read_toml(file)
     at = Place(str(file))
-    if "format" not in document:
-        raise at.error(f'format is missing; a study file begins with format = "{FORMAT}"')
+    at.check_format(document, FORMAT)
     model = read_model(document, at)
     reach = Reach(file, model.allow_outside)
     injector = _injector(model.injector, reach, at / "injector")
@@ -98,7 +98,7 @@ def _injector(text: str, reach: Reach, at: Place) -> Injector:
     if text.endswith(".toml"):
         return load_injector(reach.path(reach.file.parent, text, at), reach)
     with located(at):
-        return load_injector(text)
+        return load_injector(text, reach)
 
 
 def _data(

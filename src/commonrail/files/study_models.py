@@ -17,10 +17,10 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from commonrail.calibration.optimisers.evolution_settings import InitialSampling
+from commonrail.calibration.optimisers.evolution_settings import MOST_GENERATIONS, MOST_MEMBERS, InitialSampling
 from commonrail.calibration.optimisers.treatments import Treatment
 from commonrail.engine.lanes import Precision
-from commonrail.errors import nearest
+from commonrail.errors import nearest_key
 
 __all__ = [
     "ConstraintsModel",
@@ -40,8 +40,6 @@ UNSTATED = "no source stated"
 MOST_SETS = 1000
 MOST_PARAMETERS = 1000
 MOST_CONSTRAINTS = 1000
-MOST_MEMBERS = 100_000
-MOST_GENERATIONS = 1_000_000
 LONGEST_NAME = 200
 
 
@@ -55,7 +53,7 @@ class _TableModel(BaseModel):
     def _refuse_unknown_keys(cls, data: Any) -> Any:
         for key in data if isinstance(data, dict) else ():
             if key not in cls.model_fields:
-                hint = nearest(key, cls.model_fields)
+                hint = nearest_key(key, cls.model_fields)
                 raise PydanticCustomError("unknown_key", 'there is no key "{key}"{hint}', {"key": key, "hint": hint})
         return data
 

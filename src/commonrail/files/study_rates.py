@@ -9,27 +9,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.calibration.study import RateData, Role
-from commonrail.engine.operating_point import Course, Energising, OperatingPoint, Trace
+from commonrail.engine.operating_point import LONGEST, Course, Energising, OperatingPoint, Trace
 from commonrail.errors import ConfigurationError
 from commonrail.files.place import Place, located
 from commonrail.files.study_context import Context
-from commonrail.files.study_models import RateModel, TraceModel
+from commonrail.files.study_models import PulseModel, RateModel, TraceModel
 from commonrail.files.tables import LEAST_SAMPLES, read_columns
-from commonrail.units import parse, to_text
+from commonrail.units import convert, parse, to_text
 
 __all__ = ["read_rate"]
 
 Floats = NDArray[np.float64]
 
-LONGEST = 1.0  # of a simulation [s]
+
+_TIME_UNITS = ("us", "ms", "s", "ns")
 
 
 class _Samples(NamedTuple):
-    """Bounds (n + 1,) [s], rates (n,) in `unit`."""
+    """Bounds (n + 1,) [s], rates (n,) in `unit`; unit of the time as the file gives it, and where it is given."""
 
     bounds: Floats
     rate: Floats
     unit: str
+    time_unit: str
+    time: str
+
+    def range(self) -> str:
+        """Sentence part that says what times the samples have."""
+        first, last = (to_text(float(bound), "s") for bound in (self.bounds[0], self.bounds[-1]))
+        return f"the samples reach from {first} to {last}, {self.time} being in {self.time_unit}"
+
+    def misread(self, begin: float, end: float) -> str:
+        """Cure for samples that would fill a time from `begin` to `end` [s] if their unit were another one."""
+        own = convert(1.0, self.time_unit, "s")
+        for unit in _TIME_UNITS:
+            factor = convert(1.0, unit, "s") / own
+            first, last = factor * float(self.bounds[0]), factor * float(self.bounds[-1])
+            inside = np.count_nonzero((factor * self.bounds >= begin) & (factor * self.bounds <= end))
+            if unit != self.time_unit and inside > LEAST_SAMPLES and last >= 0.5 * end and first <= begin + 0.5 * end:
+                return f'; if they were recorded in {unit}, correct the unit of {self.time} to "{unit}"'
+        return ""
 
 
 def read_rate(model: RateModel, context: Context, at: Place) -> RateData:
@@ -50,7 +69,7 @@ def read_rate(model: RateModel, context: Context, at: Place) -> RateData:
         If the window does not fit the data or the energising, or the drive does not fit the injector.
     """
     samples = _window(_samples(model, context, at), model, at)
-    point = _point(model, samples.bounds, context, at)
+    point = _point(model, samples, context, at)
     return RateData(
         model.name,
         Role(model.role),
@@ -71,7 +90,8 @@ def _samples(model: RateModel, context: Context, at: Place) -> _Samples:
         increasing=model.time,
     )
     bounds = _bounds(model, table.columns[model.time], at)
-    return _Samples(bounds, table.columns[model.rate], table.units[model.rate])
+    column = f'the column "{model.time}" of {table.path}'
+    return _Samples(bounds, table.columns[model.rate], table.units[model.rate], table.given[model.time], column)
 
 
 def _bounds(model: RateModel, time: Floats, at: Place) -> Floats:
@@ -102,23 +122,26 @@ def _window(samples: _Samples, model: RateModel, at: Place) -> _Samples:
     if not begin < end:
         raise ConfigurationError(f'{at}: the window must begin before it ends, as in ["0 us", "1200 us"].')
     if begin < bounds[0] - slack or end > bounds[-1] + slack:
+        cure = (
+            samples.misread(begin, end) or "; choose a window within them, or correct the unit if the times are wrong"
+        )
         raise ConfigurationError(
-            f"{at}: the window reaches from {to_text(begin, 's')} to {to_text(end, 's')}, and the samples "
-            f"only from {to_text(float(bounds[0]), 's')} to {to_text(float(bounds[-1]), 's')}; narrow it."
+            f"{at}: the window reaches from {to_text(begin, 's')} to {to_text(end, 's')}, and {samples.range()}{cure}."
         )
     inside = np.flatnonzero((bounds >= begin - slack) & (bounds <= end + slack))
     if len(inside) <= LEAST_SAMPLES:
+        cure = samples.misread(begin, end) or "; widen the window, or correct the unit if the times are wrong"
         raise ConfigurationError(
-            f"{at}: only {max(len(inside) - 1, 0)} samples lie in the window, and at least "
-            f"{LEAST_SAMPLES} are needed; widen it."
+            f"{at}: only {max(len(inside) - 1, 0)} samples lie in the window from {to_text(begin, 's')} to "
+            f"{to_text(end, 's')}, and at least {LEAST_SAMPLES} are needed; {samples.range()}{cure}."
         )
     first, last = int(inside[0]), int(inside[-1])
-    return _Samples(bounds[first : last + 1].copy(), samples.rate[first:last], samples.unit)
+    return samples._replace(bounds=bounds[first : last + 1].copy(), rate=samples.rate[first:last])
 
 
-def _point(model: RateModel, bounds: Floats, context: Context, at: Place) -> OperatingPoint:
+def _point(model: RateModel, samples: _Samples, context: Context, at: Place) -> OperatingPoint:
     """Operating point, simulated from the first bound or energising to the last bound, in whole steps."""
-    pulses = _pulses(model, at)
+    pulses, bounds = _pulses(model, at), samples.bounds
     if pulses[0].start >= bounds[-1]:
         raise ConfigurationError(
             f"{at}: the samples that count end at {to_text(float(bounds[-1]), 's')}, before the first "
@@ -129,7 +152,8 @@ def _point(model: RateModel, bounds: Floats, context: Context, at: Place) -> Ope
     if steps * context.time_step > LONGEST:
         raise ConfigurationError(
             f"{at}: the samples that count reach over {to_text(float(bounds[-1]) - start, 's')}, longer than a "
-            f"simulation may be, {to_text(LONGEST, 's')}; give a window."
+            f"simulation may be, {to_text(LONGEST, 's')}: {samples.range()}; give a window, or correct the unit if the "
+            "times are wrong."
         )
     rail, cylinder, low = (
         _course(item, "Pa", model, context, at / key)
@@ -148,12 +172,17 @@ def _pulses(model: RateModel, at: Place) -> tuple[Energising, ...]:
     if (model.energising_time is None) == (model.energisings is None):
         raise at.error('give either energising_time = "700 us" or energisings = [{ start = …, duration = … }]')
     if model.energisings is None:
-        return (Energising(0.0, parse(model.energising_time or 0.0, "s", str(at / "energising_time"))),)
+        duration = parse(model.energising_time or 0.0, "s", str(at / "energising_time"))
+        with located(at / "energising_time"):
+            return (Energising(0.0, duration),)
     at = at / "energisings"
-    return tuple(
-        Energising(parse(p.start, "s", str(at[i] / "start")), parse(p.duration, "s", str(at[i] / "duration")))
-        for i, p in enumerate(model.energisings)
-    )
+    return tuple(_pulse(pulse, at[i]) for i, pulse in enumerate(model.energisings))
+
+
+def _pulse(pulse: PulseModel, at: Place) -> Energising:
+    start, duration = parse(pulse.start, "s", str(at / "start")), parse(pulse.duration, "s", str(at / "duration"))
+    with located(at):
+        return Energising(start, duration)
 
 
 def _drive(model: RateModel, context: Context, at: Place) -> Trace | None:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError, nearest
 from commonrail.files.csv_rows import read_rows
+from commonrail.unit_table import NAMES
 from commonrail.units import compatible, convert
 
 __all__ = ["Table", "read_columns"]
@@ -43,6 +44,8 @@ class Table:
         SI values.
     units : dict of str to str
         SI unit of each column, where several kinds were allowed.
+    given : dict of str to str
+        Unit of each column as the file or whoever reads it states it.
     lines : (rows,) array of int
         Line in the file of each row.
     comments : tuple of str
@@ -52,6 +55,7 @@ class Table:
     path: Path
     columns: dict[str, Floats]
     units: dict[str, str]
+    given: dict[str, str]
     lines: NDArray[np.intp]
     comments: tuple[str, ...]
 
@@ -107,12 +111,14 @@ def read_columns(
         raise InputError(f"{path}: the file has {len(lines)} rows of numbers, and at least {least} are needed.")
     columns: dict[str, Floats] = {}
     kinds: dict[str, str] = {}
+    own: dict[str, str] = {}
     for column, place in places.items():
-        given = _unit(path, column, (units or in_header)[place], (stated or {}).get(column))
+        written, said = (units or in_header)[place], (stated or {}).get(column)
+        given = own[column] = _unit(path, column, (written, said), wanted[column])
         kinds[column] = _kind(path, column, given, wanted[column])
         with np.errstate(over="ignore"):  # _check_finite names the line
             columns[column] = convert(numbers[column], given, kinds[column], f'{path}, column "{column}"')
-    table = Table(path, columns, kinds, lines, tuple(rows.comments))
+    table = Table(path, columns, kinds, own, lines, tuple(rows.comments))
     for column in columns:
         _check_finite(table, column)
     if increasing:
@@ -145,7 +151,11 @@ def _find(path: Path, column: str, names: Sequence[str]) -> int:
     count = names.count(column)
     if count == 0:
         known = ", ".join(f'"{name}"' for name in names[:12]) + (", …" if len(names) > 12 else "")
-        raise InputError(f'{path}: there is no column "{column}"{nearest(column, names)}; the header has {known}.')
+        round_ = next((name for name in names if name.endswith(")") and name.partition("(")[0].strip() == column), "")
+        cure = f'; write the unit of "{round_}" in square brackets' if round_ else ""
+        raise InputError(
+            f'{path}: there is no column "{column}"{nearest(column, names)}; the header has {known}{cure}.'
+        )
     if count > 1:
         raise InputError(f'{path}: the column "{column}" stands {count} times in the header; rename one.')
     return names.index(column)
@@ -176,15 +186,23 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _unit(path: Path, column: str, written: str, stated: str | None) -> str:
+def _example(wanted: Units) -> str:
+    """Units that people write for what is wanted, "mm3/ms or mg/ms"."""
+    choices = (wanted,) if isinstance(wanted, str) else wanted
+    return " or ".join(NAMES[choice][1].partition(" ")[2] if choice in NAMES else choice for choice in choices)
+
+
+def _unit(path: Path, column: str, found: tuple[str, str | None], wanted: Units) -> str:
+    """Unit of a column, of what is written in the file and what is stated elsewhere."""
+    written, stated = found
     if written and stated and written != stated:
         raise InputError(
             f'{path}, column "{column}": the file gives the unit "{written}", the study "{stated}"; keep one of them.'
         )
     if not (written or stated):
         raise InputError(
-            f'{path}, column "{column}": there is no unit; write it in the header, as in "{column} [...]", '
-            "or state it in the study."
+            f'{path}, column "{column}": there is no unit; write it in the header, as in '
+            f'"{column} [{_example(wanted).split()[0]}]", or state it in the study.'
         )
     return written or stated or ""
 
@@ -198,7 +216,7 @@ def _kind(path: Path, column: str, unit: str, wanted: Units) -> str:
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     if not fitting:
-        raise InputError(f'{where}: a unit like {" or ".join(choices)} is expected, not "{unit}".')
+        raise InputError(f'{where}: a unit like {_example(wanted)} is expected, not "{unit}".')
     return fitting[0]
 
 
@@ -233,8 +251,15 @@ def _check_increasing(table: Table, column: str) -> None:
     what = "repeats" if steps[row - 1] == 0.0 else "runs back behind"
     raise InputError(
         f"{table.cell(column, row)}: this {column} {what} the one on line {table.lines[row - 1]}; it must "
-        "increase from row to row."
+        f"increase from row to row{_exchanged(table, column)}."
     )
+
+
+def _exchanged(table: Table, column: str) -> str:
+    """Cure where another column increases as this one should."""
+    others = (name for name, values in table.columns.items() if name != column and np.all(np.diff(values) > 0.0))
+    other = next(others, "")
+    return f', as the column "{other}" does: the two may be exchanged in the header' if other else ""
 
 
 def _cell(path: Path, line: int, column: str) -> str:

@@ -12,6 +12,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from glob import escape
 from io import BytesIO
 from pathlib import Path
 
@@ -132,6 +133,9 @@ def _decoded(path: Path, data: bytes, first: int) -> str:
 
 def _similar(path: Path) -> str:
     try:
+        below = sorted(path.parent.glob(f"*/{escape(path.name)}"))
+        if below:
+            return f' (did you mean "{below[0].relative_to(path.parent).as_posix()}"?)'
         return nearest(path.name, sorted(entry.name for entry in path.parent.iterdir()))
     except OSError:
         return ""

@@ -57,9 +57,7 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     except ValueError as error:  # not TOML, or an integer of more digits than Python reads
         found = re.search(r"\(at line (\d+), column \d+\)", str(error))
         line = found[1] if found else text.rstrip().count("\n") + 1
-        raise InputError(
-            f'{where}, line {line}: this is not TOML ({_reason(error)}); texts stand in quotes, as in key = "160 MPa".'
-        ) from error
+        raise InputError(f"{where}, line {line}: this is not TOML ({_reason(error)}); {_cure(error)}.") from error
     _check(tables, Place(where))
     return tables
 
@@ -69,6 +67,12 @@ def _reason(error: ValueError) -> str:
         return "an integer has too many digits"
     reason = re.sub(r"\s*\(at .*", "", str(error))
     return reason[:1].lower() + reason[1:]
+
+
+def _cure(error: ValueError) -> str:
+    if re.search("overwrite|twice|mutable", str(error)):
+        return "a key and a table stand once each, and every table of a list is written [[name]]"
+    return 'texts stand in quotes, as in key = "160 MPa"'
 
 
 def _check_lines(text: str, where: str) -> None:

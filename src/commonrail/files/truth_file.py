@@ -12,6 +12,7 @@ from typing import Any, get_type_hints
 
 from commonrail.analysis.bench_sensor import Sensor
 from commonrail.analysis.truth import FRICTION, MASSES, QUANTITIES, Friction, Scatter, Truth
+from commonrail.arguments import source_of
 from commonrail.engine.reference import Resolution
 from commonrail.errors import InputError, nearest
 from commonrail.files.injector_file import load_injector
@@ -51,8 +52,9 @@ def truth_text(source: str | Path) -> tuple[str, str]:
     InputError
         If there is no such name or the file cannot be read.
     """
-    if isinstance(source, Path) or source.endswith(".toml"):
-        return read_text(Path(source), LARGEST_TOML), str(source)
+    source = source_of(source, "source of a truth")
+    if isinstance(source, Path):
+        return read_text(source, LARGEST_TOML), str(source)
     known = truth_catalogue()
     if source not in known:
         raise InputError(
@@ -81,15 +83,16 @@ def load_truth(source: str | Path) -> Truth:
         If the file cannot be read or something in it is unknown, missing, of the wrong kind or outside its domain; the
         message has file and key.
     ConfigurationError
-        If the truth does not fit its injector.
+        If `source` is neither a name nor a path, or the truth does not fit its injector.
     """
+    source = source_of(source, "source of a truth")
     text, file = truth_text(source)
-    given = isinstance(source, Path) or source.endswith(".toml")
-    return _truth(parse_toml(text, file), Place(file), text, Path(source).parent if given else None)
+    folder = source.parent if isinstance(source, Path) else None
+    return _truth(parse_toml(text, file), Place(file), text, folder)
 
 
 def _truth(data: Mapping[str, Any], at: Place, text: str, folder: Path | None) -> Truth:
-    _check_format(data, at)
+    at.check_format(data, FORMAT)
     at.refuse_unknown(data, _KEYS)
     name = Path(at.file).stem
     injector = _injector_name(data, at, folder)
@@ -115,13 +118,6 @@ def _truth(data: Mapping[str, Any], at: Place, text: str, folder: Path | None) -
         base = load_injector(injector)
     _check_fit(truth, base, at)
     return truth
-
-
-def _check_format(data: Mapping[str, Any], at: Place) -> None:
-    found = data.get("format")
-    if found != FORMAT:
-        what = "format is missing" if found is None else f"format is {found!r}"
-        raise at.error(f'{what}; a truth of the virtual test bench begins with format = "{FORMAT}"')
 
 
 def _injector_name(data: Mapping[str, Any], at: Place, folder: Path | None) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from importlib import resources
 from typing import Any
 
+from commonrail.arguments import plain_text
 from commonrail.errors import InputError, nearest
 from commonrail.fuel.fuel import Fuel, Law, Origin, Polynomial
 
@@ -29,7 +30,6 @@ def catalogue() -> list[str]:
     return sorted(name.removesuffix(".toml") for name in files if name.endswith(".toml"))
 
 
-@functools.cache
 def load_fuel(name: str) -> Fuel:
     """Return a fuel of the catalogue.
 
@@ -42,11 +42,18 @@ def load_fuel(name: str) -> Fuel:
     ------
     InputError
         If there is no such fuel; the message proposes the nearest name.
+    ConfigurationError
+        If it is no text.
     """
     known = catalogue()
-    if name not in known:
+    if plain_text(name, "name of a fuel") not in known:
         hint = nearest(name, known)
         raise InputError(f'There is no fuel "{name}"{hint}: choose one of {", ".join(known)}.')
+    return _of_catalogue(name)
+
+
+@functools.cache
+def _of_catalogue(name: str) -> Fuel:
     text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
     return parse_fuel(tomllib.loads(text), name, f"catalogue/{name}.toml")
 

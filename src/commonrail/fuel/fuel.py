@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.errors import InputError
+from commonrail.arguments import array
+from commonrail.errors import ConfigurationError, InputError
 from commonrail.fuel import laws
 from commonrail.fuel.laws import Array
 
@@ -127,31 +128,30 @@ class Fuel:
         Parameters
         ----------
         p, temperature : array_like
-            Pressure [Pa] and temperature [K]; they broadcast against each other.
+            Pressure [Pa] and temperature [K], or texts with units; they broadcast against each other.
 
         Raises
         ------
+        ConfigurationError
+            If one is no finite number, or their shapes do not broadcast (so do all methods of this class).
         InputError
             If a temperature lies outside `temperature_range` (so do all methods of this class).
         """
-        self._check(temperature)
-        held, tension = self._split(p)
-        stretch = np.exp(tension / self._modulus(held, temperature))
-        return np.asarray(self._density(held, temperature) * stretch)
+        held, tension, at = self._read(p, temperature)
+        stretch = np.exp(tension / self._modulus(held, at))
+        return np.asarray(self._density(held, at) * stretch)
 
     def bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Array:
         """Return the isothermal bulk modulus rho dp/d(rho) [Pa]; shapes as in `density`."""
-        self._check(temperature)
-        held, _ = self._split(p)
-        return np.asarray(_MPA * self._modulus(held, temperature))
+        held, _, at = self._read(p, temperature)
+        return np.asarray(_MPA * self._modulus(held, at))
 
     def isentropic_bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Array:
         """Return the isentropic bulk modulus [Pa], the one that waves feel."""
         if self.isentropic_law is None:
             return self.bulk_modulus(p, temperature)
-        self._check(temperature)
-        held, _ = self._split(p)
-        return np.asarray(_MPA * laws.saturating_law(held, *self.isentropic_law.at(temperature)))
+        held, _, at = self._read(p, temperature)
+        return np.asarray(_MPA * laws.saturating_law(held, *self.isentropic_law.at(at)))
 
     def sound_speed(self, p: ArrayLike, temperature: ArrayLike) -> Array:
         """Return the speed of sound sqrt(K_S/rho) [m/s]."""
@@ -160,14 +160,12 @@ class Fuel:
 
     def kinematic_viscosity(self, p: ArrayLike, temperature: ArrayLike) -> Array:
         """Return the kinematic viscosity [m2/s], Eq. (2)."""
-        self._check(temperature)
-        held, _ = self._split(p)
-        return np.asarray(_MM2_PER_S * laws.power_law(held, *self.viscosity_law.at(temperature)))
+        held, _, at = self._read(p, temperature)
+        return np.asarray(_MM2_PER_S * laws.power_law(held, *self.viscosity_law.at(at)))
 
     def vapour_pressure(self, temperature: ArrayLike) -> Array:
         """Return the vapour pressure [Pa], the exponential of a polynomial in temperature."""
-        self._check(temperature)
-        return np.asarray(np.exp(self.vapour_law.at(temperature)[0]))
+        return np.asarray(np.exp(self.vapour_law.at(self._temperature(temperature))[0]))
 
     def _density(self, held: Array, temperature: ArrayLike) -> Array:
         if self.bulk_modulus_law is None:
@@ -182,14 +180,21 @@ class Fuel:
         _, k2, k3, k4 = self.density_law.at(temperature)
         return self._density(held, temperature) / laws.saturating_slope(held, k2, k3, k4)
 
-    def _split(self, p: ArrayLike) -> tuple[Array, Array]:
-        """Return the pressure held at the range's lower end, and what lies below it, in MPa."""
-        pressure = np.asarray(p, dtype=np.float64) / _MPA
+    def _read(self, p: ArrayLike, temperature: ArrayLike) -> tuple[Array, Array, Array]:
+        """Pressure held at the range's lower end, what lies below it, both in MPa, and temperature [K]."""
+        at, pressure = self._temperature(temperature), array(p, "Pa", "pressure") / _MPA
+        try:
+            np.broadcast_shapes(pressure.shape, at.shape)
+        except ValueError:
+            raise ConfigurationError(
+                f"The pressure of shape {pressure.shape} and the temperature of shape {at.shape} must be of one shape, "
+                "or one of them a single number."
+            ) from None
         low = self.pressure_range[0] / _MPA
-        return np.maximum(pressure, low), np.minimum(pressure - low, 0.0)
+        return np.maximum(pressure, low), np.minimum(pressure - low, 0.0), at
 
-    def _check(self, temperature: ArrayLike) -> None:
-        asked = np.asarray(temperature, dtype=np.float64)
+    def _temperature(self, temperature: ArrayLike) -> Array:
+        asked = array(temperature, "K", "temperature", finite=False)
         low, high = self.temperature_range
         inside = (asked >= low - _TEMPERATURE_TOLERANCE) & (asked <= high + _TEMPERATURE_TOLERANCE)
         if not np.all(inside):
@@ -198,3 +203,4 @@ class Fuel:
                 f"Fuel {self.name} is defined from {low:g} to {high:g} K but was asked for at "
                 f"{wrong:g} K: give an absolute temperature inside this range, or another fuel."
             )
+        return asked

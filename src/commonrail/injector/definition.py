@@ -5,8 +5,9 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
+from commonrail.arguments import Quantity, instance, mapping, number, plain_text, settle
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.layout import field_paths
@@ -56,6 +57,12 @@ class Injector:
         Origin of values by dotted name.
     synthetic : str
         What about it is not measured, empty if nothing.
+
+    Raises
+    ------
+    ConfigurationError
+        If a parameter is unknown, missing or outside its domain, or an argument is of another kind. Values may be
+        given as texts with their units, ``"75 N"``.
     """
 
     name: str
@@ -66,10 +73,28 @@ class Injector:
     sources: Mapping[str, Source] = field(default_factory=dict)
     synthetic: str = ""
 
+    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+
+        def __init__(
+            self,
+            name: str,
+            title: str,
+            values: Mapping[str, Quantity],
+            fuel: Fuel,
+            variant: Variant = Variant(),
+            sources: Mapping[str, Source] = {},
+            synthetic: str = "",
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         known = parameter_quantities()
-        for path, value in self.values.items():
-            _check(self.name, path, value, known)
+        for what in ("name", "title", "synthetic"):
+            plain_text(getattr(self, what), f"{what} of an injector")
+        values = {path: _read(self.name, path, value, known) for path, value in _named(self.values).items()}
+        settle(self, values=values)
+        instance(self.fuel, Fuel, "fuel")
+        settle(self, variant=Variant(*instance(self.variant, Variant, "variant")))
+        mapping(self.sources, "sources", '{"nozzle.holes": Source("M", "drawing")}')
         missing = [path for path in known if path not in self.values]
         if missing:
             raise ConfigurationError(f"{self.name}: no value for {missing[0]}; give one in the injector's file.")
@@ -81,28 +106,41 @@ class Injector:
         rooms = get_type_hints(Parameters)
         return Parameters(**{room: _take(kind, flat) for room, kind in rooms.items()})
 
-    def with_values(self, values: Mapping[str, float]) -> Injector:
+    def with_values(self, values: Mapping[str, Quantity]) -> Injector:
         """The same injector with some values changed.
+
+        Parameters
+        ----------
+        values : mapping of str to float or str
+            SI numbers, or texts with their units such as ``"75 N"``, by dotted name.
 
         Raises
         ------
         ConfigurationError
-            If a name is unknown or a value outside its domain.
+            If a name is unknown, or a value is of another kind or outside its domain.
         """
-        return replace(self, values={**self.values, **values})
+        return replace(self, values={**self.values, **_named(values)})
 
 
 def _take(kind: Any, flat: Iterator[float]) -> Any:
     return kind._make([next(flat) for _ in kind._fields])
 
 
-def _check(name: str, path: str, value: float, known: Mapping[str, Q]) -> None:
+def _named(values: object) -> Mapping[str, Any]:
+    return mapping(values, "values of parameters", '{"valve.spring_preload": "75 N"}')
+
+
+def _read(name: str, path: str, value: object, known: Mapping[str, Q]) -> float:
     if path not in known:
-        raise ConfigurationError(f"{name}: there is no parameter {path}{nearest(path, known)}.")
+        raise ConfigurationError(
+            f"{name}: there is no parameter {path}{nearest(path, known)}; commonrail.parameter_quantities() lists them."
+        )
     quantity = known[path]
-    if not (abs(value) < float("inf") and quantity.domain.admits(value)):
+    found = value if isinstance(value, float) else number(value, quantity.unit, f"{name}, {path}")
+    if not (abs(found) < float("inf") and quantity.domain.admits(found)):
         raise ConfigurationError(
             f"{name}: {path} ({quantity.meaning}) must be {quantity.domain.value}, not "
-            f"{value:g} {quantity.unit.removesuffix('1')}".rstrip()
+            f"{found:g} {quantity.unit.removesuffix('1')}".rstrip()
             + "."
         )
+    return float(found)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any, NamedTuple
 
+from commonrail.arguments import chosen
 from commonrail.injector import boundary
 from commonrail.injector.layout import Layout, layout_of
 from commonrail.injector.model import Coefficients, State
@@ -37,12 +38,41 @@ class Drive(Enum):
     CURRENT = "current trace"
 
 
-class Variant(NamedTuple):
-    """One wiring."""
+class _Wired(NamedTuple):
+    body: Body
+    boundary: Boundary
+    drive: Drive
 
-    body: Body = Body.FLEXIBLE
-    boundary: Boundary = Boundary.IDEAL
-    drive: Drive = Drive.REGULATED
+
+class Variant(_Wired):
+    """One wiring.
+
+    Parameters
+    ----------
+    body : Body or str
+        "flexible" or "rigid".
+    boundary : Boundary or str
+        "ideal" or "volume".
+    drive : Drive or str
+        "regulated", "pwm", "voltage trace" or "current trace".
+
+    Raises
+    ------
+    ConfigurationError
+        If one is no such word.
+    """
+
+    __slots__ = ()
+
+    def __new__(
+        cls,
+        body: Body | str = Body.FLEXIBLE,
+        boundary: Boundary | str = Boundary.IDEAL,
+        drive: Drive | str = Drive.REGULATED,
+    ) -> Variant:
+        return super().__new__(
+            cls, chosen(body, Body, "body"), chosen(boundary, Boundary, "boundary"), chosen(drive, Drive, "drive")
+        )
 
     @property
     def label(self) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from jinja2 import UndefinedError
 from numpy.typing import NDArray
 
+from commonrail.arguments import file_path
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text
 from commonrail.files.comparison_folder import COMPARISON, read_comparison
@@ -36,12 +37,12 @@ Floats = NDArray[np.float64]
 _BROKEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, UndefinedError)
 
 
-def write_report(folder: Path) -> Path:
+def write_report(folder: str | Path) -> Path:
     """Write ``report.html`` from what a run folder holds.
 
     Parameters
     ----------
-    folder : Path
+    folder : str or Path
         Folder that ``commonrail calibrate``, ``compare`` or ``reproduce`` left.
 
     Returns
@@ -53,10 +54,16 @@ def write_report(folder: Path) -> Path:
     ------
     InputError
         If it is not a run folder or was left by another version.
+    ConfigurationError
+        If it is no path.
     OutputError
         If the report cannot be written.
     """
-    folder = Path(folder)
+    folder = file_path(folder, "folder")
+    if not folder.is_dir():
+        raise InputError(
+            f"{folder}: this is no folder; name one that `commonrail calibrate`, `compare` or `reproduce` left."
+        )
     name, verb, make = next((k for k in _KINDS if (folder / k[0]).is_file()), _KINDS[-1])
     try:
         page = make(folder)

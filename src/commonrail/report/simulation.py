@@ -7,7 +7,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arguments import instance, mapping, plain_text
 from commonrail.engine.solution import Solution
+from commonrail.errors import ConfigurationError
 from commonrail.report.chart import Figure, Panel, Points, Series
 from commonrail.report.draw import figure_html
 from commonrail.report.figures import RATE
@@ -55,8 +57,21 @@ def simulation_figure(solutions: Solution | Mapping[str, Solution], title: str =
     -------
     str
         HTML that needs nothing from outside.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or there is no solution.
     """
-    named = {"": solutions} if isinstance(solutions, Solution) else dict(solutions)
+    plain_text(title, "title")
+    if isinstance(solutions, Solution):
+        named = {"": solutions}
+    else:
+        named = dict(mapping(solutions, "solutions", '{"first": solution}, or a single Solution'))
+    if not named:
+        raise ConfigurationError("The solutions must be at least one.")
+    for name, solution in named.items():
+        instance(solution, Solution, f'solution "{name}" of the solutions')
     figure = course_figure(named)
     statuses = [f"{f'{name}: ' if name else ''}{s.status.sentence}" for name, s in named.items()]
     return render(

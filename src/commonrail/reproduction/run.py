@@ -10,9 +10,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from commonrail.analysis.truth import Truth
+from commonrail.arguments import function, instance, sequence, thread_count, whole
 from commonrail.calibration.interrupt import Wish, held_interrupts
-from commonrail.engine.simulate import usable_threads
+from commonrail.engine.simulate import check_step, usable_threads
 from commonrail.errors import ConfigurationError
+from commonrail.injector.definition import Injector
 from commonrail.reproduction.repetition import Bench, Repetition, generations_of_one, repeat
 
 __all__ = ["Progress", "Reproduction", "reproduce"]
@@ -78,12 +81,16 @@ def reproduce(
     Raises
     ------
     ConfigurationError
-        If seeds are missing or repeated.
+        If seeds are missing, repeated, negative or not whole, or an argument is of another kind.
     SimulationError
         If the truth cannot be simulated.
     KeyboardInterrupt
         If the user stops before one repetition is complete.
     """
+    bench = _checked(bench)
+    threads = thread_count(threads)
+    function(progress, "progress")
+    seeds = [whole(seed, "seed") for seed in sequence(seeds, "seeds", "[1, 2, 3]")]
     if not seeds or len(set(seeds)) < len(seeds):
         raise ConfigurationError("The seeds of a reproduction must be at least one, each once.")
     start = time.perf_counter()
@@ -101,6 +108,14 @@ def reproduce(
     if not found:
         raise KeyboardInterrupt
     return Reproduction(bench, found, len(seeds), time.perf_counter() - start)
+
+
+def _checked(bench: Bench) -> Bench:
+    """The bench with its time step as a number."""
+    instance(bench, Bench, "bench")
+    instance(bench.truth, Truth, "truth of the bench")
+    instance(bench.injector, Injector, "injector of the bench")
+    return bench._replace(time_step=check_step(bench.time_step))
 
 
 class _Counter:

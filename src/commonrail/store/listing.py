@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from commonrail.arguments import file_path
 from commonrail.errors import CommonrailError, InputError
 from commonrail.store.journal import JOURNAL, LOCK, State, read_about
 
@@ -60,8 +61,10 @@ def list_runs(folder: str | Path) -> list[Run]:
     ------
     InputError
         If there is no such folder.
+    ConfigurationError
+        If it is no path.
     """
-    top = Path(folder)
+    top = file_path(folder, "folder")
     if not top.is_dir():
         raise InputError(f"{top}: there is no such folder; name one that holds run folders.")
     return [_run(path) for path in sorted(_run_folders(top))]

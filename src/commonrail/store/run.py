@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.analysis.identifiability import identify
+from commonrail.arguments import file_path, flag, instance, thread_count, whole
 from commonrail.calibration.checkpoint import Checkpoint, CheckpointError
 from commonrail.calibration.interrupt import held_interrupts
+from commonrail.calibration.optimisers.evolution_settings import MOST_GENERATIONS
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
@@ -20,7 +22,6 @@ from commonrail.errors import CommonrailError, ConfigurationError, StudyError
 from commonrail.files.atomic import PART, write_text, writing
 from commonrail.files.run_folder import STUDY, refuse_used, write_results
 from commonrail.files.study_file import load_study
-from commonrail.files.study_models import MOST_GENERATIONS
 from commonrail.store.changes import check_files
 from commonrail.store.content import content_of, sha256
 from commonrail.store.copies import copies_of, copy_study, set_in_study
@@ -75,6 +76,8 @@ def calibrate_into(
 
     Raises
     ------
+    ConfigurationError
+        If an argument is of another kind, such as a path in place of a study.
     InputError
         If the folder is not empty.
     OutputError
@@ -82,7 +85,9 @@ def calibrate_into(
     StudyError
         If the study cannot be run; what was done before is kept.
     """
-    path = Path(folder)
+    path = file_path(folder, "folder")
+    instance(study, Study, "study")
+    threads = _check_how(threads, workers, listener)
     with _begun(path, study) as (journal, own):
         return _run(journal, own, None, listener, threads=threads, workers=workers)
 
@@ -119,11 +124,14 @@ def resume(
     OutputError
         If the folder cannot be written; what was done before is kept.
     ConfigurationError
-        If `generations` is negative.
+        If `generations` is negative, has a fraction or asks for too many, or an argument is of another kind.
     """
-    path = Path(folder)
-    if generations < 0:
-        raise ConfigurationError(f"generations = {generations} must be 0 or more")
+    path = file_path(folder, "folder")
+    generations = whole(generations, "generations")
+    if study is not None:
+        instance(study, Study, "study")
+    flag(as_begun, "as_begun")
+    threads = _check_how(threads, workers, listener)
     if not (path / JOURNAL).is_file():
         raise StudyError(_nothing_to_resume(path))
     with Journal(path) as journal:
@@ -137,6 +145,14 @@ def resume(
         for sentence in _differences(journal):
             listener.note(sentence)
         return _run(journal, own, journal.checkpoint(), listener, threads=threads, workers=workers)
+
+
+def _check_how(threads: int | None, workers: Workers | None, listener: Listener) -> int | None:
+    """Refuse wrong settings before anything is written."""
+    if workers is not None:
+        instance(workers, Workers, "workers")
+    instance(listener, Listener, "listener")
+    return thread_count(threads)
 
 
 def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener: Listener, **how: Any) -> Calibration:
@@ -169,7 +185,7 @@ def _begun(folder: Path, study: Study) -> Iterator[tuple[Journal, Study]]:
     """A new run's journal and its study, read from the copy in the folder; nothing stays if nothing was simulated."""
     existed = folder.is_dir()
     _check_free(folder)
-    with writing(folder, "--out"):
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     with Journal(folder) as journal:
         if "content" in journal.about:
@@ -262,7 +278,7 @@ def _check_total(journal: Journal, more: int) -> None:
     total = journal.generations + more
     if total > MOST_GENERATIONS:
         raise ConfigurationError(
-            f"--generations: {more} more than the run's {journal.generations} are {total}, and at most "
+            f"generations: {more} more than the run's {journal.generations} are {total}, and at most "
             f"{MOST_GENERATIONS} are allowed; ask for fewer."
         )
 

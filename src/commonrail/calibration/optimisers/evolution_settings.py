@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+from commonrail.arguments import array, chosen, number, settle, whole
 from commonrail.calibration.optimisers.treatments import Treatment
 from commonrail.errors import ConfigurationError
 
-__all__ = ["EvolutionSettings", "InitialSampling"]
+__all__ = ["MOST_GENERATIONS", "MOST_MEMBERS", "EvolutionSettings", "InitialSampling"]
 
 FEWEST_MEMBERS = 4
+# Far above what anybody calibrates; below what would fill the memory.
+MOST_MEMBERS = 100_000
+MOST_GENERATIONS = 1_000_000
 
 
 class InitialSampling(StrEnum):
@@ -47,7 +51,7 @@ class EvolutionSettings:
     Raises
     ------
     ConfigurationError
-        If a number lies outside its range.
+        If a number lies outside its range, or is not whole where it counts something.
     """
 
     members: int = 50
@@ -59,21 +63,34 @@ class EvolutionSettings:
     redraws: int = 10
 
     def __post_init__(self) -> None:
+        factor = array(self.factor, "1", "factor", 1).tolist()
+        if len(factor) != 2:
+            raise ConfigurationError(f"factor = {self.factor} must be a range of two numbers, such as (0.4, 1.0).")
+        settle(
+            self,
+            members=whole(self.members, "members", -MOST_MEMBERS, MOST_MEMBERS),
+            generations=whole(self.generations, "generations", -MOST_GENERATIONS, MOST_GENERATIONS),
+            crossover=number(self.crossover, "1", "crossover"),
+            factor=tuple(factor),
+            treatment=chosen(self.treatment, Treatment, "treatment"),
+            initial=chosen(self.initial, InitialSampling, "initial"),
+            redraws=whole(self.redraws, "redraws", -MOST_GENERATIONS, MOST_GENERATIONS),
+        )
         if self.members < FEWEST_MEMBERS:
             raise ConfigurationError(
                 f"members = {self.members} must be at least {FEWEST_MEMBERS}: a mutation combines "
-                "three members other than the parent"
+                "three members other than the parent."
             )
         if self.generations < 0:
-            raise ConfigurationError(f"generations = {self.generations} must be 0 or more")
+            raise ConfigurationError(f"generations = {self.generations} must be 0 or more.")
         if not 0.0 <= self.crossover <= 1.0:
-            raise ConfigurationError(f"crossover = {self.crossover:g} must lie between 0 and 1")
+            raise ConfigurationError(f"crossover = {self.crossover:g} must lie between 0 and 1.")
         if not 0.0 < self.factor[0] <= self.factor[1] <= 2.0:
             raise ConfigurationError(
-                f"factor = {self.factor[0]:g} to {self.factor[1]:g} must be an ascending range above 0 and not above 2"
+                f"factor = {self.factor[0]:g} to {self.factor[1]:g} must be an ascending range above 0 and not above 2."
             )
         if self.redraws < 1:
-            raise ConfigurationError(f"redraws = {self.redraws} must be 1 or more")
+            raise ConfigurationError(f"redraws = {self.redraws} must be 1 or more.")
 
     @property
     def slots(self) -> int:
