@@ -60,6 +60,7 @@ class Rows(NamedTuple):
     mark: int
     absolute: int
     squared: int
+    density: int
     greatest: int
     opened: int
     shut: int
@@ -100,8 +101,8 @@ def make_rows(variant: Variant, lanes: int) -> Rows:
         "valve.lift",
         *body,
     )
-    single = [note + i for i in (0, 1, 2, 3, 4)]
-    opened, shut, clear, final = note + 5, note + 8, note + 11, note + 12  # step, lift before, lift after; four figures
+    single = [note + i for i in range(6)]
+    opened, shut, clear, final = note + 6, note + 9, note + 12, note + 13  # step, lift before, lift after; four figures
     done, delays, end = final + 4, final + 5, final + 11  # delays: whole steps and rest, for each wave
     state_rows = [state + wired.state.row(name) for name in looked_at]
     delay_rows = [wired.coefficients.row(name) for name in ("delays.feed", "delays.back")]
@@ -273,12 +274,21 @@ def make_ferry(rows: Rows, copy: Callable[..., Any]) -> tuple[Callable[..., Any]
 
 
 @physics
+def set_densities(work, rows, candidates, density, point):  # type: ignore[no-untyped-def]
+    """Keep the density that makes a volume of each lane's samples; one row of `density` holds for all candidates."""
+    for lane in range(rows.lanes):
+        candidate = candidates[1 + lane] if density.shape[0] > 1 else 0
+        work[at(rows, rows.density, lane)] = density[candidate, point]
+
+
+@physics
 def sample(work, rows, part, width, target, weight, first):  # type: ignore[no-untyped-def]
-    """Take the sample that ends `part` of a step into the last one, and add up its misfit."""
+    """Take the sample that ends `part` of a step into the last one, and add up its misfit, by volume as the target."""
     for lane in range(rows.lanes):
         start = work[at(rows, rows.before, lane)]
         here = start + part * (work[at(rows, rows.injected, lane)] - start)
-        error = (here - work[at(rows, rows.mark, lane)]) / width - target
+        # a division: the compiler contracts a product and a difference in some lanes and not in others
+        error = (here - work[at(rows, rows.mark, lane)]) / (width * work[at(rows, rows.density, lane)]) - target
         counts = 0.0 if first else weight
         work[at(rows, rows.absolute, lane)] += counts * abs(error)
         work[at(rows, rows.squared, lane)] += counts * error * error
@@ -356,7 +366,7 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
 
     def loop(  # type: ignore[no-untyped-def]
         theta, settings, inputs, steps, quiet, blocks, dt, ring, stop_when_closed,
-        bound_count, bounds, target, weight, trace, out, first, last,
+        bound_count, bounds, target, weight, density, trace, out, first, last,
     ):  # fmt: skip
         widest_vectors()
         step_size = real(dt)
@@ -368,6 +378,7 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
             rail, cylinder, low = settings[point, 0], settings[point, 1], settings[point, 2]
             setting = Setting(real(rail), real(cylinder), real(low), step_size)
             alike = begin(work, waves, ring, theta, blocks[block], setting, out[block])
+            set_densities(work, rows, blocks[block], density, point)
             if trace.shape[0] > 0:
                 record(work, rows, trace[block, 0])
             bound = 0

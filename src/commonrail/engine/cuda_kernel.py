@@ -31,6 +31,7 @@ from commonrail.engine.block import (
     record,
     report,
     sample,
+    set_densities,
 )
 from commonrail.engine.lanes import VECTORS, Precision
 from commonrail.injector.model import Inputs, Setting
@@ -60,7 +61,7 @@ def signature(precision: Precision) -> Any:
     """Types of the kernel's arguments."""
     real, whole, yes = numba.from_dtype(np.dtype(VECTORS[precision].real)), numba.int64, numba.boolean
     job = (real[:, ::1], real[:, ::1], real[:, :, ::1], whole[::1], whole[::1], whole[:, ::1])
-    samples = (whole[::1], whole[:, ::1], real[:, :, ::1])
+    samples = (whole[::1], whole[:, ::1], real[:, :, ::1], real[:, ::1])
     return numba.void(*job, real, whole, yes, *samples, real[:, ::1], real[:, :, :, ::1], real[:, ::1])
 
 
@@ -85,7 +86,7 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
 
     def march(  # type: ignore[no-untyped-def]
         theta, settings, inputs, steps, quiet, blocks, step_size, ring, stop_when_closed,
-        bound_count, due, samples, rings, trace, out,
+        bound_count, due, samples, density, rings, trace, out,
     ):  # fmt: skip
         thread = cuda.grid(1)
         if thread >= blocks.shape[0]:
@@ -95,6 +96,7 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
         point = blocks[thread, 0]
         setting = Setting(settings[point, 0], settings[point, 1], settings[point, 2], step_size)
         begin(work, waves, ring, theta, blocks[thread], setting, figures)
+        set_densities(work, rows, blocks[thread], density, point)
         keep(work, rows, trace, thread, 0)
         bound = 0
         for k in range(steps[point]):

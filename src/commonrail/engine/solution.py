@@ -98,10 +98,10 @@ class Batch:
     greatest_lift : [m]
     status : int
         Values of `Status`.
-    reference_density : (points,)
-        [kg/m³], of the injector's own fuel temperature.
+    reference_density : (candidates, points)
+        [kg/m³], each at its own fuel temperature.
     absolute_error, squared_error : (candidates, points)
-        Weighted sums over the samples of a rate measurement, [kg/s] and [(kg/s)²]; zero without one.
+        Weighted sums over the samples of a rate measurement, [m³/s] and [(m³/s)²]; zero without one.
     """
 
     injected_mass: Floats

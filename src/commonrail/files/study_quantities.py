@@ -59,18 +59,20 @@ def read_quantities(model: QuantitiesModel, context: Context, at: Place) -> Quan
         )
     rows = _map_rows(model, context, at) + _dead_time_rows(model, context, at)
     absolute, relative = _tolerances(model, at)
-    volume = [row.quantity / context.per_volume(row.unit, row.point) for row in rows]
+    density = np.array([context.mass_density(row.unit, row.point) for row in rows])
+    quantity = np.array([row.quantity for row in rows])
     return QuantityData(
         model.name,
         Role(model.role),
         tuple(row.point for row in rows),
-        np.array(volume),
+        quantity / np.where(np.isnan(density), 1.0, density),
         absolute,
         relative,
         np.array([row.dead_time for row in rows]),
         model.weight,
         model.source,
         model.synthetic,
+        density,
     )
 
 

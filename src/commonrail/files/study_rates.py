@@ -51,15 +51,17 @@ def read_rate(model: RateModel, context: Context, at: Place) -> RateData:
     """
     samples = _window(_samples(model, context, at), model, at)
     point = _point(model, samples.bounds, context, at)
+    density = context.mass_density(samples.unit, point)
     return RateData(
         model.name,
         Role(model.role),
         point,
         samples.bounds,
-        samples.rate / context.per_volume(samples.unit, point),
+        samples.rate if math.isnan(density) else samples.rate / density,
         model.weight,
         model.source,
         model.synthetic,
+        density,
     )
 
 
