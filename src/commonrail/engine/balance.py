@@ -15,11 +15,13 @@ from commonrail.injector.model import Setting
 
 Floats = NDArray[np.float64]
 
+SMALL = 1e-6  # a small pilot's mass [kg]: without an injection there is nothing to be relative to
+
 _VOLUMES = ("control_chamber.fuel.mass", "accumulation.fuel.mass", "sac.mass")
 
 
 def relative_balance(injector: Injector, point: OperatingPoint, names: Sequence[str], rows: Floats, dt: float) -> float:
-    """(in − out − stored)/injected from the state after every step, (steps + 1, rows).
+    """Balance of `relative_to_injected` from the state after every step, (steps + 1, rows).
 
     In: drawn from the rail. Out: injected, returned. Stored: the three volumes and the feed pipe.
     """
@@ -41,7 +43,12 @@ def relative_balance(injector: Injector, point: OperatingPoint, names: Sequence[
     put_in = float(column("books.supplied")[-1])
     taken_out = injected + float(column("books.returned")[-1])
     left = put_in - taken_out - stored
-    return float(left / injected if injected else left)
+    return relative_to_injected(left, injected)
+
+
+def relative_to_injected(left: float, injected: float) -> float:
+    """Mass that the books miss [kg] relative to what was injected, and to `SMALL` where less was [1]."""
+    return float(left / max(injected, SMALL))
 
 
 def _pipe(wave: Floats, delay: float, share: float) -> float:

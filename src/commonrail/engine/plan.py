@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from commonrail.engine.block import FUEL
 from commonrail.engine.lanes import VECTORS, Job, Precision
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
+from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.fuel.fuel import Fuel
@@ -58,8 +59,10 @@ def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> 
     Raises
     ------
     ConfigurationError
-        If a point has too many steps, or no trace for a drive that needs one.
+        If a point has too many steps, no trace for a drive that needs one, or is refused by `check_point`.
     """
+    for point in points:
+        check_point(injector, point)
     steps = np.array([_steps(point, dt) for point in points])
     inputs = np.zeros((len(points), int(steps.max()), 6))
     for i, point in enumerate(points):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from commonrail.engine.balance import relative_to_injected
 from commonrail.engine.explicit import Problem, march
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.rates import CORE, Outside, compiled_rates, feed, inlet_law, past_limit, start_vector, tip_index
@@ -20,6 +21,7 @@ from commonrail.engine.simulate import reference_density
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.engine.timetable import courses, segments, value_at
+from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector import setup
@@ -79,7 +81,8 @@ def simulate_reference(
     Raises
     ------
     ConfigurationError
-        If the resolution makes no sense. A simulation that fails returns a `Solution` whose status says so.
+        If the resolution makes no sense, or the injector or its fuel does not cover the point. A simulation that
+        fails returns a `Solution` whose status says so.
     """
     resolution = resolution or Resolution()
     _check(resolution)
@@ -108,6 +111,7 @@ class Model:
     def __init__(
         self, injector: Injector, point: OperatingPoint, resolution: Resolution, friction: Floats | None
     ) -> None:
+        check_point(injector, point)
         self.injector, self.point, self.resolution = injector, point, resolution
         variant = injector.variant
         at = Setting(*point.initial_pressures(), 1e-6)
@@ -328,13 +332,14 @@ class Model:
         return {"rail_pressure": rail, "inlet_pressure": np.array(inlet)}
 
     def _balance(self, states: Floats) -> float:
-        """(in − out − stored)/injected."""
+        """Balance of `relative_to_injected`."""
         gain = states[-1] - states[0]
         core = dict(zip(CORE, gain[self.core : self.core + len(CORE)], strict=True))
         per_cell = self.c.feed_pipe.travel_time / self.cells[0] / self.c.feed_pipe.impedance
         stored = core["control_mass"] + core["store_mass"] + core["sac_mass"]
         stored += per_cell * float(np.sum(gain[1 : 2 * self.cells[0] : 2]))
-        return float((core["supplied"] - core["injected"] - core["returned"] - stored) / core["injected"])
+        left = core["supplied"] - core["injected"] - core["returned"] - stored
+        return relative_to_injected(left, core["injected"])
 
 
 def _instants(clears: list[float], falls: list[float]) -> tuple[float, float]:

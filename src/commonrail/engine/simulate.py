@@ -103,7 +103,7 @@ def simulate(
         time,
         np.diff(injected) / np.diff(time),
         injected,
-        read_channels(injector, point, names, rows),
+        read_channels(injector, point, names, time, rows),
         float(injected[-1]),
         float(rows[-1, names.index("books.returned")]),
         point.start + time_step * float(outcome.opening[0, 0]),

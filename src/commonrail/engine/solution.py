@@ -40,7 +40,7 @@ class Solution:
     engine : str
         "lanes" or "reference".
     balance : float
-        In − out − stored, relative to the injected mass.
+        In − out − stored, relative to the injected mass, or to 1 mg where less was injected.
     """
 
     time: Floats

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from commonrail.calibration.study import RateData, Role
 from commonrail.engine.operating_point import Course, Energising, OperatingPoint, Trace
+from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
 from commonrail.files.place import Place, located
 from commonrail.files.study_context import Context
@@ -143,7 +144,9 @@ def _point(model: RateModel, bounds: Floats, context: Context, at: Place) -> Ope
     )
     drive = _drive(model, context, at / "drive")
     with located(at):
-        return OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start)
+        point = OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start)
+        check_point(context.injector, point)
+        return point
 
 
 def _pulses(model: RateModel, at: Place) -> tuple[Energising, ...]:
