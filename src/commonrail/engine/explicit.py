@@ -19,7 +19,7 @@ from commonrail.compile import kernel, physics
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.rates import CORE, make_rates, past_limit, tip_index
 from commonrail.engine.timetable import courses, knots, segments, value_at
-from commonrail.injector.joints import CLEAR_LIFT
+from commonrail.injector.joints import CLEAR_LIFT, REOPENED
 from commonrail.injector.model import Coefficients
 from commonrail.injector.variants import Drive, Variant, wiring
 from commonrail.parts.drive import turned
@@ -65,12 +65,19 @@ class Problem(NamedTuple):
     start: Floats
 
 
+class Instants(NamedTuple):
+    """Opening, last and first closing of the needle [s], as `Solution` defines them."""
+
+    opening: float = math.nan
+    closing: float = math.nan
+    first_closing: float = math.nan
+
+
 class Marched(NamedTuple):
-    """States at the times, instants of opening and last closing [s], and whether all stayed finite."""
+    """States at the times, instants of the needle, and whether all stayed finite."""
 
     states: Floats
-    opening: float
-    closing: float
+    instants: Instants
     finished: bool
 
 
@@ -96,11 +103,11 @@ def march(problem: Problem, time: Floats, step: float) -> Marched:
     """
     plan = _plan(problem, time)
     states = np.full((len(time), len(problem.start)), np.nan)
-    instants = np.full(2, np.nan)
+    noted = np.append(np.full(3, np.nan), (0.0, 0.0))
     loop = compiled_march(problem.variant)
     p = problem
-    finished = loop(*plan, min(step, passage(p)), p.constants, p.cells, p.friction, p.start.copy(), states, instants)
-    return Marched(states, float(instants[0]), float(instants[1]), bool(finished))
+    finished = loop(*plan, min(step, passage(p)), p.constants, p.cells, p.friction, p.start.copy(), states, noted)
+    return Marched(states, Instants(*noted[:3].tolist()), bool(finished))
 
 
 def passage(problem: Problem) -> float:
@@ -139,14 +146,19 @@ def set_courses(outside: Any, courses: Any, stops: Any, k: int, t: float) -> Non
 
 
 @physics
-def note_instants(instants: Any, now: float, h: float, old: float, new: float) -> None:
-    """Keep the first time at which the tip is clear of its seat, and the first at which it meets it after the last."""
+def note_instants(noted: Any, now: float, h: float, old: float, new: float, injected: float) -> None:
+    """Keep the fields of `Instants`; then 1 while the needle is clear, and the mass injected when it left its seat."""
+    if old <= 0.0:
+        noted[4] = injected
     if old <= CLEAR_LIFT < new:
-        if math.isnan(instants[0]):
-            instants[0] = now + h * (CLEAR_LIFT - old) / (new - old)
-        instants[1] = math.nan
-    if new <= 0.0 < old and math.isnan(instants[1]) and not math.isnan(instants[0]):
-        instants[1] = now + h * old / (old - new)
+        if math.isnan(noted[0]):
+            noted[0] = now + h * (CLEAR_LIFT - old) / (new - old)
+        noted[1], noted[3] = math.nan, 1.0
+    flowed = injected - noted[4]
+    if new <= 0.0 < old and not math.isnan(noted[0]) and (noted[3] > 0.5 or flowed > REOPENED * injected):
+        noted[1], noted[3] = now + h * old / (old - new), 0.0
+        if math.isnan(noted[2]):
+            noted[2] = noted[1]
 
 
 @physics
@@ -183,7 +195,7 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
         return past_limit(c, outside[4], outside[5], y[core], y[core + 2])
 
     def loop(  # type: ignore[no-untyped-def]
-        stops, courses, schedule, rows, step, constants, cells, friction, y, states, instants
+        stops, courses, schedule, rows, step, constants, cells, friction, y, states, noted
     ):
         c = load(constants, 0, 1, 0)
         core = 2 * cells[0] + 1
@@ -208,7 +220,7 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
                     short, gap = (short, gap) if ahead > 0.0 else (h, ahead)
                     long, over = (h, ahead) if ahead > 0.0 else (long, over)
                     continue
-                note_instants(instants, now, h, y[tip], work[0, tip])
+                note_instants(noted, now, h, y[tip], work[0, tip], work[0, core + INJECTED])
                 now = stop if h >= stop - now else now + h
                 y[:] = work[0]
                 if long > 0.0:

@@ -76,8 +76,8 @@ class Misfit(NamedTuple):
 class Outcome(NamedTuple):
     """Per lane figures of a run; shapes (blocks, lanes).
 
-    `opening` and `closing` are in steps (NaN where there is none); masses in kg; `absolute` and `squared`
-    are the weighted sums of the samples' errors [m³/s], [(m³/s)²]; `sound` is 1 for a run that stayed
+    `opening`, `closing` and `first_closing` are in steps (NaN where there is none); masses in kg; `absolute` and
+    `squared` are the weighted sums of the samples' errors [m³/s], [(m³/s)²]; `sound` is 1 for a run that stayed
     finite and inside its stops, `closed_at_start` for needle and valve at rest before energising, `closed_at_end` for
     a needle that had closed for good.
     """
@@ -93,6 +93,7 @@ class Outcome(NamedTuple):
     sound: Floats
     closed_at_start: Floats
     closed_at_end: Floats
+    first_closing: Floats
 
 
 class Job(NamedTuple):

@@ -6,6 +6,7 @@ segment. Pipes are resolved by `cells` finite volumes. On request the explicit m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from commonrail.engine.balance import relative_to_injected
-from commonrail.engine.explicit import Problem, march
+from commonrail.engine.explicit import Instants, Problem, march
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.rates import CORE, Outside, compiled_rates, feed, inlet_law, past_limit, start_vector, tip_index
 from commonrail.engine.simulate import reference_density
@@ -26,7 +27,7 @@ from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.joints import CLEAR_LIFT, make_room
+from commonrail.injector.joints import CLEAR_LIFT, REOPENED, make_room
 from commonrail.injector.model import Setting
 from commonrail.injector.variants import Body, Boundary, Drive, wiring
 from commonrail.parts import drive, nozzle, solenoid
@@ -49,6 +50,14 @@ class Resolution(NamedTuple):
     longest_step: float = 2e-6
     method: Literal["lsoda", "explicit"] = "lsoda"
     step: float = 5e-8
+
+
+class Crossings(NamedTuple):
+    """Times [s] at which the tip clears its seat by `CLEAR_LIFT`, meets it and leaves it, with the mass injected [kg]."""
+
+    clears: list[tuple[float, float]]
+    meets: list[tuple[float, float]]
+    lifts: list[tuple[float, float]]
 
 
 CRAWL = (2000, 0.5e-6)  # LSODA is stuck if so many evaluations take it no further than this [s]; 40 a us are usual
@@ -143,12 +152,11 @@ class Model:
 
     # --- time -------------------------------------------------------------------------------------
 
-    def run(self, time: Floats) -> tuple[Floats, float, float, bool]:
-        """States at `time`, instants of opening and last closing, and whether the end was reached."""
+    def run(self, time: Floats) -> tuple[Floats, Instants, bool]:
+        """States at `time`, instants of the needle, and whether the end was reached."""
         states = np.full((len(time), len(self.start)), np.nan)
         states[0] = y = self.start
-        clears: list[float] = []
-        falls: list[float] = []
+        crossings = Crossings([], [], [])
         self.outside[5] = 2.0
         now = time[0]
         for segment in segments(self.point, self.c.drive.peak_duration, time[0], time[-1]):
@@ -161,18 +169,23 @@ class Model:
                 inside = time[(time > now) & (time <= segment.stop)]
                 result = self.solve(now, segment.stop, y, inside)
                 if not result.success:
-                    return states, *_instants(clears, falls), False
-                clears.extend(result.t_events[0])
-                falls.extend(result.t_events[1])
+                    return states, instants(crossings), False
+                self._note(crossings, result)
                 got = min(len(result.t), len(inside))
                 k = int(np.searchsorted(time, now, side="right"))
                 if got:
                     states[k : k + got] = result.y.T[: len(inside)]
                 switched = result.status == 1
-                now, y = (result.t_events[2][-1], result.y_events[2][-1]) if switched else (segment.stop, self.last)
+                now, y = (result.t_events[-1][-1], result.y_events[-1][-1]) if switched else (segment.stop, self.last)
                 if switched:
                     self.outside[5] = drive.turned(self.outside[5])
-        return states, *_instants(clears, falls), True
+        return states, instants(crossings), True
+
+    def _note(self, crossings: Crossings, result: Any) -> None:
+        """Add what a solve has seen, with the mass injected by then [kg]."""
+        injected = self.core + CORE.index("injected")
+        for kept, times, states in zip(crossings, result.t_events, result.y_events, strict=False):
+            kept.extend((float(t), float(y[injected])) for t, y in zip(times, states, strict=True))
 
     def solve(self, start: float, stop: float, y: Floats, inside: Floats) -> Any:
         """Solve between two switchings, with samples `inside`; a result as of `solve_ivp`, its last state in `last`."""
@@ -196,7 +209,7 @@ class Model:
         return result
 
     def events(self) -> list[Callable[[float, Floats], float]]:
-        """The needle is clear of its seat; it meets the seat; the PWM's current meets its limit, which ends a solve."""
+        """Those of `Crossings`; then the PWM's current meets its limit, which ends a solve."""
         tip = self.core + tip_index(self.variant)
 
         def closes(t: float, y: Floats) -> float:
@@ -208,9 +221,12 @@ class Model:
         def clears(t: float, y: Floats) -> float:
             return float(y[tip]) - CLEAR_LIFT
 
-        clears.direction, closes.direction = 1.0, -1.0  # type: ignore[attr-defined]
+        def lifts(t: float, y: Floats) -> float:
+            return float(y[tip])
+
+        clears.direction, closes.direction, lifts.direction = 1.0, -1.0, 1.0  # type: ignore[attr-defined]
         switches.terminal, switches.direction = True, 1.0  # type: ignore[attr-defined]
-        return [clears, closes, switches]
+        return [clears, closes, lifts, switches]
 
     @property
     def band(self) -> int:
@@ -263,7 +279,7 @@ class Model:
 
     # --- result -----------------------------------------------------------------------------------
 
-    def solution(self, time: Floats, states: Floats, opening: float, closing: float, finished: bool) -> Solution:
+    def solution(self, time: Floats, states: Floats, found: Instants, finished: bool) -> Solution:
         """States as a `Solution`."""
         core = states[:, self.core : self.core + len(CORE)]
         injected = core[:, CORE.index("injected")]
@@ -281,8 +297,7 @@ class Model:
             channels,
             float(injected[-1]),
             float(core[-1, CORE.index("returned")]),
-            float(opening),
-            float(closing),
+            *found,
             reference_density(self.injector, self.point),
             status,
             "reference",
@@ -342,8 +357,20 @@ class Model:
         return relative_to_injected(left, core["injected"])
 
 
-def _instants(clears: list[float], falls: list[float]) -> tuple[float, float]:
-    """Opening: the needle is first clear of its seat; closing: it first meets the seat after it was last clear."""
+def instants(crossings: Crossings) -> Instants:
+    """Opening, last and first closing, as `Solution` defines them."""
+    clears = [t for t, _ in crossings.clears]
     if not clears:
-        return float("nan"), float("nan")
-    return clears[0], min((t for t in falls if t > clears[-1]), default=float("nan"))
+        return Instants()
+    left, is_open, closings = 0.0, True, []
+    events = [(*at, kind) for kind, row in crossings._asdict().items() for at in row if at[0] >= clears[0]]
+    for t, injected, kind in sorted(events):
+        if kind == "lifts":
+            left, is_open = injected, False
+        elif kind == "clears":
+            is_open = True
+        elif is_open or injected - left > REOPENED * injected:
+            closings.append(t)
+            is_open = False
+    last = [t for t in closings if t > clears[-1]]
+    return Instants(clears[0], last[-1] if last else math.nan, closings[0] if closings else math.nan)

@@ -30,9 +30,13 @@ class Solution:
         reference only) [Pa], coil_current [A], magnetic_force [N], discharge_coefficient [1].
     injected_mass, returned_mass : float
         Per stroke [kg].
-    opening, closing : float
-        Instants at which the needle's tip first rises by 5 um, and at which it meets the seat after it was last above
-        that [s]: ringing and bounces do not count. NaN where there is none.
+    opening : float
+        Instant at which the needle's tip first rises by 5 um [s]; NaN if it never does.
+    closing, first_closing : float
+        Instants at which the tip meets the seat for the last and for the first time after it was open [s]. It is open
+        above 5 um, and in a reopening below that through which more than 0.1 % of all that was injected flows; ringing
+        and smaller bounces do not count. The two differ where the needle reopens. NaN where there is none; no last one
+        where the needle is above 5 um at the end.
     reference_density : float
         Fuel at cylinder pressure of time zero and fuel temperature [kg/m³]: turns mass into the volume that a
         rate meter shows.
@@ -51,6 +55,7 @@ class Solution:
     returned_mass: float
     opening: float
     closing: float
+    first_closing: float
     reference_density: float
     status: Status
     engine: str
@@ -94,7 +99,7 @@ class Batch:
     Attributes
     ----------
     injected_mass, returned_mass : [kg] per stroke, NaN for a failed simulation
-    opening, closing : [s], NaN where there is none
+    opening, closing, first_closing : [s], as in `Solution`, NaN where there is none
     greatest_lift : [m]
     status : int
         Values of `Status`.
@@ -108,6 +113,7 @@ class Batch:
     returned_mass: Floats
     opening: Floats
     closing: Floats
+    first_closing: Floats
     greatest_lift: Floats
     status: NDArray[np.int64]
     reference_density: Floats
