@@ -53,7 +53,7 @@ class Resolution(NamedTuple):
 
 
 class Crossings(NamedTuple):
-    """Times [s] at which the tip clears its seat by `CLEAR_LIFT`, meets it and leaves it, with the mass injected [kg]."""
+    """Times [s] at which the tip rises above `CLEAR_LIFT`, meets its seat, leaves it, each with the mass injected."""
 
     clears: list[tuple[float, float]]
     meets: list[tuple[float, float]]
