@@ -41,8 +41,8 @@ class Resolution(NamedTuple):
     """How finely the reference resolves.
 
     `cells` of the feed pipe and of the return line; `relative` tolerance of LSODA, its absolute tolerances are
-    `relative` times a typical value of each state; `longest_step` [s]. The method "explicit" has a fixed `step` [s]
-    instead of both; if the SAC answers faster than it, the result is wrong and may be finite, so look at half the step.
+    `relative` times a typical value of each state; `longest_step` [s]. The method "explicit" has a longest `step` [s]
+    instead of both; steps are shorter where a wave passes a cell or the SAC settles sooner.
     """
 
     cells: tuple[int, int] = (240, 120)
