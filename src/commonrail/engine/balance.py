@@ -12,6 +12,7 @@ from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.model import Setting
+from commonrail.parts import feed_pipe
 
 Floats = NDArray[np.float64]
 
@@ -36,9 +37,9 @@ def relative_balance(injector: Injector, point: OperatingPoint, names: Sequence[
     stored += _pipe(column("waves.down"), c.delays.feed, dt * c.feed_pipe.admittance / 2)
     stored += _pipe(column("waves.up"), c.delays.feed, dt * c.feed_pipe.admittance / 2)
     inlet, end = column("feed_pipe.inlet_flow")[-1], column("feed_pipe.end_flow")[-1]
-    # the friction of the last step, split between leaving and arriving, is still on its way
-    late = inlet * abs(inlet) - end * abs(end)
-    stored += dt * c.feed_pipe.admittance / 2 * c.feed_pipe.half_resistance * late
+    # the ends' friction of the last step, taken off when a wave leaves and when it arrives, is still on its way
+    late = feed_pipe.end_loss(c.feed_pipe, float(inlet)) - feed_pipe.end_loss(c.feed_pipe, float(end))
+    stored += dt * c.feed_pipe.admittance / 2 * late
     injected = float(column("nozzle.injected")[-1])
     put_in = float(column("books.supplied")[-1])
     taken_out = injected + float(column("books.returned")[-1])

@@ -2,7 +2,8 @@
 
 Several times faster than LSODA and free of Python, so that many truths can be simulated side by side. Steps end at
 every sample, edge of the schedule and knot of a trace; the PWM switches inside a step, where its current meets the
-limit. Between them steps are of one length unless the SAC, the stiffest of the volumes, settles sooner. A state that runs away is seen, not raised.
+limit. Between them steps are of one length unless the SAC, the stiffest of the volumes, settles sooner. A state that
+runs away is seen, not raised.
 """
 
 from __future__ import annotations

@@ -173,7 +173,7 @@ def pipe_rates(y: Any, dy: Any, first: int, cells: int, c: Coefficients, inlet: 
     """Feed pipe, Eq. (6), as flow–pressure pairs: face 0, cell 0, face 1, …, cell n−1, face n."""
     z = c.feed_pipe.impedance
     per_cell = cells / c.feed_pipe.travel_time
-    friction = 2.0 * c.feed_pipe.half_resistance / (z * c.feed_pipe.travel_time)
+    friction = c.feed_pipe.resistance / (z * c.feed_pipe.travel_time)
     for j in range(cells + 1):
         i = first + 2 * j
         q = y[i]

@@ -38,8 +38,8 @@ class Solution:
         and smaller bounces do not count. The two differ where the needle reopens. NaN where there is none; no last one
         where the needle is above 5 um at the end.
     reference_density : float
-        Fuel at cylinder pressure of time zero and fuel temperature [kg/m³]: turns mass into the volume that a
-        rate meter shows.
+        Fuel at cylinder pressure at rest (`OperatingPoint.at_start`) and fuel temperature [kg/m³]: turns mass into
+        the volume that a rate meter shows.
     status : Status
     engine : str
         "lanes" or "reference".
