@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -61,19 +62,20 @@ def read_quantities(model: QuantitiesModel, context: Context, at: Place) -> Quan
     rows = _map_rows(model, context, at) + _dead_time_rows(model, context, at)
     absolute, relative = _tolerances(model, at)
     density = np.array([context.mass_density(row.unit, row.point) for row in rows])
+    by_volume = np.isnan(density)
     quantity = np.array([row.quantity for row in rows])
     return QuantityData(
         model.name,
         Role(model.role),
         tuple(row.point for row in rows),
-        quantity / np.where(np.isnan(density), 1.0, density),
+        quantity / np.where(by_volume, 1.0, density),
         absolute,
         relative,
         np.array([row.dead_time for row in rows]),
         model.weight,
         model.source,
         model.synthetic,
-        density,
+        math.nan if by_volume.all() else density,
     )
 
 
