@@ -101,7 +101,7 @@ def figures(run: Run) -> list[tuple[str, str]]:
         ("greatest needle lift", f"{r['greatest_lift'] * 1e6:.1f} um"),
         ("reference density", f"{s.reference_density:.1f} kg/m3"),
         ("status", f"{s.status.name}: {s.status.sentence}"),
-        ("mass balance", f"{s.balance:.1e} of the injected mass"),
+        ("mass balance", f"{s.balance:.1e} of the injected mass, of 1 mg if that is more"),
         ("engine", f"{s.engine}, {run.precision.value}, {run.seconds:.2f} s with loading or compiling"),
         ("injector", f"{run.injector.title} ({run.injector.variant.label})"),
         *([("synthetic", run.injector.synthetic)] if run.injector.synthetic else []),
