@@ -12,8 +12,9 @@ from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
 from commonrail.files.injector_file import load_injector
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.injector.variants import Boundary
+from commonrail.parts.furniture import Domain
 
 BATCH = 2000
 RAILS = (1e6, 250e6)  # [Pa]
@@ -25,9 +26,12 @@ def drawn(injector: Injector, rng: np.random.Generator) -> Batch:
     names = [n for n, value in injector.values.items() if value != 0.0 and n != FUEL_TEMPERATURE]
     own = np.array([injector.values[n] for n in names])
     factors = np.exp(rng.uniform(*np.log(FACTORS), (BATCH, len(names))))
+    # ten discharge coefficients above 1 would leave hardly a candidate in its domain
+    coefficients = [parameter_quantities()[n].domain is Domain.COEFFICIENT for n in names]
+    values = np.where(coefficients, np.minimum(own * factors, 1.0), own * factors)
     rail = float(rng.uniform(*RAILS))
     point = OperatingPoint(rail, 700e-6, min(5e6, 0.5 * rail), min(0.5e6, 0.2 * rail))
-    return simulate_batch(injector, [point], names, own * factors)
+    return simulate_batch(injector, [point], names, values)
 
 
 def check(batch: Batch) -> None:

@@ -21,7 +21,7 @@ def course(rate: list[float]) -> Solution:
     injected = np.concatenate(([0.0], np.cumsum(rate) * INTERVAL))
     nan = float("nan")
     return Solution(
-        TIME, np.array(rate), injected, {}, float(injected[-1]), 0.0, nan, nan, 800.0, Status.OK, "by hand", 0.0
+        TIME, np.array(rate), injected, {}, float(injected[-1]), 0.0, nan, nan, nan, 800.0, Status.OK, "by hand", 0.0
     )
 
 

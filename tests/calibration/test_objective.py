@@ -99,7 +99,7 @@ def test_the_first_point_that_failed_is_told(regulated: Injector, monkeypatch: p
     def pretend(injector: Injector, points: object, *arguments: object, misfit: object, **named: object) -> Batch:
         status = of_map if misfit is None else of_curves
         figures = np.where((status == 0) | (status == still), 1e-9, np.nan)
-        return Batch(*[figures] * 5, status, np.full(2, 800.0), figures, figures)
+        return Batch(*[figures] * 6, status, np.full(2, 800.0), figures, figures)
 
     monkeypatch.setattr(module, "simulate_batch", pretend)
     data = [a_curve(80e6), a_curve(160e6), a_map("high", 160e6)]

@@ -89,7 +89,7 @@ def test_misfit_in_the_loop_is_the_sum_over_a_trace(regulated: Injector) -> None
     bounds = np.linspace(0.0, 1560.0, 521) + 0.3  # [steps], none on a step's end
     rng = np.random.default_rng(3)
     target, weight = rng.uniform(0.0, 0.04, 521), rng.uniform(0.0, 2.0, 521)
-    misfit = Misfit(np.array([521]), bounds[None], target[None], weight[None])
+    misfit = Misfit(np.array([521]), bounds[None], target[None], weight[None], np.ones((1, 1)))
     values = stiffnesses(regulated, 3)
     batch = simulate_batch(regulated, [point], K, values, misfit=misfit)
     for i in range(3):
@@ -107,7 +107,7 @@ def test_several_points_have_their_own_samples(regulated: Injector) -> None:
     points = [OperatingPoint(160e6, 700e-6, horizon=1.6e-3), OperatingPoint(80e6, 700e-6, horizon=1.2e-3)]
     none = np.zeros((2, 4))
     bounds = np.array([[0.0, 500.0, 1000.0, 1600.0], [0.0, 600.0, 1200.0, 0.0]])
-    misfit = Misfit(np.array([4, 3]), bounds, none, none + 1.0)
+    misfit = Misfit(np.array([4, 3]), bounds, none, none + 1.0, np.ones((1, 2)))
     batch = simulate_batch(regulated, points, misfit=misfit)
     for i, (point, widths) in enumerate(zip(points, ([500, 500, 600], [600, 600]), strict=True)):
         mass = traced(regulated, point, 1e-6)["nozzle.injected"]

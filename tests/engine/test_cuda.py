@@ -28,7 +28,7 @@ from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Variant
 
 ROOT = Path(__file__).resolve().parents[2]
-NAMES = ("plunger_needle.k1", "feed_pipe.length", "nozzle.hole_diameter")
+NAMES = ("plunger_needle.k1", "feed_pipe.length", "nozzle.hole_diameter", "fuel.temperature")
 # in the second nothing moves: it has closed for good before its end
 POINTS = [OperatingPoint(160e6, 200e-6, horizon=450e-6), OperatingPoint(80e6, 20e-6, horizon=300e-6)]
 FIGURES = ("injected_mass", "returned_mass", "opening", "closing", "greatest_lift", "absolute_error", "squared_error")
@@ -36,15 +36,16 @@ FIGURES = ("injected_mass", "returned_mass", "opening", "closing", "greatest_lif
 
 def candidates(injector: Injector) -> np.ndarray:
     own = np.array([injector.values[name] for name in NAMES])
-    return own * np.array([[1.0, 1.0, 1.0], [0.9, 1.3, 1.05], [1.1, 0.7, 0.95]])
+    return own * np.array([[1.0, 1.0, 1.0, 1.0], [0.9, 1.3, 1.05, 0.9], [1.1, 0.7, 0.95, 1.1]])
 
 
 def misfit() -> Misfit:
     """Bounds on and between steps, two in one step, and fewer of them at the second point."""
     bounds = np.stack([np.linspace(0.0, 449.5, 60), np.linspace(0.0, 59.0, 60)])
     bounds[:, 5] = bounds[:, 4] + 0.25
-    target = np.random.default_rng(3).uniform(0.0, 0.03, bounds.shape)
-    return Misfit(np.array([60, 40]), bounds, target, np.linspace(0.5, 2.0, 120).reshape(2, 60))
+    target = np.random.default_rng(3).uniform(0.0, 4e-5, bounds.shape)
+    weight, density = np.linspace(0.5, 2.0, 120).reshape(2, 60), np.array([[np.nan, 800.0]])
+    return Misfit(np.array([60, 40]), bounds, target, weight, density)
 
 
 def first(both: Misfit) -> Misfit:
@@ -128,7 +129,7 @@ def test_parts_do_not_change_a_bit(simulated: dict[str, np.ndarray]) -> None:
 
 def test_samples_are_due_when_the_lanes_take_them() -> None:
     bounds = np.array([[0.0, 0.5, 1.0, 1.25, 1.75, 4.0, 9.5]])
-    found = cuda.samples(Misfit(np.array([7]), bounds, 2.0 * bounds, 3.0 * bounds), 0.5)
+    found = cuda.samples(Misfit(np.array([7]), bounds, 2.0 * bounds, 3.0 * bounds, np.ones((1, 1))), 0.5)
     taken, bound = [], 0
     for k in range(10):
         while bound < 7 and bounds[0, bound] <= k + 1.0:

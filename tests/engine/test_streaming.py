@@ -16,7 +16,8 @@ from commonrail.injector.definition import Injector
 from tests.engine.test_batch import POINTS, K, failing, same_bits, stiffnesses
 
 BOUNDS = np.linspace(0.0, 1200.0, 401) + 0.3  # [steps]
-SAMPLES = Misfit(np.array([401, 301]), np.tile(BOUNDS, (2, 1)), np.full((2, 401), 0.02), np.ones((2, 401)))
+TARGET, WEIGHT = np.full((2, 401), 2.4e-5), np.ones((2, 401))
+SAMPLES = Misfit(np.array([401, 301]), np.tile(BOUNDS, (2, 1)), TARGET, WEIGHT, np.full((1, 2), np.nan))
 
 
 @pytest.mark.parametrize("precision", list(Precision))

@@ -49,6 +49,28 @@ def test_an_operating_point_refuses_nonsense() -> None:
         OperatingPoint(1e8, 1e-3, horizon=0.0)
 
 
+def test_a_pressure_at_or_above_the_rails_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"cylinder pressure must .* 200 MPa where the rail has 160"):
+        OperatingPoint(160e6, 1e-3, cylinder_pressure=200e6)
+    with pytest.raises(ConfigurationError, match="return pressure must stay below the rail pressure"):
+        OperatingPoint(1e6, 1e-3, cylinder_pressure=0.5e6, return_pressure=1e6)
+    rail, cylinder = Trace((0.0, 1.0, 2.0), (9e6, 5e6, 9e6)), Trace((0.5, 1.5), (6e6, 6.5e6))
+    with pytest.raises(ConfigurationError, match=r"6.25 MPa where the rail has 5 MPa"):
+        OperatingPoint(rail, 1e-3, cylinder)
+
+
+def test_a_trace_stands_at_rest_at_its_mean_before_the_first_energising() -> None:
+    trace = Trace((-2e-3, -1e-3, -0.3e-3, 0.0, 1e-3), (500e6, 90e6, 100e6, 103e6, 80e6))
+    # from -0.5 ms: 0.2 ms below 100 MPa, 2/7 of 10 MPa at its begin, then 0.3 ms from 100 to 103 MPa
+    mean = (0.2 * (100.0 - 10.0 / 7.0) + 0.3 * 101.5) / 0.5
+    assert OperatingPoint(trace, 1e-3).at_start(trace) == pytest.approx(1e6 * mean, rel=1e-12)  # rounding
+    assert OperatingPoint(trace, [(0.1e-3, 1e-3)], start=-2e-3).initial_pressures()[0] == pytest.approx(
+        1e6 * (0.1 * (100.0 - 5.0 / 7.0) + 0.3 * 101.5 + 0.1 * (103.0 - 1.15)) / 0.5, rel=1e-12
+    )
+    late = Trace((0.0, 1e-3), (120e6, 80e6))
+    assert OperatingPoint(late, 1e-3).at_start(late) == 120e6  # nothing lies before
+
+
 def test_horizon_by_default_outlasts_the_last_energising() -> None:
     point = OperatingPoint(1e8, (Energising(0.0, 1e-3), Energising(2e-3, 0.5e-3)), start=-1e-3)
     assert point.duration == pytest.approx(1e-3 + 2.5e-3 + 2.5e-3)

@@ -107,6 +107,13 @@ def test_masses_are_divided_by_the_density_at_cylinder_pressure(load: Load) -> N
     # iso4113 at 40 °C: 808.8 kg/m3 and 1416 MPa at 0 MPa, so 808.8 exp(0.5/1416) = 809.1; 0.1: rounding of the table
     assert 1.5e-6 / data.quantity[0] == pytest.approx(809.1, abs=0.1)
     assert 0.4e-6 / data.quantity[4] == pytest.approx(809.1, abs=0.1)
+    assert data.mass_density == pytest.approx(809.1, abs=0.1)  # candidates are compared at it, by mass
+
+
+def test_volumes_are_compared_at_each_candidates_own_density(load: Load) -> None:
+    assert np.isnan(load("", MAP).mass_density)
+    mixed = load('dead_times = { file = "dead.csv", quantity = "0.4 mg" }', MAP).mass_density
+    assert np.isnan(mixed).tolist() == [True] * 4 + [False] * 2
 
 
 def test_units_stated_by_the_study(load: Load) -> None:

@@ -94,22 +94,17 @@ def test_regulator_starts_inside_a_step() -> None:
 
 
 def exact_step(flux: float, end: float, closing: float) -> float:
-    """Flux after a step of the ideal regulator that holds until `end`, the gap closing at a steady speed: by 20,000 steps."""
+    """Flux after a step of the ideal regulator that holds until `end`, by 20,000 steps; the gap closes steadily."""
+
+    def rate(flux: float, part: float) -> float:
+        now = solenoid.circuit(COIL, flux, GAP + closing * (1.0 - 2.0 * part))
+        holding = drive._towards(COIL, 12.0, 100.0, -14.0, 65.0, now)
+        return (holding if part * DT < end else drive.switched_off(P, COIL, now)).flux_rate
+
     parts = 20_000
     for k in range(parts):
-        part = (k + 0.5) / parts
-        now = solenoid.circuit(COIL, flux, GAP + closing * (1.0 - 2.0 * part))
-        rate = (
-            drive._towards(COIL, 12.0, 100.0, -14.0, 65.0, now) if part * DT < end else drive.switched_off(P, COIL, now)
-        )
-        # midpoint in the flux, too
-        half = solenoid.circuit(COIL, flux + 0.5 * DT / parts * rate.flux_rate, GAP + closing * (1.0 - 2.0 * part))
-        rate = (
-            drive._towards(COIL, 12.0, 100.0, -14.0, 65.0, half)
-            if part * DT < end
-            else drive.switched_off(P, COIL, half)
-        )
-        flux += DT / parts * rate.flux_rate
+        middle = flux + 0.5 * DT / parts * rate(flux, (k + 0.5) / parts)
+        flux += DT / parts * rate(middle, (k + 0.5) / parts)
     return flux
 
 

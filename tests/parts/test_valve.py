@@ -32,7 +32,7 @@ def test_seat_and_stop_push_back() -> None:
 @pytest.mark.parametrize("velocity", [-0.8, -0.3])
 @pytest.mark.parametrize("phase", [0.0, 0.25, 0.5, 0.75])
 def test_a_bounce_off_the_seat_is_that_of_the_differential_equation(velocity: float, phase: float) -> None:
-    """Steps of 1 us, 60 of them, against DOP853: at most 3.2 nm off; with the force of the instant alone 10 to 15 nm."""
+    """Steps of 1 us, 60 of them, against DOP853: at most 3.2 nm off; with the instant's force alone 10 to 15 nm."""
     p = P._replace(mass=2e-3, damping=0.0, contact_stiffness=4e7)
     c, dt, steps = valve.coefficients(p), 1e-6, 60
 

@@ -27,7 +27,7 @@ def solution() -> Solution:
     }
     rate = np.array([0.0, 8e-3, 16e-3, np.nan])
     injected = np.zeros(5)
-    return Solution(time, rate, injected, channels, 4e-5, 1e-5, 1e-6, 4e-6, 800.0, Status.OK, "lanes", 0.0)
+    return Solution(time, rate, injected, channels, 4e-5, 1e-5, 1e-6, 4e-6, 4e-6, 800.0, Status.OK, "lanes", 0.0)
 
 
 def test_the_course_is_in_the_units_of_its_axes() -> None:

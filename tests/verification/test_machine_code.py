@@ -32,8 +32,7 @@ def assembly(regulated: Injector) -> str:
     )
     theta = plan.candidate_matrix(regulated, (), np.empty((1, 0)))
     job = plan.make_job(regulated, theta, [OperatingPoint(160e6, 1e-4, horizon=1e-5)], 1e-6, True)
-    none = np.zeros((1, 0))
-    misfit = lanes.Misfit(np.zeros(1, np.int64), none, none, none)
+    misfit = lanes.Misfit.none(1)
     out = np.empty((1, 8, len(lanes.Outcome._fields)))
     with compiler_choices():
         loop(*job, *misfit, np.empty((0, 0, 0, 0)), out, 0, 1)

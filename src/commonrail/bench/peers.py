@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.sparse import diags
 
+from commonrail.engine.explicit import Instants
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Model, Resolution
 from commonrail.engine.solution import Solution
@@ -26,6 +27,7 @@ __all__ = ["CvodeModel", "Counted", "PeerModel", "ScipyMethod", "ScipyModel", "s
 Floats = NDArray[np.float64]
 ScipyMethod = Literal["LSODA", "BDF", "Radau", "RK45", "DOP853"]
 MOST_STEPS = 1_000_000  # of CVODE between two samples
+EVENTS = 4  # of `Model.events`; the last ends a solve
 SAME = 1e-13  # times nearer than this are one [s]: CVODE refuses to step so far
 
 
@@ -117,7 +119,7 @@ class CvodeModel(PeerModel):
         def events(t: float, y: Floats, values: Floats) -> None:
             values[:] = [function(t, y) for function in functions]
 
-        events.terminal, events.direction = [False, False, True], [1, -1, 1]  # type: ignore[attr-defined]
+        events.terminal, events.direction = [False, False, False, True], [1, -1, 1, 1]  # type: ignore[attr-defined]
         solver = CVODE(
             rates,
             method="BDF",
@@ -142,19 +144,19 @@ class CvodeModel(PeerModel):
 
     def _as_scipy(self, found: Any, rows: Floats) -> Any:
         """CVODE's answer in the form of `solve_ivp`'s, with the samples' states in rows."""
-        times: list[Floats] = [np.empty(0)] * 3
-        states: list[Floats] = [np.empty((0, len(self.start)))] * 3
+        times: list[Floats] = [np.empty(0)] * EVENTS
+        states: list[Floats] = [np.empty((0, len(self.start)))] * EVENTS
         if found.i_events is not None:
-            for k in range(3):
+            for k in range(EVENTS):
                 which = found.i_events[:, k] != 0
                 times[k], states[k] = found.t_events[which], found.y_events[which]
         self.last = np.array(found.y[-1])
         return _answer(rows, times, states, bool(found.success))
 
 
-def _answer(rows: Floats, times: Any = ((), (), ()), states: Any = ((), (), ()), success: bool = True) -> Any:
+def _answer(rows: Floats, times: Any = ((),) * EVENTS, states: Any = ((),) * EVENTS, success: bool = True) -> Any:
     """What `Model.run` looks at of a result of `solve_ivp`; of the times of the samples only their number."""
-    switched = int(len(times[2]) > 0)
+    switched = int(len(times[-1]) > 0)
     return SimpleNamespace(
         success=success, status=switched, t=range(len(rows)), y=rows.T, t_events=times, y_events=states
     )
@@ -168,5 +170,5 @@ def solve_with(model: PeerModel, interval: float) -> Counted:
         ran = model.run(time)
     except _Stuck:
         nothing = np.full((len(time), len(model.start)), np.nan)
-        ran = nothing, float("nan"), float("nan"), False
+        ran = nothing, Instants(), False
     return Counted(model.solution(time, *ran), model.evaluations)

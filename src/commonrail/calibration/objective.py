@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from commonrail.calibration.study import QuantityData, RateData, Role
 from commonrail.engine.lanes import Misfit, Precision
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.plan import Prepared, prepare
+from commonrail.engine.plan import Prepared, prepare, reference_densities
 from commonrail.engine.sampling import sampled_rates
-from commonrail.engine.simulate import check_step, reference_density, simulate_batch
+from commonrail.engine.simulate import check_step, simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status, which_failed
 from commonrail.errors import ConfigurationError
@@ -90,7 +90,7 @@ class Objective:
         self.precision = precision
         self.curves = [d for d in data if isinstance(d, RateData)]
         self.maps = [d for d in data if isinstance(d, QuantityData)]
-        self._misfit = _misfit(injector, self.curves, time_step) if self.curves else None
+        self._misfit = _misfit(self.curves, time_step) if self.curves else None
         self._weights = np.array([d.weight for d in self.curves])
         self._points = [d.point for d in self.curves]
         self._prepared: dict[int, Prepared] = {}  # by the identity of their points, which they hold
@@ -106,12 +106,12 @@ class Objective:
         simulations = 0
         if self._misfit is not None:
             batch = self._curves(values)
-            total += np.sum(_curve_costs(batch) * self._weights, axis=1)
+            total += np.sum(batch.absolute_error * MM3_PER_MS * self._weights, axis=1)
             _note_failures(statuses, batch.status, which_failed(batch.status))
             simulations += len(values) * len(self.curves)
         for data in self.maps:
             batch = self._map(data, values, self.precision)
-            total += data.weight * soft_l1(quantity_residuals(data, _quantities(batch)))
+            total += data.weight * soft_l1(quantity_residuals(data, _quantities(batch, data.mass_density)))
             _note_failures(statuses, batch.status, batch.status != OK)
             simulations += len(values) * len(data.points)
         finite = np.isfinite(total)
@@ -122,11 +122,11 @@ class Objective:
 
     def curve_costs(self, values: Floats) -> Floats:
         """J of each injection curve, (n, curves) [mm³/ms]; NaN for a failed simulation."""
-        return _curve_costs(self._curves(values))
+        return self._curves(values).absolute_error * MM3_PER_MS
 
     def quantities(self, data: QuantityData, values: Floats) -> Floats:
         """Injected quantities (n, points) [m³]; NaN for a failed simulation or a needle that never closes."""
-        return _quantities(self._map(data, values, Precision.F64))
+        return _quantities(self._map(data, values, Precision.F64), data.mass_density)
 
     def _curves(self, values: Floats) -> Batch:
         return self._batch(self._points, values, self.precision, self._misfit)
@@ -155,7 +155,8 @@ class Objective:
     def rates(self, data: RateData, values: Floats) -> Floats:
         """Simulated samples of one injection curve (n, samples) [m³/s]."""
         mass = sampled_rates(self.injector, data.point, data.bounds, self.names, values, self.time_step)
-        return mass / reference_density(self.injector, data.point)
+        own = reference_densities(self.injector, [data.point], self.names, values)
+        return mass / _density(data.mass_density, own)
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals for least squares (n, all samples and points), each set scaled by the root of its weight."""
@@ -164,12 +165,14 @@ class Objective:
         return np.concatenate(blocks, axis=1)
 
 
-def _curve_costs(batch: Batch) -> Floats:
-    return np.asarray(batch.absolute_error / batch.reference_density * MM3_PER_MS)
+def _quantities(batch: Batch, mass_density: ArrayLike) -> Floats:
+    volume = batch.injected_mass / _density(mass_density, batch.reference_density)
+    return np.where(batch.status == OK, volume, np.nan)
 
 
-def _quantities(batch: Batch) -> Floats:
-    return np.where(batch.status == OK, batch.injected_volume, np.nan)
+def _density(of_data: ArrayLike, own: Floats) -> Floats:
+    """Density that makes a volume of a simulated mass: that of data measured by mass, or the candidate's own."""
+    return np.where(np.isnan(of_data), own, of_data)
 
 
 def _note_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]], failed: NDArray[np.bool_]) -> None:
@@ -188,12 +191,13 @@ def dead_times(injector: Injector, data: QuantityData, time_step: float, threads
     """Energising time at which each dead-time row's quantity is reached [s], by interpolation; (rows,)."""
     rows = np.flatnonzero(data.dead_time)
     found = np.full(len(rows), np.nan)
+    mass_density = np.broadcast_to(data.mass_density, data.quantity.shape)
     for i, row in enumerate(rows):
         point = data.points[row]
         grid = np.linspace(120e-6, 480e-6, 37)
         points = [_energised(point, float(t)) for t in grid]
         batch = simulate_batch(injector, points, time_step=time_step, threads=threads)
-        quantity = batch.injected_volume[0]
+        quantity = _quantities(batch, mass_density[row])[0]
         above = np.flatnonzero(quantity > data.quantity[row])
         if len(above) and above[0] > 0:
             k = int(above[0])
@@ -208,7 +212,7 @@ def _energised(point: OperatingPoint, duration: float) -> OperatingPoint:
     )
 
 
-def _misfit(injector: Injector, curves: Sequence[RateData], dt: float) -> Misfit:
+def _misfit(curves: Sequence[RateData], dt: float) -> Misfit:
     most = max(len(d.bounds) for d in curves)
     bounds, target, weight = (np.zeros((len(curves), most)) for _ in range(3))
     for i, data in enumerate(curves):
@@ -219,6 +223,7 @@ def _misfit(injector: Injector, curves: Sequence[RateData], dt: float) -> Misfit
                 f"{data.name}: the samples' bounds must lie inside the simulated time and be one more than the samples."
             )
         bounds[i, :n] = (data.bounds - data.point.start) / dt
-        target[i, 1:n] = data.rate * reference_density(injector, data.point)
+        target[i, 1:n] = data.rate
         weight[i, 1:n] = 1.0
-    return Misfit(np.array([len(d.bounds) for d in curves]), bounds, target, weight)
+    density = np.array([[d.mass_density for d in curves]])
+    return Misfit(np.array([len(d.bounds) for d in curves]), bounds, target, weight, density)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -33,6 +34,9 @@ from commonrail.injector.definition import Injector
 
 Floats = NDArray[np.float64]
 
+# Marks a field that the fingerprint of a study leaves out, because studies of earlier versions did not have it.
+LATER: Mapping[str, bool] = {"later": True}
+
 
 TOLERANCES = Limits(1e-18, 1.0, (1e-12, 1e-6), ("mm3",))  # of a quantity per stroke [m3]
 
@@ -62,6 +66,9 @@ class RateData:
         Factor of its J in the objective.
     source, synthetic : str
         Where the data come from; what about them is synthetic, empty if measured.
+    mass_density : float
+        Density [kg/m³] that made a volume of a rate measured by mass, and makes one of the simulated rate: masses are
+        compared with masses. NaN for a rate measured by volume, which is compared at each candidate's own density.
 
     Raises
     ------
@@ -77,6 +84,7 @@ class RateData:
     weight: float
     source: str
     synthetic: str
+    mass_density: float = field(default=math.nan, metadata=LATER)
 
     def __post_init__(self) -> None:
         _settle_labels(self)
@@ -109,6 +117,8 @@ class QuantityData:
         Rows that state the energising time at which the given small quantity is reached.
     weight : float
     source, synthetic : str
+    mass_density : float or (n,)
+        As in `RateData`, of each quantity.
 
     Raises
     ------
@@ -126,6 +136,7 @@ class QuantityData:
     weight: float
     source: str
     synthetic: str
+    mass_density: Floats | float = field(default=math.nan, metadata=LATER)
 
     def __post_init__(self) -> None:
         _settle_labels(self)

@@ -89,16 +89,19 @@ def figures(run: Run) -> list[tuple[str, str]]:
     """Names and texts of the figures of one injection."""
     s, r = run.solution, record(run)
     injected, returned = s.injected_volume * 1e9, s.returned_volume * 1e9
+    end = run.point.pulses[-1].start + run.point.pulses[-1].duration
+    again = s.first_closing < s.closing
     return [
         ("injected quantity", f"{injected:.2f} mm3, {s.injected_mass * 1e6:.2f} mg"),
         ("return quantity", f"{returned:.2f} mm3, {s.returned_mass * 1e6:.2f} mg"),
         ("needle opens", _instant(r["opening"], r["opening_delay"], "start")),
         ("needle closes", _instant(r["closing"], r["closing_delay"], "end")),
+        *([("for the first time", _instant(r["first_closing"], r["first_closing"] - end, "end"))] if again else []),
         ("greatest rate", f"{r['peak_rate'] * 1e6:.2f} mm3/ms"),
         ("greatest needle lift", f"{r['greatest_lift'] * 1e6:.1f} um"),
         ("reference density", f"{s.reference_density:.1f} kg/m3"),
         ("status", f"{s.status.name}: {s.status.sentence}"),
-        ("mass balance", f"{s.balance:.1e} of the injected mass"),
+        ("mass balance", f"{s.balance:.1e} of the injected mass, of 1 mg if that is more"),
         ("engine", f"{s.engine}, {run.precision.value}, {run.seconds:.2f} s with loading or compiling"),
         ("injector", f"{run.injector.title} ({run.injector.variant.label})"),
         *([("synthetic", run.injector.synthetic)] if run.injector.synthetic else []),
@@ -140,6 +143,7 @@ def record(run: Run) -> dict[str, Any]:
         "closing": _finite(s.closing),
         "opening_delay": _finite(s.opening - first.start),
         "closing_delay": _finite(s.closing - end),
+        "first_closing": _finite(s.first_closing),
         "peak_rate": _finite(np.max(s.rate)),
         "greatest_lift": _finite(np.max(s.channels["needle_lift"])),
         "balance": _finite(s.balance),

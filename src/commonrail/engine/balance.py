@@ -12,14 +12,17 @@ from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.model import Setting
+from commonrail.parts import feed_pipe
 
 Floats = NDArray[np.float64]
+
+SMALL = 1e-6  # a small pilot's mass [kg]: without an injection there is nothing to be relative to
 
 _VOLUMES = ("control_chamber.fuel.mass", "accumulation.fuel.mass", "sac.mass")
 
 
 def relative_balance(injector: Injector, point: OperatingPoint, names: Sequence[str], rows: Floats, dt: float) -> float:
-    """(in − out − stored)/injected from the state after every step, (steps + 1, rows).
+    """Balance of `relative_to_injected` from the state after every step, (steps + 1, rows).
 
     In: drawn from the rail. Out: injected, returned. Stored: the three volumes and the feed pipe.
     """
@@ -34,14 +37,19 @@ def relative_balance(injector: Injector, point: OperatingPoint, names: Sequence[
     stored += _pipe(column("waves.down"), c.delays.feed, dt * c.feed_pipe.admittance / 2)
     stored += _pipe(column("waves.up"), c.delays.feed, dt * c.feed_pipe.admittance / 2)
     inlet, end = column("feed_pipe.inlet_flow")[-1], column("feed_pipe.end_flow")[-1]
-    # the friction of the last step, split between leaving and arriving, is still on its way
-    late = inlet * abs(inlet) - end * abs(end)
-    stored += dt * c.feed_pipe.admittance / 2 * c.feed_pipe.half_resistance * late
+    # the ends' friction of the last step, taken off when a wave leaves and when it arrives, is still on its way
+    late = feed_pipe.end_loss(c.feed_pipe, float(inlet)) - feed_pipe.end_loss(c.feed_pipe, float(end))
+    stored += dt * c.feed_pipe.admittance / 2 * late
     injected = float(column("nozzle.injected")[-1])
     put_in = float(column("books.supplied")[-1])
     taken_out = injected + float(column("books.returned")[-1])
     left = put_in - taken_out - stored
-    return float(left / injected if injected else left)
+    return relative_to_injected(left, injected)
+
+
+def relative_to_injected(left: float, injected: float) -> float:
+    """Mass that the books miss [kg] relative to what was injected, and to `SMALL` where less was [1]."""
+    return float(left / max(injected, SMALL))
 
 
 def _pipe(wave: Floats, delay: float, share: float) -> float:

@@ -25,7 +25,7 @@ from commonrail.compile import (
 )
 from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.injector import setup
-from commonrail.injector.joints import CLEAR_LIFT, RELAXED
+from commonrail.injector.joints import CLEAR_LIFT, RELAXED, REOPENED
 from commonrail.injector.layout import layout_of
 from commonrail.injector.model import Inputs, Parameters, Setting, Waves
 from commonrail.injector.variants import Variant, wiring
@@ -40,6 +40,7 @@ DRIBBLE = 1e-12, 1e-6  # what a resting injector injects between two looks, at m
 INJECTED, RETURNED, SUPPLIED, OPENING, CLOSING, GREATEST_LIFT, ABSOLUTE, SQUARED, SOUND, CLOSED_AT_START, CLOSED = (
     range(11)
 )
+FIRST_CLOSING = 11
 
 
 class Vector(NamedTuple):
@@ -60,10 +61,14 @@ class Rows(NamedTuple):
     mark: int
     absolute: int
     squared: int
+    density: int
     greatest: int
     opened: int
     shut: int
+    first_shut: int
     clear: int
+    lifted: int
+    tip_before: int
     rested: int
     seen: int
     done: int
@@ -101,13 +106,13 @@ def make_rows(variant: Variant, lanes: int) -> Rows:
         "valve.lift",
         *body,
     )
-    single = [note + i for i in (0, 1, 2, 3, 4)]
-    opened, shut, clear = note + 5, note + 8, note + 11  # step, lift before, lift after
+    single = [note + i for i in range(6)]
+    crossings = [note + i for i in range(6, 12)]
     rested, seen, done = note + 12, note + 13, note + 14
     delays, end = note + 15, note + 21  # whole steps and rest, for each wave
     state_rows = [state + wired.state.row(name) for name in looked_at]
     delay_rows = [wired.coefficients.row(name) for name in ("delays.feed", "delays.back")]
-    groups = [lanes, state, leaving, leaving + 3, *single, opened, shut, clear, rested, seen, done, delays, end]
+    groups = [lanes, state, leaving, leaving + 3, *single, *crossings, rested, seen, done, delays, end]
     return Rows._make(groups + state_rows + delay_rows)
 
 
@@ -196,35 +201,54 @@ def make_advance(variant: Variant, rows: Rows, vectors: Callable[[], Any] = any_
             arriving = Waves(arrived(work, rows, 0, lane), arrived(work, rows, 1, lane), arrived(work, rows, 2, lane))
             after, away = step(c, s, u, arriving, dt)
             old, new = motion(s.body).tip, motion(after.body).tip
-            note_crossing(work, rows, lane, count, old, new)
+            work[at(rows, rows.tip_before, lane)] = old
             work[at(rows, rows.greatest, lane)] = max(work[at(rows, rows.greatest, lane)], new)
             work[at(rows, rows.before, lane)] = s.nozzle.injected
             store_state(work, rows.state, rows.lanes, lane, after)
             work[at(rows, rows.leaving, lane)] = away.down
             work[at(rows, rows.leaving + 1, lane)] = away.up
             work[at(rows, rows.leaving + 2, lane)] = away.back
+        if crossed(work, rows) > 0:  # rarely: the loop above stays free of it
+            for lane in range(rows.lanes):
+                note_crossing(work, rows, lane, count)
 
     return advance  # type: ignore[no-any-return]
 
 
 @physics
-def note_crossing(work, rows, lane, count, old, new):  # type: ignore[no-untyped-def]
-    """Keep step and lifts of the opening and of the last closing; the instants are worked out at the end.
+def crossed(work, rows):  # type: ignore[no-untyped-def]
+    """Lanes whose tip has passed the seat or `CLEAR_LIFT` in this step, upwards or downwards."""
+    count = 0
+    for lane in range(rows.lanes):
+        old, new = work[at(rows, rows.tip_before, lane)], work[at(rows, rows.tip, lane)]
+        count += int((old <= 0.0) != (new <= 0.0)) + int((old <= CLEAR_LIFT) != (new <= CLEAR_LIFT))
+    return count
+
+
+@physics
+def note_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
+    """Keep the opening, the first and the last closing, in steps; zero is none.
 
     The needle is open once its tip has first risen by `CLEAR_LIFT`, and closes when it first meets the seat after
-    that: the ringing of a closed needle and bounces are neither.
+    that. It has reopened, and closes again, if it rises as far again or injects more than `REOPENED` meanwhile: the
+    ringing of a closed needle and smaller bounces are neither.
     """
-    opens = old <= CLEAR_LIFT < new and work[at(rows, rows.greatest, lane)] <= CLEAR_LIFT
-    closes = new <= 0.0 < old and work[at(rows, rows.clear, lane)] > 0.0
-    work[at(rows, rows.opened, lane)] = count if opens else work[at(rows, rows.opened, lane)]
-    work[at(rows, rows.opened + 1, lane)] = old - CLEAR_LIFT if opens else work[at(rows, rows.opened + 1, lane)]
-    work[at(rows, rows.opened + 2, lane)] = new - CLEAR_LIFT if opens else work[at(rows, rows.opened + 2, lane)]
-    work[at(rows, rows.shut, lane)] = count if closes else work[at(rows, rows.shut, lane)]
-    work[at(rows, rows.shut + 1, lane)] = old if closes else work[at(rows, rows.shut + 1, lane)]
-    work[at(rows, rows.shut + 2, lane)] = new if closes else work[at(rows, rows.shut + 2, lane)]
-    work[at(rows, rows.clear, lane)] = (
-        1.0 if new > CLEAR_LIFT else (0.0 if closes else work[at(rows, rows.clear, lane)])
-    )
+    old, new = work[at(rows, rows.tip_before, lane)], work[at(rows, rows.tip, lane)]
+    injected = work[at(rows, rows.injected, lane)]
+    if old <= 0.0 < new:
+        work[at(rows, rows.lifted, lane)] = injected
+    if old <= CLEAR_LIFT < new:
+        if work[at(rows, rows.opened, lane)] == 0.0:
+            work[at(rows, rows.opened, lane)] = count - (new - CLEAR_LIFT) / (new - old)
+        work[at(rows, rows.clear, lane)] = 1.0
+        work[at(rows, rows.shut, lane)] = 0.0  # it has not closed for the last time
+    reopened = injected - work[at(rows, rows.lifted, lane)] > REOPENED * injected
+    counts = work[at(rows, rows.clear, lane)] > 0.0 or reopened
+    if new <= 0.0 < old and work[at(rows, rows.opened, lane)] > 0.0 and counts:
+        work[at(rows, rows.shut, lane)] = count - new / (new - old)
+        if work[at(rows, rows.first_shut, lane)] == 0.0:
+            work[at(rows, rows.first_shut, lane)] = work[at(rows, rows.shut, lane)]
+        work[at(rows, rows.clear, lane)] = 0.0
 
 
 @physics
@@ -275,12 +299,21 @@ def make_ferry(rows: Rows, copy: Callable[..., Any]) -> tuple[Callable[..., Any]
 
 
 @physics
+def set_densities(work, rows, candidates, density, point):  # type: ignore[no-untyped-def]
+    """Keep the density that makes a volume of each lane's samples; one row of `density` holds for all candidates."""
+    for lane in range(rows.lanes):
+        candidate = candidates[1 + lane] if density.shape[0] > 1 else 0
+        work[at(rows, rows.density, lane)] = density[candidate, point]
+
+
+@physics
 def sample(work, rows, part, width, target, weight, first):  # type: ignore[no-untyped-def]
-    """Take the sample that ends `part` of a step into the last one, and add up its misfit."""
+    """Take the sample that ends `part` of a step into the last one, and add up its misfit, by volume as the target."""
     for lane in range(rows.lanes):
         start = work[at(rows, rows.before, lane)]
         here = start + part * (work[at(rows, rows.injected, lane)] - start)
-        error = (here - work[at(rows, rows.mark, lane)]) / width - target
+        # a division: the compiler contracts a product and a difference in some lanes and not in others
+        error = (here - work[at(rows, rows.mark, lane)]) / (width * work[at(rows, rows.density, lane)]) - target
         counts = 0.0 if first else weight
         work[at(rows, rows.absolute, lane)] += counts * abs(error)
         work[at(rows, rows.squared, lane)] += counts * error * error
@@ -333,9 +366,8 @@ def is_sound(work, rows, lane):  # type: ignore[no-untyped-def]
 
 @physics
 def crossing(work, rows, row, lane):  # type: ignore[no-untyped-def]
-    """Instant of a noted crossing in steps, by linear interpolation; NaN where there was none."""
-    index, old, new = work[at(rows, row, lane)], work[at(rows, row + 1, lane)], work[at(rows, row + 2, lane)]
-    return index - new / (new - old) if index > 0.0 else np.nan
+    """Instant of a noted crossing in steps; NaN where there was none."""
+    return work[at(rows, row, lane)] if work[at(rows, row, lane)] > 0.0 else np.nan
 
 
 @physics
@@ -379,7 +411,7 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
 
     def loop(  # type: ignore[no-untyped-def]
         theta, settings, inputs, steps, quiet, blocks, dt, ring, look_every, patience,
-        bound_count, bounds, target, weight, trace, out, first, last,
+        bound_count, bounds, target, weight, density, trace, out, first, last,
     ):  # fmt: skip
         widest_vectors()
         step_size = real(dt)
@@ -391,6 +423,7 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
             rail, cylinder, low = settings[point, 0], settings[point, 1], settings[point, 2]
             setting = Setting(real(rail), real(cylinder), real(low), step_size)
             alike = begin(work, waves, ring, theta, blocks[block], setting, out[block])
+            set_densities(work, rows, blocks[block], density, point)
             if trace.shape[0] > 0:
                 record(work, rows, trace[block, 0])
             bound = 0

@@ -15,8 +15,10 @@ from commonrail.parts import nozzle, solenoid
 Floats = NDArray[np.float64]
 
 
-def read_channels(injector: Injector, point: OperatingPoint, names: Sequence[str], rows: Floats) -> dict[str, Floats]:
-    """Channels of a `Solution` from state rows (samples, rows)."""
+def read_channels(
+    injector: Injector, point: OperatingPoint, names: Sequence[str], time: Floats, rows: Floats
+) -> dict[str, Floats]:
+    """Channels of a `Solution` from the state at times (samples,) [s], rows (samples, rows)."""
 
     def row(name: str) -> Floats:
         return np.asarray(rows[:, names.index(name)])
@@ -29,7 +31,7 @@ def read_channels(injector: Injector, point: OperatingPoint, names: Sequence[str
     if injector.variant.boundary is Boundary.VOLUME or not isinstance(point.rail_pressure, Trace):
         rail = row("rail.pressure")
     else:
-        rail = point.rail_pressure.at(row("time")) if "time" in names else np.full(len(rows), np.nan)
+        rail = point.rail_pressure.at(time)
     return {
         "needle_lift": row("body.z.i9" if flexible else "body.z"),
         "plunger_lift": row("body.z.i1" if flexible else "body.z"),

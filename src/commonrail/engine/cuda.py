@@ -37,12 +37,15 @@ class Samples(NamedTuple):
     due : (points, bounds) int
         Step in which a sample ends.
     samples : (points, bounds, 4)
-        Part of that step at which it ends, width [s], target [kg/s] and weight.
+        Part of that step at which it ends, width [s], target [m³/s] and weight.
+    density : (1 or candidates, points)
+        As in `Misfit`.
     """
 
     bound_count: NDArray[np.int64]
     due: NDArray[np.int64]
     samples: Floats
+    density: Floats
 
 
 def missing() -> str | None:
@@ -112,7 +115,7 @@ def samples(misfit: Misfit, dt: float) -> Samples:
     width = np.ones(bounds.shape)
     width[:, 1:] = dt * (bounds[:, 1:] - bounds[:, :-1])
     columns = np.stack([bounds - due, width, misfit.target, misfit.weight], axis=2)
-    return Samples(misfit.bound_count, due.astype(np.int64), columns)
+    return Samples(misfit.bound_count, due.astype(np.int64), columns, misfit.density)
 
 
 def _run(
@@ -165,9 +168,7 @@ def _launch(
 
 def _arguments(job: Job, misfit: Misfit | None) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Arrays that all launches read: those before the blocks, and the samples."""
-    none = np.zeros((len(job.settings), 0))
-    chosen = misfit or Misfit(np.zeros(len(job.settings), np.int64), none, none, none)
-    return job[:5], samples(chosen, job.dt)
+    return job[:5], samples(misfit or Misfit.none(len(job.settings)), job.dt)
 
 
 def _to_device(cuda: Any, arrays: tuple[Any, ...], real: Any) -> list[Any]:

@@ -30,6 +30,7 @@ from commonrail.engine.block import (
     record,
     report_rest,
     sample,
+    set_densities,
 )
 from commonrail.engine.lanes import VECTORS, Precision
 from commonrail.injector.model import Inputs, Setting
@@ -59,7 +60,7 @@ def signature(precision: Precision) -> Any:
     """Types of the kernel's arguments."""
     real, whole = numba.from_dtype(np.dtype(VECTORS[precision].real)), numba.int64
     job = (real[:, ::1], real[:, ::1], real[:, :, ::1], whole[::1], whole[::1], whole[:, ::1])
-    samples = (whole[::1], whole[:, ::1], real[:, :, ::1])
+    samples = (whole[::1], whole[:, ::1], real[:, :, ::1], real[:, ::1])
     return numba.void(*job, real, whole, whole, whole, *samples, real[:, ::1], real[:, :, :, ::1], real[:, ::1])
 
 
@@ -84,7 +85,7 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
 
     def march(  # type: ignore[no-untyped-def]
         theta, settings, inputs, steps, quiet, blocks, step_size, ring, look_every, patience,
-        bound_count, due, samples, rings, trace, out,
+        bound_count, due, samples, density, rings, trace, out,
     ):  # fmt: skip
         thread = cuda.grid(1)
         if thread >= blocks.shape[0]:
@@ -94,6 +95,7 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
         point = blocks[thread, 0]
         setting = Setting(settings[point, 0], settings[point, 1], settings[point, 2], step_size)
         begin(work, waves, ring, theta, blocks[thread], setting, figures)
+        set_densities(work, rows, blocks[thread], density, point)
         keep(work, rows, trace, thread, 0)
         bound = 0
         for k in range(steps[point]):

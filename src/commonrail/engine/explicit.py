@@ -1,8 +1,9 @@
-"""The reference's equations by the classical Runge–Kutta method of order 4 at a small fixed step, in one compiled loop.
+"""The reference's equations by the classical Runge–Kutta method of order 4 at small steps, in one compiled loop.
 
 Several times faster than LSODA and free of Python, so that many truths can be simulated side by side. Steps end at
 every sample, edge of the schedule and knot of a trace; the PWM switches inside a step, where its current meets the
-limit. A state that runs away is seen, not raised.
+limit. Between them steps are of one length unless the SAC, the stiffest of the volumes, settles sooner. A state that
+runs away is seen, not raised.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from numpy.typing import NDArray
 
 from commonrail.compile import kernel, physics
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.rates import CORE, make_rates, past_limit, tip_index
+from commonrail.engine.rates import CORE, make_rates, make_sac_rate, past_limit, tip_index
 from commonrail.engine.timetable import courses, knots, segments, value_at
-from commonrail.injector.joints import CLEAR_LIFT
+from commonrail.injector.joints import CLEAR_LIFT, REOPENED
 from commonrail.injector.model import Coefficients
 from commonrail.injector.variants import Drive, Variant, wiring
 from commonrail.parts.drive import turned
@@ -33,6 +34,8 @@ AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
 SHARE = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 INJECTED = CORE.index("injected")
 MET = 1e-9  # the current meets its limit, relative to the band
+SETTLED = 1.0  # share of the SAC's settling time that a step may take; Runge-Kutta's limit of stability is 2.8
+SHORTEST = 0.02  # of the step: shorter it does not get for that
 TRIES = 40  # to meet it; three suffice
 RUNAWAY = 2e-3  # a tip this far off [m], or 1 kg through the nozzle, is no injection any more
 SAME = 1e-13  # stops nearer than this are one [s]
@@ -65,12 +68,19 @@ class Problem(NamedTuple):
     start: Floats
 
 
+class Instants(NamedTuple):
+    """Opening, last and first closing of the needle [s], as `Solution` defines them."""
+
+    opening: float = math.nan
+    closing: float = math.nan
+    first_closing: float = math.nan
+
+
 class Marched(NamedTuple):
-    """States at the times, instants of opening and last closing [s], and whether all stayed finite."""
+    """States at the times, instants of the needle, and whether all stayed finite."""
 
     states: Floats
-    opening: float
-    closing: float
+    instants: Instants
     finished: bool
 
 
@@ -92,15 +102,15 @@ def march(problem: Problem, time: Floats, step: float) -> Marched:
     time : (n,)
         Increasing [s].
     step : float
-        Longest step [s]; shorter where a pipe's wave would pass a cell sooner.
+        Longest step [s]; shorter where a pipe's wave would pass a cell or the SAC would settle sooner.
     """
     plan = _plan(problem, time)
     states = np.full((len(time), len(problem.start)), np.nan)
-    instants = np.full(2, np.nan)
+    noted = np.append(np.full(3, np.nan), (0.0, 0.0))
     loop = compiled_march(problem.variant)
     p = problem
-    finished = loop(*plan, min(step, passage(p)), p.constants, p.cells, p.friction, p.start.copy(), states, instants)
-    return Marched(states, float(instants[0]), float(instants[1]), bool(finished))
+    finished = loop(*plan, min(step, passage(p)), p.constants, p.cells, p.friction, p.start.copy(), states, noted)
+    return Marched(states, Instants(*noted[:3].tolist()), bool(finished))
 
 
 def passage(problem: Problem) -> float:
@@ -139,14 +149,19 @@ def set_courses(outside: Any, courses: Any, stops: Any, k: int, t: float) -> Non
 
 
 @physics
-def note_instants(instants: Any, now: float, h: float, old: float, new: float) -> None:
-    """Keep the first time at which the tip is clear of its seat, and the first at which it meets it after the last."""
+def note_instants(noted: Any, now: float, h: float, old: float, new: float, injected: float) -> None:
+    """Keep the fields of `Instants`; then 1 while the needle is clear, and the mass injected when it left its seat."""
+    if old <= 0.0:
+        noted[4] = injected
     if old <= CLEAR_LIFT < new:
-        if math.isnan(instants[0]):
-            instants[0] = now + h * (CLEAR_LIFT - old) / (new - old)
-        instants[1] = math.nan
-    if new <= 0.0 < old and math.isnan(instants[1]) and not math.isnan(instants[0]):
-        instants[1] = now + h * old / (old - new)
+        if math.isnan(noted[0]):
+            noted[0] = now + h * (CLEAR_LIFT - old) / (new - old)
+        noted[1], noted[3] = math.nan, 1.0
+    flowed = injected - noted[4]
+    if new <= 0.0 < old and not math.isnan(noted[0]) and (noted[3] > 0.5 or flowed > REOPENED * injected):
+        noted[1], noted[3] = now + h * old / (old - new), 0.0
+        if math.isnan(noted[2]):
+            noted[2] = noted[1]
 
 
 @physics
@@ -157,7 +172,7 @@ def stride(left: float, step: float) -> float:
 
 def _make_march(variant: Variant) -> Callable[..., bool]:
     load = wiring(variant).coefficients.load
-    rates = physics(make_rates(variant))
+    rates, sac_rate = physics(make_rates(variant)), make_sac_rate(variant)
     switching = variant.drive is Drive.PWM
     tip_in_core = tip_index(variant)
 
@@ -183,7 +198,7 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
         return past_limit(c, outside[4], outside[5], y[core], y[core + 2])
 
     def loop(  # type: ignore[no-untyped-def]
-        stops, courses, schedule, rows, step, constants, cells, friction, y, states, instants
+        stops, courses, schedule, rows, step, constants, cells, friction, y, states, noted
     ):
         c = load(constants, 0, 1, 0)
         core = 2 * cells[0] + 1
@@ -199,7 +214,9 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
             now, stop, tries = stops[k], stops[k + 1], 0
             short, gap, long, over = 0.0, past(c, core, y, outside), 0.0, 0.0
             while now < stop:
-                h = short - gap * (long - short) / (over - gap) if long > 0.0 else stride(stop - now, step)
+                settling = SETTLED / sac_rate(c, y, cells, outside[1])
+                fits = max(min(step, settling), SHORTEST * step)
+                h = short - gap * (long - short) / (over - gap) if long > 0.0 else stride(stop - now, fits)
                 runge_kutta(y, h, now, outside, (courses, stops, k), (constants, cells, friction), work)
                 ahead = past(c, core, work[0], outside)
                 tries += 1
@@ -208,7 +225,7 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
                     short, gap = (short, gap) if ahead > 0.0 else (h, ahead)
                     long, over = (h, ahead) if ahead > 0.0 else (long, over)
                     continue
-                note_instants(instants, now, h, y[tip], work[0, tip])
+                note_instants(noted, now, h, y[tip], work[0, tip], work[0, core + INJECTED])
                 now = stop if h >= stop - now else now + h
                 y[:] = work[0]
                 if long > 0.0:

@@ -50,20 +50,34 @@ class Misfit(NamedTuple):
     bounds : (points, bounds)
         Sample bounds in steps after time zero; a sample is the mean flow between two bounds.
     target, weight : (points, bounds)
-        Measured mean mass flow [kg/s] and weight of the sample that ends at a bound.
+        Measured mean flow by volume [m³/s] and weight of the sample that ends at a bound.
+    density : (1 or candidates, points)
+        Density that makes a volume of a simulated mass [kg/m³]; NaN for the candidate's own, see `own_where_open`.
+        With ones the targets are masses [kg/s].
     """
 
     bound_count: NDArray[np.int64]
     bounds: Floats
     target: Floats
     weight: Floats
+    density: Floats
+
+    @classmethod
+    def none(cls, points: int) -> Misfit:
+        """Nothing to compare with."""
+        empty = np.zeros((points, 0))
+        return cls(np.zeros(points, np.int64), empty, empty, empty, np.ones((1, points)))
+
+    def own_where_open(self, own: Floats) -> Misfit:
+        """The same samples with each candidate's own density, (1 or candidates, points), where none is given."""
+        return self._replace(density=np.where(np.isnan(self.density), own, self.density))
 
 
 class Outcome(NamedTuple):
     """Per lane figures of a run; shapes (blocks, lanes).
 
-    `opening` and `closing` are in steps (NaN where there is none); masses in kg; `absolute` and `squared`
-    are the weighted sums of the samples' errors [kg/s], [(kg/s)²]; `sound` is 1 for a run that stayed
+    `opening`, `closing` and `first_closing` are in steps (NaN where there is none); masses in kg; `absolute` and
+    `squared` are the weighted sums of the samples' errors [m³/s], [(m³/s)²]; `sound` is 1 for a run that stayed
     finite and inside its stops, `closed_at_start` for needle and valve at rest before energising, `closed_at_end` for
     a needle on its seat and a SAC that had emptied when the simulation ended.
     """
@@ -79,6 +93,7 @@ class Outcome(NamedTuple):
     sound: Floats
     closed_at_start: Floats
     closed_at_end: Floats
+    first_closing: Floats
 
 
 class Job(NamedTuple):
@@ -157,9 +172,7 @@ def run_traced(
 def _run(job: Job, loop: Callable[..., None], misfit: Misfit | None, trace: Floats, threads: int) -> Floats:
     n = len(job.blocks)
     out = np.empty((n, job.blocks.shape[1] - 1, len(Outcome._fields)))
-    points = len(job.settings)
-    none = np.zeros((points, 0))
-    samples = misfit or Misfit(np.zeros(points, np.int64), none, none, none)
+    samples = misfit or Misfit.none(len(job.settings))
     share = max(1, -(-n // threads))
 
     def work(first: int) -> None:

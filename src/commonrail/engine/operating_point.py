@@ -80,6 +80,8 @@ class Trace:
 
 Course = float | Trace
 
+AT_REST = 0.5e-3  # longest stretch before the first energising that a trace's value at rest is the mean of [s]
+
 
 class _Pulse(NamedTuple):
     start: float
@@ -117,7 +119,8 @@ class OperatingPoint:
     Attributes
     ----------
     rail_pressure : float or Trace
-        [Pa], from 0.1 MPa to 1000 MPa.
+        [Pa], from 0.1 MPa to 1000 MPa, at any time above the two others. Before the simulation all is at rest at the
+        pressures of `at_start`.
     energisings : sequence of Energising or (start, duration), or float
         A number is one energising of that duration [s] from t = 0, at most 100 ms.
     cylinder_pressure, return_pressure : float or Trace
@@ -173,6 +176,8 @@ class OperatingPoint:
             horizon=None if self.horizon is None else number(self.horizon, "s", "horizon"),
             start=number(self.start, "s", "start"),
         )
+        _refuse_unless_below(self.rail_pressure, "cylinder pressure", self.cylinder_pressure)
+        _refuse_unless_below(self.rail_pressure, "return pressure", self.return_pressure)
         ends = self.start
         for pulse in self.pulses:
             if not pulse.start >= ends:
@@ -196,6 +201,15 @@ class OperatingPoint:
         )
 
     @property
+    def pressures(self) -> dict[str, Course]:
+        """Pressures at the boundaries by name [Pa]."""
+        return {
+            "rail pressure": self.rail_pressure,
+            "cylinder pressure": self.cylinder_pressure,
+            "return pressure": self.return_pressure,
+        }
+
+    @property
     def pulses(self) -> tuple[Energising, ...]:
         """Energisings in order."""
         if isinstance(self.energisings, float):
@@ -211,13 +225,36 @@ class OperatingPoint:
         return last - self.start + 2.5e-3
 
     def initial_pressures(self) -> tuple[float, float, float]:
-        """Rail, cylinder and return pressure at the start [Pa]."""
+        """Rail, cylinder and return pressure at rest, see `at_start` [Pa]."""
         rail, cylinder, low = self.rail_pressure, self.cylinder_pressure, self.return_pressure
         return self.at_start(rail), self.at_start(cylinder), self.at_start(low)
 
     def at_start(self, course: Course) -> float:
-        """Value of one of the point's courses at the start."""
-        return float(course.at(self.start)) if isinstance(course, Trace) else float(course)
+        """Value of one of the point's courses before anything moves.
+
+        Of a trace it is the mean over at most `AT_REST` before the first energising, so that the noise of one sample
+        does not set the state at rest, the wave speed and the densities; its value at the start where it has no
+        sample before.
+        """
+        if not isinstance(course, Trace):
+            return float(course)
+        end = min((p.start for p in self.pulses), default=self.start)
+        begin = max(course.time[0], end - AT_REST)
+        if begin >= end:
+            return float(course.at(self.start))
+        return float(course.mean(np.array(begin), np.array(end)))
+
+
+def _refuse_unless_below(rail: Course, name: str, course: Course) -> None:
+    """Refuse a pressure that reaches the rail's at any time: fuel would flow back, which no part's law covers."""
+    times = [t for one in (rail, course) if isinstance(one, Trace) for t in one.time] or [0.0]
+    high, low = (one.at(times) if isinstance(one, Trace) else np.full(len(times), one) for one in (rail, course))
+    worst = int(np.argmin(high - low))
+    if not low[worst] < high[worst]:
+        raise ConfigurationError(
+            f"The {name} must stay below the rail pressure, but is {low[worst] * 1e-6:g} MPa where the rail has "
+            f"{high[worst] * 1e-6:g} MPa; correct the pressures or their units."
+        )
 
 
 def _course(name: str, course: object, limits: Limits) -> Course:

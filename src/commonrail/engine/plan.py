@@ -13,8 +13,10 @@ from commonrail.engine.block import FUEL
 from commonrail.engine.lanes import VECTORS, Job, Precision
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.stability import Medium, medium_of
+from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
+from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
 from commonrail.injector.variants import Drive
 from commonrail.parts.furniture import Domain
@@ -40,8 +42,8 @@ class Prepared(NamedTuple):
         As in `Job`.
     begin : (points,)
         Time at which a simulation begins [s].
-    densities : (points,)
-        `reference_density` [kg/m³].
+    densities : (1, points)
+        `reference_densities` of the injector itself [kg/m³].
     medium : Medium
         Fuel at the largest rail pressure of all points, which decides how long a step may be.
     """
@@ -63,8 +65,10 @@ def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> 
     Raises
     ------
     ConfigurationError
-        If a point has too many steps, or no trace for a drive that needs one.
+        If a point has too many steps, no trace for a drive that needs one, or is refused by `check_point`.
     """
+    for point in points:
+        check_point(injector, point)
     steps = np.array([_steps(point, dt) for point in points])
     inputs = np.zeros((len(points), int(steps.max()), 6))
     for i, point in enumerate(points):
@@ -77,7 +81,7 @@ def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> 
         steps,
         np.array([_quiet(point, dt) for point in points]),
         np.array([point.start for point in points]),
-        np.array([reference_density(injector, point) for point in points]),
+        reference_densities(injector, points),
         medium_of(injector, max(_largest(point.rail_pressure) for point in points)),
     )
 
@@ -88,8 +92,33 @@ def _largest(course: Course) -> float:
 
 def reference_density(injector: Injector, point: OperatingPoint) -> float:
     """Fuel density at cylinder pressure of time zero and fuel temperature [kg/m³]."""
-    pressure = point.at_start(point.cylinder_pressure)
-    return float(injector.fuel.density(pressure, injector.values[FUEL_TEMPERATURE]))
+    return float(reference_densities(injector, [point])[0, 0])
+
+
+def reference_densities(
+    injector: Injector, points: Sequence[OperatingPoint], names: Sequence[str] = (), values: Floats | None = None
+) -> Floats:
+    """`reference_density` of candidates, each at its own fuel temperature [kg/m³].
+
+    Parameters
+    ----------
+    injector, points
+        As in `prepare`.
+    names, values
+        As in `candidate_matrix`; the temperature must lie in the fuel's range.
+
+    Returns
+    -------
+    densities : (1 or candidates, points)
+        One row where all candidates have the injector's own temperature.
+    """
+    pressures = [point.at_start(point.cylinder_pressure) for point in points]
+    temperature = np.array([injector.values[FUEL_TEMPERATURE]])
+    if values is not None and FUEL_TEMPERATURE in names:
+        temperature = values[:, list(names).index(FUEL_TEMPERATURE)]
+    warmth, candidate = np.unique(temperature, return_inverse=True)
+    pressure, column = np.unique(pressures, return_inverse=True)
+    return np.asarray(injector.fuel.density(pressure, warmth[:, None])[candidate][:, column])
 
 
 def candidate_matrix(
@@ -135,9 +164,12 @@ def _columns(names: tuple[str, ...]) -> NDArray[np.intp]:
     return np.array([paths.index(name) for name in names], np.intp)
 
 
-def admissible(names: Sequence[str], values: Floats) -> NDArray[np.bool_]:
-    """Which candidates lie in the domain of their parameters: (candidates,)."""
+def admissible(names: Sequence[str], values: Floats, fuel: Fuel | None = None) -> NDArray[np.bool_]:
+    """Which candidates lie in the domain of their parameters, and in the fuel's range of temperature: (candidates,)."""
     inside = np.isfinite(values)
+    if fuel is not None and FUEL_TEMPERATURE in names:
+        column = list(names).index(FUEL_TEMPERATURE)
+        inside[:, column] &= fuel.defined_at(values[:, column])
     for domain, columns in _domains(tuple(names)):
         inside[:, columns] &= domain.admits(values[:, columns])
     return np.asarray(inside.all(axis=1))

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.compile import kernel, physics
-from commonrail.flow.orifice import jet
+from commonrail.flow.orifice import jet, orifice
 from commonrail.injector import joints
 from commonrail.injector.model import Coefficients
 from commonrail.injector.setup import ambient_density, seat_contact
@@ -173,7 +173,7 @@ def pipe_rates(y: Any, dy: Any, first: int, cells: int, c: Coefficients, inlet: 
     """Feed pipe, Eq. (6), as flow–pressure pairs: face 0, cell 0, face 1, …, cell n−1, face n."""
     z = c.feed_pipe.impedance
     per_cell = cells / c.feed_pipe.travel_time
-    friction = 2.0 * c.feed_pipe.half_resistance / (z * c.feed_pipe.travel_time)
+    friction = c.feed_pipe.resistance / (z * c.feed_pipe.travel_time)
     for j in range(cells + 1):
         i = first + 2 * j
         q = y[i]
@@ -294,6 +294,31 @@ def make_rates(variant: Variant) -> Callable[..., None]:
     return rates
 
 
+def make_sac_rate(variant: Variant) -> Callable[..., float]:
+    """Function (coefficients, y, cells, cylinder) → rate at which the SAC's pressure settles [1/s].
+
+    It is the slope of seat and nozzle flow in the SAC's pressure times dp/dρ over its volume: large where the seat's
+    or the holes' pressure drop is small, and the fastest rate of the hydraulics.
+    """
+    flexible = variant.body is Body.FLEXIBLE
+    lifts = _flexible_lifts if flexible else _rigid_lifts
+
+    @physics
+    def sac_rate(c: Coefficients, y: Any, cells: Any, cylinder: float) -> float:
+        core = 2 * cells[0] + 1
+        tops = lifts(y, core + len(CORE))
+        room = joints.make_room(c, tops)
+        store = contents(c.fuel, y[core + 5], 1.0 / room.store)
+        sac = contents(c.fuel, y[core + 6], 1.0 / room.sac)
+        gain = needle_seat.gap_drive(c.needle_seat, tops.tip)
+        seat = orifice(gain * (store.pressure - sac.pressure), gain, store.density, c.needle_seat.offset)
+        drive_, gain_ = joints.nozzle_drive(c, sac.pressure, cylinder, max(y[core + 7], tops.tip))
+        spray = orifice(drive_, gain_, sac.density, c.nozzle.offset)
+        return (seat.slope + spray.slope) * sac.stiffness / room.sac
+
+    return sac_rate  # type: ignore[no-any-return]
+
+
 @physics
 def _flexible_lifts(y: Any, body: int) -> Motion:
     return Motion(y[body], y[body + 14], y[body + 16])
@@ -356,6 +381,7 @@ __all__ = [
     "feed",
     "inlet_law",
     "make_rates",
+    "make_sac_rate",
     "past_limit",
     "start_vector",
     "tip_index",

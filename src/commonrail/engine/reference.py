@@ -6,6 +6,7 @@ segment. Pipes are resolved by `cells` finite volumes. On request the explicit m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
@@ -13,18 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from commonrail.engine.explicit import Problem, march
+from commonrail.engine.balance import relative_to_injected
+from commonrail.engine.explicit import Instants, Problem, march
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.rates import CORE, Outside, compiled_rates, feed, inlet_law, past_limit, start_vector, tip_index
 from commonrail.engine.simulate import reference_density
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.engine.timetable import courses, segments, value_at
+from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.joints import CLEAR_LIFT, make_room
+from commonrail.injector.joints import CLEAR_LIFT, REOPENED, make_room
 from commonrail.injector.model import Setting
 from commonrail.injector.variants import Body, Boundary, Drive, wiring
 from commonrail.parts import drive, nozzle, solenoid
@@ -38,8 +41,8 @@ class Resolution(NamedTuple):
     """How finely the reference resolves.
 
     `cells` of the feed pipe and of the return line; `relative` tolerance of LSODA, its absolute tolerances are
-    `relative` times a typical value of each state; `longest_step` [s]. The method "explicit" has a fixed `step` [s]
-    instead of both; if the SAC answers faster than it, the result is wrong and may be finite, so look at half the step.
+    `relative` times a typical value of each state; `longest_step` [s]. The method "explicit" has a longest `step` [s]
+    instead of both; steps are shorter where a wave passes a cell or the SAC settles sooner.
     """
 
     cells: tuple[int, int] = (240, 120)
@@ -47,6 +50,14 @@ class Resolution(NamedTuple):
     longest_step: float = 2e-6
     method: Literal["lsoda", "explicit"] = "lsoda"
     step: float = 5e-8
+
+
+class Crossings(NamedTuple):
+    """Times [s] at which the tip rises above `CLEAR_LIFT`, meets its seat, leaves it, each with the mass injected."""
+
+    clears: list[tuple[float, float]]
+    meets: list[tuple[float, float]]
+    lifts: list[tuple[float, float]]
 
 
 CRAWL = (2000, 0.5e-6)  # LSODA is stuck if so many evaluations take it no further than this [s]; 40 a us are usual
@@ -79,7 +90,8 @@ def simulate_reference(
     Raises
     ------
     ConfigurationError
-        If the resolution makes no sense. A simulation that fails returns a `Solution` whose status says so.
+        If the resolution makes no sense, or the injector or its fuel does not cover the point. A simulation that
+        fails returns a `Solution` whose status says so.
     """
     resolution = resolution or Resolution()
     _check(resolution)
@@ -108,6 +120,7 @@ class Model:
     def __init__(
         self, injector: Injector, point: OperatingPoint, resolution: Resolution, friction: Floats | None
     ) -> None:
+        check_point(injector, point)
         self.injector, self.point, self.resolution = injector, point, resolution
         variant = injector.variant
         at = Setting(*point.initial_pressures(), 1e-6)
@@ -139,12 +152,11 @@ class Model:
 
     # --- time -------------------------------------------------------------------------------------
 
-    def run(self, time: Floats) -> tuple[Floats, float, float, bool]:
-        """States at `time`, instants of opening and last closing, and whether the end was reached."""
+    def run(self, time: Floats) -> tuple[Floats, Instants, bool]:
+        """States at `time`, instants of the needle, and whether the end was reached."""
         states = np.full((len(time), len(self.start)), np.nan)
         states[0] = y = self.start
-        clears: list[float] = []
-        falls: list[float] = []
+        crossings = Crossings([], [], [])
         self.outside[5] = 2.0
         now = time[0]
         for segment in segments(self.point, self.c.drive.peak_duration, time[0], time[-1]):
@@ -153,24 +165,29 @@ class Model:
                 self.outside[5] = 2.0
             while now < segment.stop - 1e-15:
                 if not np.isfinite(y).all():  # SciPy would refuse it with an error of its own
-                    return states, *_instants(clears, falls), False
+                    return states, instants(crossings), False
                 if self.past_limit(y) > 1e-9:
                     self.outside[5] = drive.turned(self.outside[5])
                 inside = time[(time > now) & (time <= segment.stop)]
                 result = self.solve(now, segment.stop, y, inside)
                 if not result.success:
-                    return states, *_instants(clears, falls), False
-                clears.extend(result.t_events[0])
-                falls.extend(result.t_events[1])
+                    return states, instants(crossings), False
+                self._note(crossings, result)
                 got = min(len(result.t), len(inside))
                 k = int(np.searchsorted(time, now, side="right"))
                 if got:
                     states[k : k + got] = result.y.T[: len(inside)]
                 switched = result.status == 1
-                now, y = (result.t_events[2][-1], result.y_events[2][-1]) if switched else (segment.stop, self.last)
+                now, y = (result.t_events[-1][-1], result.y_events[-1][-1]) if switched else (segment.stop, self.last)
                 if switched:
                     self.outside[5] = drive.turned(self.outside[5])
-        return states, *_instants(clears, falls), True
+        return states, instants(crossings), True
+
+    def _note(self, crossings: Crossings, result: Any) -> None:
+        """Add what a solve has seen, with the mass injected by then [kg]."""
+        injected = self.core + CORE.index("injected")
+        for kept, times, states in zip(crossings, result.t_events, result.y_events, strict=False):
+            kept.extend((float(t), float(y[injected])) for t, y in zip(times, states, strict=True))
 
     def solve(self, start: float, stop: float, y: Floats, inside: Floats) -> Any:
         """Solve between two switchings, with samples `inside`; a result as of `solve_ivp`, its last state in `last`."""
@@ -194,7 +211,7 @@ class Model:
         return result
 
     def events(self) -> list[Callable[[float, Floats], float]]:
-        """The needle is clear of its seat; it meets the seat; the PWM's current meets its limit, which ends a solve."""
+        """Those of `Crossings`; then the PWM's current meets its limit, which ends a solve."""
         tip = self.core + tip_index(self.variant)
 
         def closes(t: float, y: Floats) -> float:
@@ -206,9 +223,12 @@ class Model:
         def clears(t: float, y: Floats) -> float:
             return float(y[tip]) - CLEAR_LIFT
 
-        clears.direction, closes.direction = 1.0, -1.0  # type: ignore[attr-defined]
+        def lifts(t: float, y: Floats) -> float:
+            return float(y[tip])
+
+        clears.direction, closes.direction, lifts.direction = 1.0, -1.0, 1.0  # type: ignore[attr-defined]
         switches.terminal, switches.direction = True, 1.0  # type: ignore[attr-defined]
-        return [clears, closes, switches]
+        return [clears, closes, lifts, switches]
 
     @property
     def band(self) -> int:
@@ -261,7 +281,7 @@ class Model:
 
     # --- result -----------------------------------------------------------------------------------
 
-    def solution(self, time: Floats, states: Floats, opening: float, closing: float, finished: bool) -> Solution:
+    def solution(self, time: Floats, states: Floats, found: Instants, finished: bool) -> Solution:
         """States as a `Solution`."""
         core = states[:, self.core : self.core + len(CORE)]
         injected = core[:, CORE.index("injected")]
@@ -279,8 +299,7 @@ class Model:
             channels,
             float(injected[-1]),
             float(core[-1, CORE.index("returned")]),
-            float(opening),
-            float(closing),
+            *found,
             reference_density(self.injector, self.point),
             status,
             "reference",
@@ -330,17 +349,30 @@ class Model:
         return {"rail_pressure": rail, "inlet_pressure": np.array(inlet)}
 
     def _balance(self, states: Floats) -> float:
-        """(in − out − stored)/injected."""
+        """Balance of `relative_to_injected`."""
         gain = states[-1] - states[0]
         core = dict(zip(CORE, gain[self.core : self.core + len(CORE)], strict=True))
         per_cell = self.c.feed_pipe.travel_time / self.cells[0] / self.c.feed_pipe.impedance
         stored = core["control_mass"] + core["store_mass"] + core["sac_mass"]
         stored += per_cell * float(np.sum(gain[1 : 2 * self.cells[0] : 2]))
-        return float((core["supplied"] - core["injected"] - core["returned"] - stored) / core["injected"])
+        left = core["supplied"] - core["injected"] - core["returned"] - stored
+        return relative_to_injected(left, core["injected"])
 
 
-def _instants(clears: list[float], falls: list[float]) -> tuple[float, float]:
-    """Opening: the needle is first clear of its seat; closing: it first meets the seat after it was last clear."""
+def instants(crossings: Crossings) -> Instants:
+    """Opening, last and first closing, as `Solution` defines them."""
+    clears = [t for t, _ in crossings.clears]
     if not clears:
-        return float("nan"), float("nan")
-    return clears[0], min((t for t in falls if t > clears[-1]), default=float("nan"))
+        return Instants()
+    left, is_open, closings = 0.0, True, []
+    events = [(*at, kind) for kind, row in crossings._asdict().items() for at in row if at[0] >= clears[0]]
+    for t, injected, kind in sorted(events):
+        if kind == "lifts":
+            left, is_open = injected, False
+        elif kind == "clears":
+            is_open = True
+        elif is_open or injected - left > REOPENED * injected:
+            closings.append(t)
+            is_open = False
+    last = [t for t in closings if t > clears[-1]]
+    return Instants(clears[0], last[-1] if last else math.nan, closings[0] if closings else math.nan)

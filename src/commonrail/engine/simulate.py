@@ -37,7 +37,7 @@ from commonrail.engine.solution import Batch, Solution
 from commonrail.engine.stability import longest_step, too_long
 from commonrail.engine.status import OK, STILL_INJECTING, Status, which_failed
 from commonrail.errors import ConfigurationError, SimulationError
-from commonrail.injector.definition import Injector, parameter_quantities
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.injector.variants import Variant
 
 Floats = NDArray[np.float64]
@@ -156,11 +156,12 @@ def simulate(
         time,
         np.diff(injected) / np.diff(time),
         injected,
-        read_channels(injector, point, names, rows),
+        read_channels(injector, point, names, time, rows),
         float(injected[-1]),
         float(rows[-1, names.index("books.returned")]),
         point.start + time_step * float(outcome.opening[0, 0]),
         point.start + time_step * float(outcome.closing[0, 0]),
+        point.start + time_step * float(outcome.first_closing[0, 0]),
         reference_density(injector, point),
         Status(int(status)),
         engine.value,
@@ -315,12 +316,13 @@ class _How(NamedTuple):
     engine: Engine
 
 
-def _run(job: Job, variant: Variant, how: _How) -> Outcome:
+def _run(job: Job, variant: Variant, how: _How, densities: Floats) -> Outcome:
+    misfit = how.misfit and how.misfit.own_where_open(densities)
     if how.engine is Engine.CUDA:
         from commonrail.engine import cuda
 
-        return cuda.run(job, variant, how.misfit, how.precision)
-    return lanes.run(job, variant, how.misfit, how.threads, how.precision)
+        return cuda.run(job, variant, misfit, how.precision)
+    return lanes.run(job, variant, misfit, how.threads, how.precision)
 
 
 def _run_traced(job: Job, variant: Variant, engine: Engine, precision: Precision) -> tuple[Outcome, Floats]:
@@ -334,14 +336,16 @@ def _run_traced(job: Job, variant: Variant, engine: Engine, precision: Precision
 def _simulate(injector: Injector, names: Sequence[str], candidates: Floats, how: _How) -> Batch:
     """A part of a population that is small enough to have all its parameters in memory."""
     prepared, points = how.prepared, how.prepared.points
-    inside = plan.admissible(names, candidates)
+    inside = plan.admissible(names, candidates, injector.fuel)
     if not inside.all():
         own = np.array([injector.values[name] for name in names])
         candidates = np.where(inside[:, None], candidates, own)
     theta = plan.candidate_matrix(injector, names, candidates, prepared)
     width = _width(how.engine, how.precision)
     job = plan.make_job(injector, theta, points, how.time_step, how.stop_when_closed, width, prepared)
-    outcome = _run(job, injector.variant, how)
+    varies = FUEL_TEMPERATURE in names
+    densities = plan.reference_densities(injector, points, names, candidates) if varies else prepared.densities
+    outcome = _run(job, injector.variant, how, densities)
     beyond = too_long(injector, names, theta, prepared.medium, how.time_step)
     status = _status(outcome, beyond, len(points))
     status[~inside] = Status.OUTSIDE_DOMAIN
@@ -359,19 +363,19 @@ def _simulate(injector: Injector, names: Sequence[str], candidates: Floats, how:
         figure(outcome.returned),
         begin + how.time_step * figure(outcome.opening),
         begin + how.time_step * figure(outcome.closing),
+        begin + how.time_step * figure(outcome.first_closing),
         figure(outcome.greatest_lift),
         status,
-        prepared.densities,
+        np.broadcast_to(densities, status.shape),
         figure(outcome.absolute),
         figure(outcome.squared),
     )
 
 
 def _joined(parts: Sequence[Batch]) -> Batch:
-    """One batch of several; the reference density is of the points, and the same in all."""
+    """One batch of several."""
     names = [f.name for f in fields(Batch)]
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return Batch(**{**columns, "reference_density": parts[0].reference_density})
+    return Batch(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def check_step(time_step: Quantity) -> float:

@@ -31,17 +31,21 @@ class Solution:
         reference only) [Pa], coil_current [A], magnetic_force [N], discharge_coefficient [1].
     injected_mass, returned_mass : float
         Per stroke [kg].
-    opening, closing : float
-        Instants at which the needle's tip first rises by 5 um, and at which it meets the seat after it was last above
-        that [s]: ringing and bounces do not count. NaN where there is none.
+    opening : float
+        Instant at which the needle's tip first rises by 5 um [s]; NaN if it never does.
+    closing, first_closing : float
+        Instants at which the tip meets the seat for the last and for the first time after it was open [s]. It is open
+        above 5 um, and in a reopening below that through which more than 0.1 % of all that was injected flows; ringing
+        and smaller bounces do not count. The two differ where the needle reopens. NaN where there is none; no last one
+        where the needle is above 5 um at the end.
     reference_density : float
-        Fuel at cylinder pressure of time zero and fuel temperature [kg/m³]: turns mass into the volume that a
-        rate meter shows.
+        Fuel at cylinder pressure at rest (`OperatingPoint.at_start`) and fuel temperature [kg/m³]: turns mass into
+        the volume that a rate meter shows.
     status : Status
     engine : str
         "lanes" or "reference".
     balance : float
-        In − out − stored, relative to the injected mass.
+        In − out − stored, relative to the injected mass, or to 1 mg where less was injected.
     longest_step : float
         Longest time step that the fast engines bear for this injector [s]; infinite for the reference.
     """
@@ -54,6 +58,7 @@ class Solution:
     returned_mass: float
     opening: float
     closing: float
+    first_closing: float
     reference_density: float
     status: Status
     engine: str
@@ -105,20 +110,21 @@ class Batch:
     Attributes
     ----------
     injected_mass, returned_mass : [kg] per stroke, NaN for a failed simulation
-    opening, closing : [s], NaN where there is none
+    opening, closing, first_closing : [s], as in `Solution`, NaN where there is none
     greatest_lift : [m]
     status : int
         Values of `Status`.
-    reference_density : (points,)
-        [kg/m³], of the injector's own fuel temperature.
+    reference_density : (candidates, points)
+        [kg/m³], each at its own fuel temperature.
     absolute_error, squared_error : (candidates, points)
-        Weighted sums over the samples of a rate measurement, [kg/s] and [(kg/s)²]; zero without one.
+        Weighted sums over the samples of a rate measurement, [m³/s] and [(m³/s)²]; zero without one.
     """
 
     injected_mass: Floats
     returned_mass: Floats
     opening: Floats
     closing: Floats
+    first_closing: Floats
     greatest_lift: Floats
     status: NDArray[np.int64]
     reference_density: Floats

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,9 +27,9 @@ class Context(NamedTuple):
         """Path of a file that the study names; InputError if it lies where the study may not look."""
         return self.reach.path(self.reach.file.parent, file, at)
 
-    def per_volume(self, unit: str, point: OperatingPoint) -> float:
-        """Divisor that makes a volume of a value in `unit`: the density at cylinder pressure for a mass, else 1."""
-        return reference_density(self.injector, point) if unit.startswith("kg") else 1.0
+    def mass_density(self, unit: str, point: OperatingPoint) -> float:
+        """Density at cylinder pressure [kg/m³] where `unit` is one of mass, else NaN: see `RateData.mass_density`."""
+        return reference_density(self.injector, point) if unit.startswith("kg") else math.nan
 
     @property
     def drive_unit(self) -> str:

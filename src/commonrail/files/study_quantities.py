@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from commonrail.calibration.study import QuantityData, Role
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.files.place import Place, located
 from commonrail.files.study_context import Context
@@ -59,18 +61,21 @@ def read_quantities(model: QuantitiesModel, context: Context, at: Place) -> Quan
         )
     rows = _map_rows(model, context, at) + _dead_time_rows(model, context, at)
     absolute, relative = _tolerances(model, at)
-    volume = [row.quantity / context.per_volume(row.unit, row.point) for row in rows]
+    density = np.array([context.mass_density(row.unit, row.point) for row in rows])
+    by_volume = np.isnan(density)
+    quantity = np.array([row.quantity for row in rows])
     return QuantityData(
         model.name,
         Role(model.role),
         tuple(row.point for row in rows),
-        np.array(volume),
+        quantity / np.where(by_volume, 1.0, density),
         absolute,
         relative,
         np.array([row.dead_time for row in rows]),
         model.weight,
         model.source,
         model.synthetic,
+        math.nan if by_volume.all() else density,
     )
 
 
@@ -90,7 +95,7 @@ def _map_rows(model: QuantitiesModel, context: Context, at: Place) -> list[_Row]
     chosen = _choose(table, {"rail_pressure": (rails, "Pa"), "energising_time": (times, "s")}, at)
     _refuse_negative(table, "quantity")
     quantity, unit = table.columns["quantity"], table.units["quantity"]
-    return [_Row(_point(table, i, model, at), float(quantity[i]), unit, False) for i in chosen]
+    return [_Row(_point(table, i, model, context, at), float(quantity[i]), unit, False) for i in chosen]
 
 
 def _dead_time_rows(model: QuantitiesModel, context: Context, at: Place) -> list[_Row]:
@@ -109,7 +114,7 @@ def _dead_time_rows(model: QuantitiesModel, context: Context, at: Place) -> list
     quantity, unit = _quantity(dead.quantity, at / "dead_times" / "quantity")
     rails = _wanted(model.rail_pressure, "Pa", at / "rail_pressure")
     chosen = _choose(table, {"rail_pressure": (rails, "Pa")}, at / "dead_times")
-    return [_Row(_point(table, i, model, at), quantity, unit, True) for i in chosen]
+    return [_Row(_point(table, i, model, context, at), quantity, unit, True) for i in chosen]
 
 
 def _quantity(text: str | float, at: Place) -> tuple[float, str]:
@@ -166,7 +171,7 @@ def _refuse_negative(table: Table, column: str) -> None:
         raise Place(table.cell(column, int(below[0]))).error("the value must be zero or greater")
 
 
-def _point(table: Table, row: int, model: QuantitiesModel, at: Place) -> OperatingPoint:
+def _point(table: Table, row: int, model: QuantitiesModel, context: Context, at: Place) -> OperatingPoint:
     energising = float(table.columns["energising_time"][row])
     rail = float(table.columns["rail_pressure"][row])
     for column, value in (("energising_time", energising), ("rail_pressure", rail)):
@@ -177,4 +182,6 @@ def _point(table: Table, row: int, model: QuantitiesModel, at: Place) -> Operati
         for key, item in (("cylinder_pressure", model.cylinder_pressure), ("return_pressure", model.return_pressure))
     )
     with located(Place(f"{table.path}, line {table.lines[row]}")):
-        return OperatingPoint(rail, energising, cylinder, low, horizon=energising + AFTER_ENERGISING)
+        point = OperatingPoint(rail, energising, cylinder, low, horizon=energising + AFTER_ENERGISING)
+        check_point(context.injector, point)
+        return point

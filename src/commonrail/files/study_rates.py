@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from commonrail.calibration.study import RateData, Role
 from commonrail.engine.operating_point import LONGEST, Course, Energising, OperatingPoint, Trace
+from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
 from commonrail.files.place import Place, located
 from commonrail.files.study_context import Context
@@ -70,15 +71,17 @@ def read_rate(model: RateModel, context: Context, at: Place) -> RateData:
     """
     samples = _window(_samples(model, context, at), model, at)
     point = _point(model, samples, context, at)
+    density = context.mass_density(samples.unit, point)
     return RateData(
         model.name,
         Role(model.role),
         point,
         samples.bounds,
-        samples.rate / context.per_volume(samples.unit, point),
+        samples.rate if math.isnan(density) else samples.rate / density,
         model.weight,
         model.source,
         model.synthetic,
+        density,
     )
 
 
@@ -165,7 +168,9 @@ def _point(model: RateModel, samples: _Samples, context: Context, at: Place) -> 
     )
     drive = _drive(model, context, at / "drive")
     with located(at):
-        return OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start)
+        point = OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start)
+        check_point(context.injector, point)
+        return point
 
 
 def _pulses(model: RateModel, at: Place) -> tuple[Energising, ...]:

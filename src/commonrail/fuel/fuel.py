@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from commonrail.arguments import array
 from commonrail.errors import ConfigurationError, InputError
@@ -193,10 +193,16 @@ class Fuel:
         low = self.pressure_range[0] / _MPA
         return np.maximum(pressure, low), np.minimum(pressure - low, 0.0), at
 
+    def defined_at(self, temperature: ArrayLike) -> NDArray[np.bool_]:
+        """Return which temperatures [K] lie in `temperature_range`."""
+        asked = np.asarray(temperature, dtype=np.float64)
+        low, high = self.temperature_range
+        return np.asarray((asked >= low - _TEMPERATURE_TOLERANCE) & (asked <= high + _TEMPERATURE_TOLERANCE))
+
     def _temperature(self, temperature: ArrayLike) -> Array:
         asked = array(temperature, "K", "temperature", finite=False)
         low, high = self.temperature_range
-        inside = (asked >= low - _TEMPERATURE_TOLERANCE) & (asked <= high + _TEMPERATURE_TOLERANCE)
+        inside = self.defined_at(asked)
         if not np.all(inside):
             wrong = float(np.atleast_1d(asked)[~np.atleast_1d(inside)][0])
             raise InputError(

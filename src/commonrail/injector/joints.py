@@ -36,6 +36,9 @@ class Drain(NamedTuple):
 # A needle is open once its tip has risen this far; what stays below is ringing of the closed or just closed needle [m].
 CLEAR_LIFT = 5e-6
 
+# A reopening below that lift counts too if more than this share of all that was injected flows meanwhile [1].
+REOPENED = 1e-3
+
 
 @physics
 def middle(a: float, b: float) -> float:

@@ -256,7 +256,8 @@ def make_step(advance: Law, motion: Law, drive_law: Law, inlet_law: Law, draw: L
         way = Way(old, new, make_room(c, old), make_room(c, new))
         out = fill_sac(c, s, u, upstream, way, reached, dt)
 
-        wave = feed_pipe.returning(c.feed_pipe, arriving.up, s.feed_pipe.inlet_flow)
+        rubbed = feed_pipe.middle_loss(c.feed_pipe, s.feed_pipe, arriving.down, arriving.up)
+        wave = arriving.up + rubbed + feed_pipe.end_loss(c.feed_pipe, s.feed_pipe.inlet_flow)
         inlet = inlet_law(c, s, u, wave)
         feed = tap * inlet.pressure + (1.0 - tap) * upstream
         # a line of length zero is the tank itself
@@ -264,14 +265,14 @@ def make_step(advance: Law, motion: Law, drive_law: Law, inlet_law: Law, draw: L
         chamber = fill_control_chamber(c, s, u, feed, back, lift, way, dt)
         behind = max(back + c.return_line.impedance * chamber.a_hole, c.fuel.vapour_pressure)
 
-        wave = feed_pipe.arriving(c.feed_pipe, arriving.down, s.feed_pipe.end_flow)
+        wave = arriving.down - rubbed - feed_pipe.end_loss(c.feed_pipe, s.feed_pipe.end_flow)
         filled = fill_accumulation(c, s, u, wave, out.seat + (1.0 - tap) * chamber.z_hole, way, dt)
 
         drawn = dt * (inlet.flow + tap * chamber.z_hole)
         z = c.feed_pipe.impedance
         leaving = Waves(
-            feed_pipe.arriving(c.feed_pipe, inlet.pressure + z * inlet.flow, inlet.flow),
-            feed_pipe.returning(c.feed_pipe, filled.pressure - z * filled.pipe, filled.pipe),
+            inlet.pressure + z * inlet.flow - feed_pipe.end_loss(c.feed_pipe, inlet.flow),
+            filled.pressure - z * filled.pipe + feed_pipe.end_loss(c.feed_pipe, filled.pipe),
             behind + c.return_line.impedance * chamber.a_hole,
         )
         per_control, per_store, per_sac = three_reciprocals(way.after.control, way.after.store, way.after.sac)

@@ -17,9 +17,9 @@ class Parameters(NamedTuple):
 
     volume: Annotated[float, Q("m3", "control chamber volume, plunger unloaded on the closed needle")]
     z_hole_diameter: Annotated[float, Q("m", "diameter of the Z-hole (inlet throttle)")]
-    z_hole_discharge: Annotated[float, Q("1", "discharge coefficient of the Z-hole", Domain.POSITIVE, 0.78)]
+    z_hole_discharge: Annotated[float, Q("1", "discharge coefficient of the Z-hole", Domain.COEFFICIENT, 0.78)]
     z_hole_contraction: Annotated[
-        float, Q("1", "contraction coefficient of the cavitating Z-hole", Domain.POSITIVE, 0.85)
+        float, Q("1", "contraction coefficient of the cavitating Z-hole", Domain.COEFFICIENT, 0.85)
     ]
     z_hole_from_inlet: Annotated[
         float,
@@ -32,10 +32,10 @@ class Parameters(NamedTuple):
     ]
     a_hole_diameter: Annotated[float, Q("m", "diameter of the A-hole (outlet throttle)")]
     a_hole_discharge: Annotated[
-        float, Q("1", "discharge coefficient of the A-hole, not cavitating", Domain.POSITIVE, 0.82)
+        float, Q("1", "discharge coefficient of the A-hole, not cavitating", Domain.COEFFICIENT, 0.82)
     ]
     a_hole_contraction: Annotated[
-        float, Q("1", "contraction coefficient of the cavitating A-hole", Domain.POSITIVE, 0.62)
+        float, Q("1", "contraction coefficient of the cavitating A-hole", Domain.COEFFICIENT, 0.62)
     ]
     transition_reynolds: Annotated[
         float, Q("1", "Reynolds number at which viscous and inertial loss of a hole are equal", Domain.POSITIVE, 10.0)

@@ -8,6 +8,8 @@ from commonrail.compile import physics
 from commonrail.flow.wave import friction_resistance, impedance, pipe_area
 from commonrail.parts.furniture import Annotated, Domain, Q
 
+SIXTH = 1.0 / 6.0  # weight of each end in Simpson's rule; the middle has four
+
 
 class Parameters(NamedTuple):
     """Drawing of the pipe."""
@@ -18,11 +20,11 @@ class Parameters(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """What the step needs: a/A [Pa s/kg] and its inverse, half the friction [Pa s²/kg²], travel time L/a [s]."""
+    """What the step needs: a/A [Pa s/kg] and its inverse, friction R of the pipe [Pa s²/kg²], travel time L/a [s]."""
 
     impedance: float
     admittance: float
-    half_resistance: float
+    resistance: float
     travel_time: float
 
 
@@ -40,18 +42,32 @@ def coefficients(p: Parameters, density: float, sound_speed: float) -> Coefficie
     return Coefficients(
         z,
         1.0 / z,
-        0.5 * friction_resistance(p.friction_factor, p.length, p.diameter, density),
+        friction_resistance(p.friction_factor, p.length, p.diameter, density),
         p.length / sound_speed,
     )
 
 
 @physics
-def arriving(c: Coefficients, wave: float, flow: float) -> float:
-    """Wave p + Z q that reaches the far end [Pa], the second half of the friction taken off."""
-    return wave - c.half_resistance * flow * abs(flow)
+def end_loss(c: Coefficients, flow: float) -> float:
+    """Share of the friction ∫ R q|q| dx/L that Simpson's rule gives to the flow at one end [Pa]."""
+    return SIXTH * c.resistance * flow * abs(flow)
 
 
 @physics
-def returning(c: Coefficients, wave: float, flow: float) -> float:
-    """Wave p − Z q that reaches the inlet [Pa]; friction raises it."""
-    return wave + c.half_resistance * flow * abs(flow)
+def middle_loss(c: Coefficients, ends: State, down: float, up: float) -> float:
+    """Share of the friction that Simpson's rule gives to the flow in mid-pipe [Pa], the same for both waves.
+
+    The wave that reaches one end now has met in mid-pipe the one that reaches the other end now: the two give the
+    flow there, (down − up)/(2 Z) with the friction on their way to the middle taken back. That friction is taken
+    from the flows at the ends: exact for a steady flow.
+
+    Parameters
+    ----------
+    ends : State
+        Flows at both ends [kg/s].
+    down, up : float
+        Waves p + Z q and p − Z q [Pa] that arrive, as they left.
+    """
+    near = end_loss(c, ends.inlet_flow) + end_loss(c, ends.end_flow)
+    flow = 0.5 * c.admittance * (down - up - 2.0 * near)
+    return 4.0 * end_loss(c, flow)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from enum import Enum
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
@@ -15,6 +16,8 @@ class Domain(Enum):
     POSITIVE = "greater than zero"
     NON_NEGATIVE = "zero or greater"
     UNIT = "between 0 and 1"
+    COEFFICIENT = "greater than zero and at most 1"
+    CONE = "greater than zero and less than pi rad (180 deg)"
     ANY = "any finite number"
 
     def admits(self, value: Any) -> Any:
@@ -25,6 +28,10 @@ class Domain(Enum):
             return value >= 0.0
         if self is Domain.UNIT:
             return (value >= 0.0) & (value <= 1.0)
+        if self is Domain.COEFFICIENT:
+            return (value > 0.0) & (value <= 1.0)
+        if self is Domain.CONE:
+            return (value > 0.0) & (value < math.pi)
         return value == value
 
 

@@ -16,8 +16,8 @@ class Parameters(NamedTuple):
     """Drawing of the seat."""
 
     diameter: Annotated[float, Q("m", "seat diameter")]
-    cone_angle: Annotated[float, Q("rad", "full angle of the seat cone")]
-    discharge: Annotated[float, Q("1", "discharge coefficient of the seat gap", Domain.POSITIVE, 0.8)]
+    cone_angle: Annotated[float, Q("rad", "full angle of the seat cone", Domain.CONE)]
+    discharge: Annotated[float, Q("1", "discharge coefficient of the seat gap", Domain.COEFFICIENT, 0.8)]
     contact_stiffness: Annotated[float, Q("N/m", "stiffness of needle on seat", Domain.POSITIVE, 2e8)]
     contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of the seat", Domain.NON_NEGATIVE, 0.2)]
     transition_reynolds: Annotated[

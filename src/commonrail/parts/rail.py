@@ -14,7 +14,7 @@ class Parameters(NamedTuple):
 
     volume: Annotated[float, Q("m3", "volume of the rail", Domain.POSITIVE, 22e-6)]
     throttle_diameter: Annotated[float, Q("m", "throttle at the rail's outlet", Domain.POSITIVE, 0.85e-3)]
-    throttle_discharge: Annotated[float, Q("1", "discharge coefficient of the throttle", Domain.POSITIVE, 0.8)]
+    throttle_discharge: Annotated[float, Q("1", "discharge coefficient of the throttle", Domain.COEFFICIENT, 0.8)]
 
 
 class Coefficients(NamedTuple):

@@ -22,7 +22,7 @@ class Parameters(NamedTuple):
     damping: Annotated[float, Q("N s/m", "viscous damping of the armature", Domain.NON_NEGATIVE, 0.0)]
     seat_diameter: Annotated[float, Q("m", "diameter of the valve seat")]
     seat_angle: Annotated[float, Q("rad", "angle between seat wall and axis", Domain.POSITIVE, pi / 4)]
-    seat_discharge: Annotated[float, Q("1", "discharge coefficient of the valve seat", Domain.POSITIVE, 0.8)]
+    seat_discharge: Annotated[float, Q("1", "discharge coefficient of the valve seat", Domain.COEFFICIENT, 0.8)]
     contact_stiffness: Annotated[float, Q("N/m", "stiffness of seat and stop", Domain.POSITIVE, 4e7)]
     contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of seat and stop", Domain.NON_NEGATIVE, 1.0)]
 

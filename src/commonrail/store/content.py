@@ -13,6 +13,7 @@ import numpy as np
 from commonrail.calibration.study import Study
 from commonrail.engine.lanes import Precision
 from commonrail.files.injector_writer import injector_text
+from commonrail.injector.definition import FUEL_TEMPERATURE
 
 __all__ = ["content_of", "sha256"]
 
@@ -31,7 +32,11 @@ def content_of(study: Study) -> str:
         study.seed,
         study.time_step,
     )
-    more = () if study.precision is Precision.F64 else (study.precision,)  # as when there was no other
+    # what earlier versions did not have is left out where it decides nothing
+    more: tuple[Any, ...] = () if study.precision is Precision.F64 else (study.precision,)
+    if FUEL_TEMPERATURE in study.space.names:
+        densities = [np.asarray(data.mass_density, float) for data in study.data]
+        more += tuple(density for density in densities if not np.isnan(density).all())
     return sha256(b"\0".join(_pieces((*parts, *more))))
 
 
@@ -48,9 +53,8 @@ def _pieces(value: Any) -> Iterator[bytes]:
     elif isinstance(value, Enum):
         yield f"{type(value).__name__}.{value.name}".encode()
     elif is_dataclass(value) or isinstance(value, Mapping):
-        pairs = (
-            value.items() if isinstance(value, Mapping) else ((f.name, getattr(value, f.name)) for f in fields(value))
-        )
+        kept = () if isinstance(value, Mapping) else [f.name for f in fields(value) if not f.metadata.get("later")]
+        pairs = value.items() if isinstance(value, Mapping) else ((name, getattr(value, name)) for name in kept)
         yield type(value).__name__.encode()
         yield from _pieces(tuple(pairs))
     elif isinstance(value, tuple | list):

@@ -1,0 +1,100 @@
+"""What the model does not cover is refused, and what surrounds a simulation does not falsify it: traces, balances."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from commonrail.engine import plan
+from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.reference import Model, Resolution, simulate_reference
+from commonrail.engine.simulate import simulate, simulate_batch
+from commonrail.engine.status import Status
+from commonrail.errors import ConfigurationError
+from commonrail.injector.definition import Injector, parameter_quantities
+from commonrail.parts.furniture import Domain
+
+COARSE = Resolution((20, 10))
+
+
+@pytest.mark.parametrize(
+    ("point", "says"),
+    [
+        (OperatingPoint(300e6, 1e-3), r"rail pressure reaches 300 MPa, but the fuel iso4113 .* from 0 to 250 MPa"),
+        (OperatingPoint(Trace((0.0, 1.0), (200e6, 251e6)), 1e-3), "rail pressure reaches 251 MPa"),
+    ],
+)
+def test_pressures_outside_the_fuels_range_are_refused(regulated: Injector, point: OperatingPoint, says: str) -> None:
+    with pytest.raises(ConfigurationError, match=says):
+        simulate(regulated, point)
+    with pytest.raises(ConfigurationError, match=says):
+        simulate_reference(regulated, point, resolution=COARSE)
+    with pytest.raises(ConfigurationError, match=says):
+        simulate_batch(regulated, [point])
+
+
+def test_the_ends_of_the_fuels_range_are_admitted(regulated: Injector) -> None:
+    assert simulate(regulated, OperatingPoint(250e6 * (1.0 + 1e-12), 100e-6, horizon=150e-6)).status.failed is False
+
+
+def test_a_trace_of_a_rail_that_is_a_volume_is_refused(volume: Injector) -> None:
+    point = OperatingPoint(Trace((0.0, 1e-3), (160e6, 150e6)), 500e-6)
+    for run in (simulate, lambda i, p: simulate_reference(i, p, resolution=COARSE)):
+        with pytest.raises(ConfigurationError, match=r'rail_boundary to "ideal".* as one number'):
+            run(volume, point)
+
+
+COEFFICIENTS = [name for name, q in parameter_quantities().items() if q.domain is Domain.COEFFICIENT]
+
+
+def test_every_discharge_and_contraction_is_bounded_by_one() -> None:
+    named = {n for n in parameter_quantities() if "discharge" in n or "contraction" in n}
+    assert set(COEFFICIENTS) == named
+    assert len(named) == 10
+
+
+@pytest.mark.parametrize("name", COEFFICIENTS)
+def test_a_coefficient_above_one_is_refused(regulated: Injector, name: str) -> None:
+    with pytest.raises(ConfigurationError, match="at most 1, not 8"):
+        regulated.with_values({name: 8.0})
+    batch = simulate_batch(regulated, [OperatingPoint(160e6, 20e-6, horizon=30e-6)], (name,), np.array([[1.0], [8.0]]))
+    assert batch.status[1, 0] == Status.OUTSIDE_DOMAIN
+    assert batch.status[0, 0] != Status.OUTSIDE_DOMAIN
+
+
+def noisy(level: float, spike: float) -> Trace:
+    """Pressure from 0.6 ms before energising, whose sample at its begin is off by `spike` [Pa]."""
+    time = 5e-6 * np.arange(-120, 300)
+    return Trace.of(time, level + spike * (time == 0.0))
+
+
+def test_the_noise_of_one_sample_does_not_set_the_state_at_rest(regulated: Injector) -> None:
+    """Neither of the lanes nor of the reference, nor the density that makes volumes."""
+    clean, spoilt = (
+        OperatingPoint(noisy(160e6, 20.0 * size), 400e-6, noisy(5e6, size), noisy(0.5e6, 0.4 * size))
+        for size in (0.0, 1e6)
+    )
+    one, other = plan.prepare(regulated, [clean], 1e-6), plan.prepare(regulated, [spoilt], 1e-6)
+    # half of one sample of 5 us in 0.5 ms
+    assert other.settings - one.settings == pytest.approx(5e-3 * np.array([[20e6, 1e6, 0.4e6]]), rel=1e-6)
+    assert other.densities == pytest.approx(one.densities, rel=1e-5)  # 5 kPa of some 1.3 GPa
+    starts = [Model(regulated, point, COARSE, None).start for point in (clean, spoilt)]
+    assert starts[1][1] - starts[0][1] == pytest.approx(0.1e6, rel=1e-6)  # of the feed pipe's first cell
+
+
+def test_the_rail_pressure_is_a_channel_of_both_engines(regulated: Injector) -> None:
+    trace = Trace((-20e-6, 21e-6, 60e-6), (121e6, 120e6, 118e6))
+    point = OperatingPoint(trace, 0.0, horizon=90e-6)
+    fast, slow = simulate(regulated, point, sample_interval=10e-6), simulate_reference(regulated, point, 10e-6, COARSE)
+    assert np.array_equal(fast.channels["rail_pressure"], trace.at(fast.time))
+    assert fast.channels["rail_pressure"] == pytest.approx(slow.channels["rail_pressure"], rel=1e-12)  # of the times
+
+
+@pytest.mark.parametrize("duration", [0.0, 20e-6])
+def test_the_balance_has_a_scale_without_an_injection(pwm: Injector, duration: float) -> None:
+    point = OperatingPoint(160e6, duration, horizon=400e-6)
+    fast, slow = simulate(pwm, point), simulate_reference(pwm, point, resolution=COARSE)
+    assert max(fast.injected_mass, slow.injected_mass) < 1e-9
+    # rounding of some 1e-3 kg in the volumes; of LSODA, 1e-8 of the fuel in the pipe
+    assert abs(fast.balance) < 1e-9
+    assert abs(slow.balance) < 1e-3
