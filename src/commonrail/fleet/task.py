@@ -20,8 +20,6 @@ from commonrail.files.study_file import load_study
 
 __all__ = ["Answer", "Done", "Lost", "Refused", "Up", "calibrate_file", "serve"]
 
-NEAR = 0.01  # a best value this close to a bound, as a share of the range, is at it
-
 
 class Done(NamedTuple):
     """An injector is calibrated: its record, and the processor time that it took [s]."""
@@ -95,13 +93,12 @@ def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, 
     found = {}
     for p in space.parameters:
         best = calibration.best[p.name]
-        position = (best - p.lower) / (p.upper - p.lower)
         found[p.name] = {
             "best": best,
             "standard_error": identified[p.name]["standard_error"],
             "verdict": identified[p.name]["verdict"],
-            "position": position,
-            "at_bound": bool(min(position, 1.0 - position) < NEAR),
+            "position": p.position(best),
+            "at_bound": p.is_at_bound(best),
         }
     return found
 
