@@ -99,7 +99,7 @@ def test_without_out_runs_are_numbered(
 ) -> None:
     asked: list[Path] = []
 
-    def note(_study: object, folder: Path, *_: object) -> None:
+    def note(_study: object, folder: Path, *_: object, **__: object) -> None:
         asked.append(folder)
         raise StudyError("enough.")
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.analysis.identifiability import identify
+from commonrail.calibration.result import warning_records
 from commonrail.calibration.run import Calibration, calibrate, scores_of
 from commonrail.calibration.score import DataScore, RateScore
 from commonrail.calibration.study import QuantityData, RateData
@@ -54,7 +55,8 @@ def calibrate_file(path: Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        "seed", "synthetic", "J" of start and best, "slots", "simulated", "failed" candidates, "data" and "parameters".
+        "seed", "synthetic", "J" of start and best, "slots", "simulated", "failed" candidates, "data", "parameters" and
+        "warnings".
 
     Raises
     ------
@@ -77,6 +79,7 @@ def calibrate_file(path: Path) -> dict[str, Any]:
             _data(d, calibration.scores["start"][i], calibration.scores["best"][i]) for i, d in enumerate(study.data)
         ],
         "parameters": _parameters(calibration, identify(calibration, 1)),
+        "warnings": warning_records(calibration.warnings),
     }
 
 

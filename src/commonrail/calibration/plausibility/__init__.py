@@ -35,8 +35,7 @@ def after_fit(fit: Fit, injector: Injector, before: Iterable[Finding] = ()) -> t
     """Findings about a finished search and its calibrated injector that are not among those `before`."""
     findings = [*fit_findings(fit), *_of_scores(fit.study, injector, fit.scores)]
     findings += share_findings(fit.study.data, fit.scores, "calibrated values")
-    known = {(f.code, f.subject) for f in before}
-    return tuple(f for f in findings if (f.code, f.subject) not in known)
+    return _unknown(findings, before)
 
 
 def of_model(study: Study, injector: Injector, scores: Sequence[DataScore]) -> tuple[Finding, ...]:
@@ -44,7 +43,15 @@ def of_model(study: Study, injector: Injector, scores: Sequence[DataScore]) -> t
     findings = [f for data in study.data for f in data_findings(data)]
     findings += injector_findings(injector)
     findings += [f for data, score in _judged(study, scores) for f in start_findings(data, score)]
-    return (*findings, *_of_scores(study, injector, scores))
+    return tuple(findings) + _unknown(_of_scores(study, injector, scores), findings)
+
+
+def _unknown(findings: Iterable[Finding], before: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Findings that those before do not tell already."""
+    known = {(f.code, f.subject) for f in before}
+    # A quantity that is wrong by a factor makes a large error in any case.
+    known |= {("misfit", subject) for code, subject in known if code == "quantity"}
+    return tuple(f for f in findings if (f.code, f.subject) not in known)
 
 
 def _of_scores(study: Study, injector: Injector, scores: Sequence[DataScore]) -> list[Finding]:

@@ -1,4 +1,4 @@
-"""Checks of the fitted model: did it move, how far off is it, and would a shift or a gain of the data explain that?"""
+"""Checks of a fitted model: fall of J, values at bounds, size of the error, and shifts or gains that explain it."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def _shift(name: str, shift: Change) -> Iterator[Finding]:
     yield found(
         "shift",
         name,
-        f"the data come {abs(shift.amount) * 1e6:.0f} us {late} than the fitted model: without that shift J would be "
+        f"the data come {abs(shift.amount) * 1e6:.0f} us {late} than the simulation: without that shift J would be "
         f"{shift.after:.4g} instead of {shift.before:.4g}; check the trigger's zero and the delay of the meter.",
     )
 
@@ -180,7 +180,7 @@ def _gain(data: Data, gain: Change, injector: Injector) -> Iterator[Finding]:
     yield found(
         "gain",
         data.name,
-        f"the data lie {gain.amount:.3g} times as high as the fitted model: without that gain J would be "
+        f"the data lie {gain.amount:.3g} times as high as the simulation: without that gain J would be "
         f"{gain.after:.4g} instead of {gain.before:.4g}; "
         f"{_density_slip(gain.amount, 1e-3 * reference_density(injector, point))}check unit and gain of the meter.",
     )

@@ -52,10 +52,10 @@ HEAVY, LIGHT = 0.95, 0.01  # shares of J; of many sets, light is below a tenth o
 # After the fit.
 BARELY = 0.01  # fall of J, as a share of J of the start values: less than that, nothing was found
 GOOD_FIT = 0.05  # relative error of every fitted set below which start values are good, and need not improve
-LARGE_MISFIT = 0.30  # relative error beyond noise: a right model with wrong values stays below that
+LARGE_MISFIT = 0.30  # relative error beyond noise; start values taken from a drawing are as good as that
 HALF = 0.5  # a shift or gain must bring J below this share
 LONGEST_SHIFT, SHIFT_STEP = 0.5e-3, 5e-6  # [s] search for a shift; triggers and meter delays slip by less than 0.5 ms
-LEAST_SHIFT = 10e-6  # [s] a trigger and a meter's delay are known to some us
+LEAST_SHIFT = 20e-6  # [s] triggers and the delays of meters are known to some us; shots scatter as much
 GAINS, GAIN_STEP = (0.2, 5.0), 0.01  # search for a gain; beyond, the quantity has told before the fit
 LEAST_GAIN = 0.05  # distance of the gain from 1: rate meters are calibrated to 1 to 3 %
 DENSITY_MATCH = 0.03  # between the gain and the density in g/cm³ or its inverse: the latter are 20 % from 1

@@ -110,7 +110,7 @@ def _pressure(name: str, words: str, courses: Sequence[Course], usual: tuple[flo
 
 
 def _others(odd: Sequence[float]) -> str:
-    return f" (and at {len(odd) - 1} more points not better)" if len(odd) > 1 else ""
+    return f" (and {len(odd) - 1} more such values)" if len(odd) > 1 else ""
 
 
 def _range(limits_: tuple[float, float], unit: str) -> str:

@@ -1,4 +1,4 @@
-"""Checks of the data against the injector with its start values: quantity, onset, shares of J."""
+"""Checks of the data against a simulation, as a rule of the start values: quantity, onset, shares of J."""
 
 from __future__ import annotations
 
@@ -19,22 +19,24 @@ __all__ = ["onset", "set_cost", "share_findings", "start_findings"]
 Data = RateData | QuantityData
 Floats = NDArray[np.float64]
 
+MM3 = 1e9  # of 1 m³
+
 _SLIPS = (  # factor between the number and what it should be, by the units that are mistaken
     (1e-3 / 60.0 / 1e-6, "mm3/ms read as L/min"),
     (1e-6 / (1e-3 / 60.0), "L/min read as mm3/ms"),
     (1e3, "a factor of 1000 between units"),
     (1e-3, "a factor of 1000 between units"),
 )
-_SLIP_MATCH = 1.5  # the start values know the quantity no better
+_SLIP_MATCH = 1.5  # start values know the quantity no better
 
 
 def start_findings(data: Data, score: DataScore) -> Iterator[Finding]:
-    """Findings about one data set beside its simulation with the start values."""
+    """Findings about one data set beside its simulation."""
     if not _is_simulated(score):
         yield found(
             "start",
             data.name,
-            "the start values fail to simulate, so that quantity and onset cannot be compared; check them with "
+            "the simulation fails, so that quantity and onset cannot be compared; check the injector with "
             "`commonrail simulate`.",
         )
     elif isinstance(data, RateData) and isinstance(score, RateScore):
@@ -105,7 +107,7 @@ def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Find
     yield found(
         "quantity",
         name,
-        f"the measured quantity is {to_text(m, 'm3', 4)}, and the start values inject {to_text(s, 'm3', 4)}{where}: "
+        f"the measured quantity is {m * MM3:.4g} mm3, and the simulated one {s * MM3:.4g} mm3{where}: "
         f"more than a factor of {limits.QUANTITY_TIMES:g} apart{_slip(m, s)}; check the unit of the data, the "
         "pressures and the holes of the nozzle.",
     )
@@ -139,6 +141,6 @@ def _onset(data: RateData, score: RateScore) -> Iterator[Finding]:
         ago = to_text(measured - last, "s", 4)
         yield found("onset", data.name, f"{at}, {ago} after the last energising begins: that is too late; {cure}.")
     elif simulated is not None and abs(measured - simulated) > limits.ONSET_APART:
-        begins = f"that of the start values at {to_text(simulated, 's', 4)}"
+        begins = f"the simulated one at {to_text(simulated, 's', 4)}"
         most = to_text(limits.ONSET_APART, "s", 4)
         yield found("onset", data.name, f"{at}, and {begins}, more than {most} apart; {cure}.")
