@@ -42,7 +42,7 @@ def validate(
     say(SIMULATING)
     scores = score_all(loaded.data, chosen, loaded.time_step)
     data = data_records(loaded.data, {"best": scores})
-    warnings = of_model(loaded, chosen, scores)
+    warnings = of_model(loaded, chosen, scores, fitted=run is not None)
     for finding in warnings:
         say(f"warning: {finding.sentence}")
     labels = {"best": "calibrated" if run else chosen.name}

@@ -23,7 +23,9 @@ class Parameters(NamedTuple):
     ]
     damping: Annotated[float, Q("N s/m", "viscous damping of the armature", Domain.NON_NEGATIVE, 0.0)]
     seat_diameter: Annotated[float, Q("m", "diameter of the valve seat", usual=(0.1e-3, 10e-3))]
-    seat_angle: Annotated[float, Q("rad", "angle between seat wall and axis", Domain.POSITIVE, pi / 4)]
+    seat_angle: Annotated[
+        float, Q("rad", "angle between seat wall and axis", Domain.POSITIVE, pi / 4, usual=(0.17, 1.57))
+    ]
     seat_discharge: Annotated[float, Q("1", "discharge coefficient of the valve seat", Domain.POSITIVE, 0.8)]
     contact_stiffness: Annotated[float, Q("N/m", "stiffness of seat and stop", Domain.POSITIVE, 4e7, usual=(1e6, 1e10))]
     contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of seat and stop", Domain.NON_NEGATIVE, 1.0)]

@@ -38,12 +38,12 @@ def after_fit(fit: Fit, injector: Injector, before: Iterable[Finding] = ()) -> t
     return _unknown(findings, before)
 
 
-def of_model(study: Study, injector: Injector, scores: Sequence[DataScore]) -> tuple[Finding, ...]:
-    """Findings about any injector on the data of a study."""
+def of_model(study: Study, injector: Injector, scores: Sequence[DataScore], fitted: bool) -> tuple[Finding, ...]:
+    """Findings about any injector on the data of a study; errors, shifts and gains only of one that was fitted."""
     findings = [f for data in study.data for f in data_findings(data)]
     findings += injector_findings(injector)
     findings += [f for data, score in _judged(study, scores) for f in start_findings(data, score)]
-    return tuple(findings) + _unknown(_of_scores(study, injector, scores), findings)
+    return tuple(findings) + (_unknown(_of_scores(study, injector, scores), findings) if fitted else ())
 
 
 def _unknown(findings: Iterable[Finding], before: Iterable[Finding]) -> tuple[Finding, ...]:

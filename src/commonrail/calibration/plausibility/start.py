@@ -64,7 +64,7 @@ def share_findings(data: Sequence[Data], scores: Sequence[DataScore], of: str) -
             yield found(
                 "share",
                 d.name,
-                f"it makes {100.0 * share:.2g} % of J with the {of}: the fit will follow "
+                f"it makes {100.0 * share:.3g} % of J with the {of}: the fit will follow "
                 f"{'it alone' if heavy else 'the other sets'}; set the weights of the data so that each counts.",
             )
 
