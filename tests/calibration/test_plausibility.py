@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -359,3 +361,12 @@ def test_an_uncalibrated_model_is_not_judged_as_a_fit(pwm: Injector) -> None:
 def test_a_sentence_is_one_line_whatever_a_data_set_is_called(pwm: Injector) -> None:
     (finding,) = of_settings(study(pwm, curve(0.0 * pulse(), name="a\n\x1b[31mb")))
     assert finding.sentence.startswith("a [31mb: all 520 values")
+
+
+def test_the_page_tells_every_code() -> None:
+    root = Path(__file__).resolve().parents[2]
+    sources = (root / "src/commonrail/calibration/plausibility").glob("*.py")
+    codes = {code for path in sources for code in re.findall(r'found\(\s*"(\w+)"', path.read_text(encoding="utf-8"))}
+    told = set(re.findall(r"(?m)^\| `(\w+)` \| ", (root / "docs/howto/plausibility.md").read_text(encoding="utf-8")))
+    assert len(codes) == 15
+    assert codes == told - {"validate", "fleet"}
