@@ -15,6 +15,7 @@ from commonrail.calibration.objective import curve_j
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_model, of_settings, of_start
 from commonrail.calibration.plausibility.fit import best_gain, best_shift, relative_error
 from commonrail.calibration.plausibility.limits import LARGE_MISFIT
+from commonrail.calibration.plausibility.start import onset
 from commonrail.calibration.score import QuantityScore, RateScore
 from commonrail.calibration.study import Method, QuantityData, RateData, Role, Study
 from commonrail.engine.operating_point import OperatingPoint, Trace
@@ -229,6 +230,12 @@ def test_onset_against_energising_and_against_the_simulation(pwm: Injector, begi
     assert codes(found) == ["onset"] * odd
 
 
+def test_a_drift_of_the_meter_is_no_onset() -> None:
+    """0.4 mm³/ms over the 350 us before the injection: 0.1 mm³, 0.3 % of it."""
+    drift = np.where(BOUNDS[1:] < 350e-6, 0.4e-6, 0.0)
+    assert onset(pulse() + NOISE + drift, BOUNDS) == pytest.approx(onset(pulse(), BOUNDS), abs=20e-6)
+
+
 def test_an_onset_before_energising_says_so(pwm: Injector) -> None:
     late = OperatingPoint(160e6, [(600e-6, 700e-6)], horizon=1.56e-3)
     (finding,) = at_start(pwm, curve(pulse(), late), pulse())
@@ -257,6 +264,8 @@ def test_a_set_that_makes_nothing_of_j_is_told_if_no_other_makes_all(pwm: Inject
     scores = [scored(d, f * pulse()) for d, f in zip(data, (1.2, 1.2, 1.001), strict=True)]
     (finding,) = of_start(study(pwm, *data), scores)
     assert (finding.code, finding.subject) == ("share", "c")
+    scores[2] = scored(data[2], 1.01 * pulse())  # 2.4 % of J
+    assert of_start(study(pwm, *data), scores) == ()
     many = [curve(pulse(), name=str(i)) for i in range(120)]
     assert of_start(study(pwm, *many), [scored(d, 1.2 * pulse()) for d in many]) == ()
 
@@ -309,6 +318,13 @@ def test_a_gain_that_halves_j_is_told(pwm: Injector, gain: float, odd: int) -> N
         # half of the step of the map's search
         assert best_gain(data, scored(data, simulated)).amount == pytest.approx(gain, rel=0.006)
         assert codes(fitted(pwm, data, simulated)).count("gain") == odd
+
+
+def test_a_gain_that_explains_only_a_part_is_not_told(pwm: Injector) -> None:
+    data, simulated = curve(1.1 * pulse(length=1.1e-3)), pulse()
+    found = best_gain(data, scored(data, simulated))
+    assert 0.5 * found.before < found.after < 0.8 * found.before
+    assert "gain" not in codes(fitted(pwm, data, simulated))
 
 
 def test_a_gain_as_large_as_the_density_is_named(pwm: Injector) -> None:

@@ -81,6 +81,14 @@ def test_validating_tells_what_is_implausible(command: Command, study: Path) -> 
     assert all(f"warning: {w['sentence']}\n" in done.err for w in done.record["warnings"])
 
 
+def test_the_last_line_counts_the_warnings(command: Command, study: Path, tmp_path: Path) -> None:
+    text = study.read_text(encoding="utf-8")
+    study.write_text(text.replace('energising_time = "700 us"', 'energising_time = "0.7 us"'), encoding="utf-8")
+    done = command("calibrate", study, "--out", tmp_path / "run")
+    assert done.status == 0
+    assert done.out.endswith(f"report: {tmp_path / 'run' / 'report.html'} (3 warnings at its top)\n")
+
+
 def test_the_report_can_be_made_again(command: Command, finished: dict[str, Any]) -> None:
     report = finished["run"] / "report.html"
     before = report.read_text(encoding="utf-8")
