@@ -214,6 +214,11 @@ def test_a_row_mistyped_is_told_with_its_number(pwm: Injector) -> None:
     )
 
 
+def test_a_point_that_reads_zero_is_told(pwm: Injector) -> None:
+    (finding,) = at_start(pwm, map_(QUANTITY * [1.0, 0.0, 1.0, 1.0]), QUANTITY)
+    assert "measured quantity is 0 mm3, and the simulated one 12 mm3 at 1 of 4 points" in finding.sentence
+
+
 def test_start_values_that_inject_nothing_or_fail(pwm: Injector) -> None:
     (finding,) = at_start(pwm, curve(pulse()), 0.0 * pulse())
     assert finding.code == "quantity"
@@ -255,6 +260,8 @@ def test_one_set_that_makes_all_of_j_is_told(pwm: Injector) -> None:
     assert (finding.code, finding.subject) == ("share", "EVI")
     weighted = replace(first, weight=0.01)
     assert of_start(study(pwm, weighted, second), scores) == ()
+    twins = [replace(first, rate=f * pulse()) for f in (1.0, 1.1)]  # of one name, as a study made in Python may have
+    assert codes(of_start(study(pwm, *twins), [scored(d, 1.1 * pulse()) for d in twins])) == ["share"]
     check = replace(second, role=Role.VALIDATION)
     assert of_start(study(pwm, first, check), scores) == ()
 

@@ -58,14 +58,14 @@ def share_findings(data: Sequence[Data], scores: Sequence[DataScore], of: str) -
         return
     shares = costs / total
     light = min(limits.LIGHT, 0.1 / len(fitted))
-    heavy = [d for (d, _), share in zip(fitted, shares, strict=True) if share > limits.HEAVY]
+    alone = bool(shares.max() > limits.HEAVY)
     for (d, _), share in zip(fitted, shares, strict=True):
-        if d in heavy or (share < light and not heavy):
+        if share > limits.HEAVY or (share < light and not alone):
             yield found(
                 "share",
                 d.name,
                 f"it makes {100.0 * share:.3g} % of J with the {of}: the fit will follow "
-                f"{'it alone' if heavy else 'the other sets'}; set the weights of the data so that each counts.",
+                f"{'it alone' if alone else 'the other sets'}; set the weights of the data so that each counts.",
             )
 
 
@@ -94,10 +94,10 @@ def _is_simulated(score: DataScore) -> bool:
 
 
 def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Finding]:
-    """Quantities beyond a factor of the simulated ones [m³]; nothing is said of no or negative quantity."""
+    """Quantities beyond a factor of the simulated ones [m³]; nothing is said if they are negative in sum."""
     total, expected = float(np.sum(measured)), float(np.sum(simulated))
     apart = np.abs(measured - simulated) > limits.QUANTITY_APART
-    odd = apart & (measured > 0.0) & ~_is_near(measured, simulated)
+    odd = apart & ~_is_near(measured, simulated)
     if not odd.any() or total <= 0.0:
         return
     all_of_it = not _is_near(np.array(total), np.array(expected))
