@@ -125,6 +125,19 @@ def test_energising_time(pwm: Injector, duration: float, odd: int) -> None:
     assert of_data(pwm, data) == ["energising"] * odd
 
 
+@pytest.mark.parametrize(("scale", "odd"), [(1e-3, 1), (0.02, 0), (300.0, 0), (1e3, 1)])
+def test_times_between_samples(pwm: Injector, scale: float, odd: int) -> None:
+    assert of_data(pwm, curve(pulse(), bounds=scale * BOUNDS)) == ["sampling"] * odd
+
+
+@pytest.mark.parametrize(("peak", "odd"), [(20.0, 0), (20e3, 1), (0.02, 1)])
+def test_a_measured_drive(by_current: Injector, by_voltage: Injector, pwm: Injector, peak: float, odd: int) -> None:
+    trace = Trace((0.0, 100e-6, 700e-6), (0.0, peak, 0.5 * peak))
+    data = curve(pulse(), replace(POINT, drive=trace))
+    assert of_data(by_current, data) == of_data(by_voltage, data) == ["drive"] * odd
+    assert of_data(pwm, data) == []
+
+
 @pytest.mark.parametrize(
     ("point", "words"),
     [
@@ -391,5 +404,5 @@ def test_the_page_tells_every_code() -> None:
     sources = (root / "src/commonrail/calibration/plausibility").glob("*.py")
     codes = {code for path in sources for code in re.findall(r'found\(\s*"(\w+)"', path.read_text(encoding="utf-8"))}
     told = set(re.findall(r"(?m)^\| `(\w+)` \| ", (root / "docs/howto/plausibility.md").read_text(encoding="utf-8")))
-    assert len(codes) == 15
+    assert len(codes) == 17
     assert codes == told - {"validate", "fleet"}

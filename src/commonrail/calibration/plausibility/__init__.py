@@ -10,7 +10,12 @@ from collections.abc import Iterable, Sequence
 
 from commonrail.calibration.plausibility.finding import Finding
 from commonrail.calibration.plausibility.fit import Fit, fit_findings, model_findings
-from commonrail.calibration.plausibility.settings import bounds_findings, data_findings, injector_findings
+from commonrail.calibration.plausibility.settings import (
+    bounds_findings,
+    data_findings,
+    injector_findings,
+    signal_findings,
+)
 from commonrail.calibration.plausibility.start import share_findings, start_findings
 from commonrail.calibration.score import DataScore
 from commonrail.calibration.study import QuantityData, RateData, Study
@@ -21,7 +26,7 @@ __all__ = ["Finding", "Fit", "after_fit", "of_model", "of_settings", "of_start"]
 
 def of_settings(study: Study) -> tuple[Finding, ...]:
     """Findings about what a study says: no simulation is needed."""
-    findings = [f for data in study.data for f in data_findings(data)]
+    findings = [f for data in study.data for f in data_findings(data, study.injector)]
     return (*findings, *injector_findings(study.injector), *bounds_findings(study.space))
 
 
@@ -40,7 +45,7 @@ def after_fit(fit: Fit, injector: Injector, before: Iterable[Finding] = ()) -> t
 
 def of_model(study: Study, injector: Injector, scores: Sequence[DataScore], fitted: bool) -> tuple[Finding, ...]:
     """Findings about any injector on the data of a study; errors, shifts and gains only of one that was fitted."""
-    findings = [f for data in study.data for f in data_findings(data)]
+    findings = [f for data in study.data for f in data_findings(data, injector)]
     findings += injector_findings(injector)
     findings += [f for data, score in _judged(study, scores) for f in start_findings(data, score)]
     return tuple(findings) + (_unknown(_of_scores(study, injector, scores), findings) if fitted else ())
@@ -61,5 +66,5 @@ def _of_scores(study: Study, injector: Injector, scores: Sequence[DataScore]) ->
 def _judged(study: Study, scores: Sequence[DataScore]) -> Iterable[tuple[RateData | QuantityData, DataScore]]:
     """Data sets with their scores, without those that lack a signal or are upside down: all else follows from that."""
     for data, score in zip(study.data, scores, strict=True):
-        if not any(f.code in ("constant", "sign") for f in data_findings(data)):
+        if not any(signal_findings(data)):
             yield data, score

@@ -30,11 +30,13 @@ __all__ = [
     "QUANTITY_TIMES",
     "RAIL",
     "RETURN",
+    "SAMPLING",
     "SHIFT_STEP",
 ]
 
 # Before the fit: settings.
 ENERGISING = (50e-6, 10e-3)  # [s] a coil needs some 100 us to open a valve; 10 ms are over 60° of crank at 1000 1/min
+SAMPLING = (50e-9, 1e-3)  # [s] between samples of a curve, from 20 MHz down to one in 1 ms, which shows no flank
 RAIL = (5e6, 400e6)  # [Pa] below, no servo valve opens a needle; no series injector is built for more than 300 MPa
 CYLINDER = (0.05e6, 30e6)  # [Pa] from a bench at ambient pressure to peak combustion pressure
 RETURN = (0.05e6, 5e6)  # [Pa] from ambient to the back pressure of piezo injectors with a hydraulic coupler, 1 MPa

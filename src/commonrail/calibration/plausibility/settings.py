@@ -13,9 +13,10 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.study import QuantityData, RateData
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.injector.definition import Injector, parameter_quantities
+from commonrail.injector.variants import Drive
 from commonrail.units import to_text
 
-__all__ = ["bounds_findings", "data_findings", "injector_findings"]
+__all__ = ["bounds_findings", "data_findings", "injector_findings", "signal_findings"]
 
 Data = RateData | QuantityData
 Floats = NDArray[np.float64]
@@ -27,10 +28,16 @@ _PRESSURES = (
 )
 
 
-def data_findings(data: Data) -> Iterator[Finding]:
-    """Findings about one data set by itself: values, energising times, pressures."""
-    yield from _values(data)
+_DRIVES = {Drive.CURRENT: "drive.peak_current", Drive.VOLTAGE: "drive.boost_voltage"}  # whose ranges a trace keeps
+
+
+def data_findings(data: Data, injector: Injector) -> Iterator[Finding]:
+    """Findings about one data set by itself: values, times, pressures, measured drive."""
+    yield from signal_findings(data)
     points = [data.point] if isinstance(data, RateData) else list(data.points)
+    if isinstance(data, RateData):
+        yield from _sampling(data)
+        yield from _drive(data, injector)
     yield from _energising(data.name, points)
     for key, words, usual in _PRESSURES:
         yield from _pressure(data.name, words, [getattr(point, key) for point in points], usual)
@@ -64,8 +71,8 @@ def bounds_findings(space: Space) -> Iterator[Finding]:
             )
 
 
-def _values(data: Data) -> Iterator[Finding]:
-    """No signal at all, or a signal upside down."""
+def signal_findings(data: Data) -> Iterator[Finding]:
+    """No signal at all, or a signal upside down: nothing that is compared with such data says anything."""
     is_curve = isinstance(data, RateData)
     values: Floats = data.rate if isinstance(data, RateData) else data.quantity
     widths = np.diff(data.bounds) if isinstance(data, RateData) else np.ones(len(values))
@@ -82,6 +89,32 @@ def _values(data: Data) -> Iterator[Finding]:
             f"the {what} is mostly negative: from {to_text(float(values.min()), unit, 4)} to "
             f"{to_text(float(values.max()), unit, 4)}; fuel that is injected counts positive, so reverse the sign or "
             "remove the offset.",
+        )
+
+
+def _sampling(data: RateData) -> Iterator[Finding]:
+    interval = float(np.median(np.diff(data.bounds)))
+    if not limits.SAMPLING[0] <= interval <= limits.SAMPLING[1]:
+        yield found(
+            "sampling",
+            data.name,
+            f"its samples are {to_text(interval, 's', 4)} apart, and {_range(limits.SAMPLING, 's')} is usual; check "
+            "the unit of its times.",
+        )
+
+
+def _drive(data: RateData, injector: Injector) -> Iterator[Finding]:
+    name = _DRIVES.get(injector.variant.drive)
+    if name is None or data.point.drive is None:
+        return
+    q = parameter_quantities()[name]
+    peak = float(np.max(np.abs(data.point.drive.value)))
+    if q.usual is not None and not q.is_usual(peak):
+        yield found(
+            "drive",
+            data.name,
+            f"the measured drive reaches {to_text(peak, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check its "
+            "unit.",
         )
 
 
