@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from commonrail.analysis.truth import Truth
     from commonrail.calibration.comparison import Comparison, compare
-    from commonrail.calibration.run import Calibration, Progress, calibrate, validate
+    from commonrail.calibration.plausibility.finding import Finding
+    from commonrail.calibration.run import Calibration, Progress, calibrate, check_study, validate
     from commonrail.calibration.study import QuantityData, RateData, Study
     from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
     from commonrail.engine.simulate import simulate, simulate_batch
@@ -47,7 +48,8 @@ if TYPE_CHECKING:
 _HOMES = {
     "analysis.truth": ("Truth",),
     "calibration.comparison": ("Comparison", "compare"),
-    "calibration.run": ("Calibration", "Progress", "calibrate", "validate"),
+    "calibration.plausibility.finding": ("Finding",),
+    "calibration.run": ("Calibration", "Progress", "calibrate", "check_study", "validate"),
     "calibration.study": ("QuantityData", "RateData", "Study"),
     "engine.operating_point": ("Energising", "OperatingPoint", "Trace"),
     "engine.simulate": ("simulate", "simulate_batch"),
@@ -86,6 +88,7 @@ __all__ = [
     "Comparison",
     "ConfigurationError",
     "Energising",
+    "Finding",
     "Fuel",
     "Injector",
     "InputError",
@@ -106,6 +109,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "calibrate_into",
+    "check_study",
     "compare",
     "create_run_folder",
     "dump_injector",

@@ -20,6 +20,7 @@ __all__ = [
     "StudyError",
     "nearest",
     "nearest_key",
+    "one_line",
 ]
 
 
@@ -38,7 +39,7 @@ class CommonrailError(Exception):
     exit_code: ClassVar[int] = 1
 
     def __init__(self, sentence: str) -> None:
-        super().__init__(_one_line(sentence))
+        super().__init__(one_line(sentence))
 
 
 class InputError(CommonrailError):
@@ -71,7 +72,8 @@ class SimulationError(CommonrailError):
     exit_code: ClassVar[int] = 4
 
 
-def _one_line(sentence: str) -> str:
+def one_line(sentence: str) -> str:
+    """The sentence without control characters, cut in its middle if it is very long."""
     line = _CONTROL.sub(" ", sentence)
     if len(line) <= LONGEST_SENTENCE:
         return line

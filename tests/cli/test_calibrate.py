@@ -71,6 +71,24 @@ def test_validating_prints_a_table_and_what_is_synthetic(command: Command, finis
     assert "Error J of the injection curves" in done.out
 
 
+def test_validating_tells_what_is_implausible(command: Command, study: Path) -> None:
+    done = command("validate", study, "--injector", "virtual-lino-2016", "--json")
+    assert done.record["warnings"] == []
+    text = study.read_text(encoding="utf-8")
+    study.write_text(text.replace('energising_time = "700 us"', 'energising_time = "0.7 us"'), encoding="utf-8")
+    done = command("validate", study, "--injector", "virtual-lino-2016", "--json")
+    assert [w["code"] for w in done.record["warnings"]] == ["energising", "quantity"]
+    assert all(f"warning: {w['sentence']}\n" in done.err for w in done.record["warnings"])
+
+
+def test_the_last_line_counts_the_warnings(command: Command, study: Path, tmp_path: Path) -> None:
+    text = study.read_text(encoding="utf-8")
+    study.write_text(text.replace('energising_time = "700 us"', 'energising_time = "0.7 us"'), encoding="utf-8")
+    done = command("calibrate", study, "--out", tmp_path / "run")
+    assert done.status == 0
+    assert done.out.endswith(f"report: {tmp_path / 'run' / 'report.html'} (3 warnings at its top)\n")
+
+
 def test_the_report_can_be_made_again(command: Command, finished: dict[str, Any]) -> None:
     report = finished["run"] / "report.html"
     before = report.read_text(encoding="utf-8")
@@ -99,7 +117,7 @@ def test_without_out_runs_are_numbered(
 ) -> None:
     asked: list[Path] = []
 
-    def note(_study: object, folder: Path, *_: object) -> None:
+    def note(_study: object, folder: Path, *_: object, **__: object) -> None:
         asked.append(folder)
         raise StudyError("enough.")
 
@@ -188,7 +206,7 @@ def test_workers_give_the_same_result(command: Command, finished: dict[str, Any]
     options = ("--out", tmp_path / "run", "--seed", "3", "--workers", "2", "--json")
     found = command("calibrate", finished["study"], *options).record["result"]
     own = json.loads(finished["out"])["result"]
-    for key in ("parameters", "objective", "generations", "data", "evaluations"):
+    for key in ("parameters", "objective", "generations", "data", "evaluations", "warnings"):
         assert found[key] == own[key]
 
 

@@ -22,6 +22,12 @@ def test_the_catalogue_lists_all_three_kinds(command: Command) -> None:
     assert [p["name"] for p in record["parameters"]] == list(parameter_quantities())
 
 
+def test_the_catalogue_tells_the_usual_range_of_a_parameter(command: Command) -> None:
+    done = command("catalogue", "parameters", "--search", "valve.lift", "--json")
+    assert [p["usual"] for p in done.record["parameters"]] == [[5e-6, 1e-3]]
+    assert "5e-06 to 0.001" in command("catalogue", "parameters", "--search", "valve.lift").out
+
+
 def test_the_catalogue_can_be_searched(command: Command) -> None:
     done = command("catalogue", "parameters", "--search", "SPRING")
     assert "valve.spring_preload" in done.out

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,8 +13,9 @@ from commonrail.errors import OutputError
 from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.journal import FAILED, Entry
 from commonrail.fleet.results import result_columns, write_results
-from commonrail.fleet.run import FleetRun
-from commonrail.fleet.summary import fleet_record, spread_of
+from commonrail.fleet.run import FleetRun, run_fleet
+from commonrail.fleet.summary import check_entries, fleet_record, spread_of
+from commonrail.report.fleet import fleet_warnings
 from tests.fleet.conftest import COUNT, results
 
 CLOCK = {"seconds": 2.0, "first": 1.0, "calibrated_now": 5, "workers": 1}
@@ -104,3 +107,32 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(
         write_results(tmp_path, load_fleet(fleet_file), whole.entries, "finished", CLOCK)
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["results.csv"]
     assert (tmp_path / "results.csv").read_text(encoding="utf-8") == "old"
+
+
+def test_the_fleets_of_the_tests_give_no_warning(whole: FleetRun) -> None:
+    assert whole.record["warnings"] == []
+    head, *rows = results(whole.folder)
+    assert [row[head.index("warnings")] for row in rows] == ["0"] * COUNT
+
+
+def test_an_injector_whose_data_are_upside_down_is_counted_and_told(fleet_file: Path, tmp_path: Path) -> None:
+    data = fleet_file.parent / "data" / "SN000002_160MPa.csv"
+    flipped = re.sub(r"(?m)^([\d.]+),([\d.])", r"\1,-\2", data.read_text(encoding="utf-8"))
+    data.write_text(flipped, encoding="utf-8")
+    run = run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=1)
+    head, *rows = results(tmp_path / "run")
+    counts = {row[0]: int(row[head.index("warnings")]) for row in rows}
+    assert {name: count > 0 for name, count in counts.items()} == {name: name == "SN000002" for name in counts}
+    (told,) = (w for w in run.record["warnings"] if w["code"] == "sign")
+    assert (told["injectors"], told["first"]) == (1, "SN000002")
+    assert "the rate is mostly negative" in told["sentence"]
+    line = fleet_warnings(run.record)[[w["code"] for w in run.record["warnings"]].index("sign")]
+    assert line.startswith(f"1 of {COUNT} injectors: sign. The first, SN000002: 160 MPa: the rate")
+
+
+def test_a_journal_of_an_early_version_has_no_warnings(fleet_file: Path, whole: FleetRun) -> None:
+    early = [replace(e, record={k: v for k, v in e.record.items() if k != "warnings"}) for e in whole.entries]
+    fleet = load_fleet(fleet_file)
+    check_entries(fleet, {e.name: e for e in early}, whole.folder)
+    assert fleet_record(fleet, early, "finished", CLOCK)["warnings"] == []
+    assert result_columns(fleet, early)["warnings"] == [0] * COUNT

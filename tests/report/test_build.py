@@ -96,6 +96,14 @@ def test_a_search_that_was_stopped_is_announced(write_run: WriteRun) -> None:
     assert "Stopped early" in page.text
 
 
+def test_warnings_stand_on_top_of_the_page(write_run: WriteRun) -> None:
+    sentence = "EVI 160 MPa: the data come 35 us later than the simulation."
+    warning = {"code": "shift", "subject": "EVI 160 MPa", "sentence": sentence}
+    page = page_of(write_run(map_record() | {"warnings": [warning]}))
+    assert page.count("div", **{"class": "banner"}) == 1
+    assert page.text.index("Implausible") < page.text.index(sentence) < page.text.index("fitted to")
+
+
 def test_nothing_is_loaded_from_anywhere(rate_run: Path) -> None:
     text = write_report(rate_run).read_text(encoding="utf-8")
     page = Page(text)
@@ -130,7 +138,7 @@ def poison(value: Any) -> Any:
 
 
 def test_no_text_of_the_record_becomes_markup(write_run: WriteRun) -> None:
-    record = poison(rate_record())
+    record = poison(rate_record() | {"warnings": [{"code": "sign", "subject": "EVI", "sentence": "Negative."}]})
     folder = write_run(record, rate_traces(record))
     text = write_report(folder).read_text(encoding="utf-8")
     assert EVIL not in text.replace(plotly_script(), "")

@@ -62,6 +62,7 @@ def record() -> dict[str, Any]:
                 {"injector": "<W>", "J": {"start": 120.0, "best": 30.0}, "at_bound": ["valve.lift"], "seed": 1},
                 {"injector": "V", "J": {"start": 100.0, "best": 10.0}, "at_bound": [], "seed": 2},
             ],
+            "warnings": [{"code": "sign", "injectors": 2, "first": "<A>", "sentence": "160 MPa: the rate is <neg>."}],
             "failures": [{"injector": "F", "reason": "f.csv, line 3: not <a> number."}],
             "clock": {
                 "seconds": 10.0,
@@ -82,6 +83,13 @@ def test_the_sentences_say_how_far_it_is(record: dict[str, Any]) -> None:
         "J of the fitted data fell from 100 to 10 (medians); of half the injectors it lies between 9 and 11.",
         "At a bound in more than 5 % of the injectors: plunger_needle.spring_preload; widen it if the part allows it.",
     ]
+
+
+def test_warnings_stand_on_top_of_the_page(record: dict[str, Any]) -> None:
+    text = fleet_html(record, COMMAND)
+    told = "2 of 3 injectors: sign. The first, &lt;A&gt;: 160 MPa: the rate is &lt;neg&gt;."
+    assert text.index("Implausible") < text.index(told) < text.index("3 of 5 injectors calibrated")
+    assert "Implausible" not in fleet_html(record | {"warnings": []}, COMMAND)
 
 
 def test_the_tables(record: dict[str, Any]) -> None:

@@ -45,6 +45,30 @@ def test_a_run_killed_after_any_step_ends_as_one_never_stopped(whole: Whole, sto
     assert (run / "traces.csv").read_bytes() == (whole.run / "traces.csv").read_bytes()
 
 
+def test_warnings_are_told_again_and_stand_in_the_same_bytes(tmp_path: Path, study_file: Path) -> None:
+    text = study_file.read_text(encoding="utf-8")
+    study_file.write_text(text.replace('energising_time = "700 us"', 'energising_time = "0.7 us"'), encoding="utf-8")
+    study = load_study(study_file)
+    told: list[str] = []
+    calibrate_into(tmp_path / "whole", study, threads=2, listener=Listener(note=told.append))
+    stopped_run(tmp_path / "stopped", study, 3)
+    again: list[str] = []
+    found = resume(tmp_path / "stopped", threads=1, listener=Listener(note=again.append))
+    assert [w.code for w in found.warnings] == ["energising", "quantity", "moved"]
+    warnings = [f"warning: {w.sentence}" for w in found.warnings]
+    assert [line for line in told if line.startswith("warning: ")] == warnings
+    assert [line for line in again if line.startswith("warning: ")] == warnings
+    assert timeless(tmp_path / "stopped") == timeless(tmp_path / "whole")
+
+
+def test_a_strict_run_of_an_implausible_study_leaves_nothing(tmp_path: Path, study_file: Path) -> None:
+    text = study_file.read_text(encoding="utf-8")
+    study_file.write_text(text.replace('energising_time = "700 us"', 'energising_time = "0.7 us"'), encoding="utf-8")
+    with pytest.raises(StudyError, match=r"nothing was run.* energised for 700 ns"):
+        calibrate_into(tmp_path / "run", load_study(study_file), strict=True)
+    assert not (tmp_path / "run").exists()
+
+
 def test_what_was_done_is_not_done_again(stopped: Stop) -> None:
     told: list[tuple[str, int]] = []
     run = stopped(4)

@@ -13,6 +13,8 @@ __all__ = ["Mark", "Parameter", "Scale", "percent_bounds"]
 Mark = Literal["M", "C", "F", "E"]
 Scale = Literal["linear", "log"]
 
+NEAR = 0.01  # a value this close to a bound, as a share of the range, is at it
+
 
 def percent_bounds(reference: float, a_min: float, a_max: float, name: str = "parameter") -> tuple[float, float]:
     """Bounds from percentages of a reference, Eq. (16).
@@ -105,6 +107,15 @@ class Parameter:
             self._refuse(f'scale "{self.scale}" must be "linear" or "log"')
         if self.scale == "log" and self.lower <= 0.0:
             self._refuse("a logarithmic scale needs a lower bound greater than zero")
+
+    def position(self, value: float) -> float:
+        """Place of a value between the bounds: 0 at the lower, 1 at the upper."""
+        return (value - self.lower) / (self.upper - self.lower)
+
+    def is_at_bound(self, value: float) -> bool:
+        """Whether a value has ended at a bound."""
+        position = self.position(value)
+        return bool(min(position, 1.0 - position) < NEAR)
 
     def _refuse(self, why: str) -> None:
         raise ConfigurationError(

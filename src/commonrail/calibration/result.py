@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
+from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.score import SMALL_QUANTITY, DataScore, QuantityScore, RateScore
 from commonrail.calibration.study import QuantityData, RateData
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.injector.definition import parameter_quantities
 
-__all__ = ["CLOCK", "LABELS", "SCHEMA", "data_records", "result_record", "software_record"]
+__all__ = ["CLOCK", "LABELS", "SCHEMA", "data_records", "result_record", "software_record", "warning_records"]
 
 SCHEMA = 1
 CLOCK = "clock"  # holds what depends on the clock; all else is the same whenever and however often a study is run
@@ -58,6 +59,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         "labels": {label: text for label, text in LABELS.items() if label in calibration.scores},
         "objective": {"start": _number(calibration.start_cost), "best": _number(calibration.cost)},
         "data": data_records(study.data, calibration.scores),
+        "warnings": warning_records(calibration.warnings),
         "evaluations": {
             "slots": calibration.counts.slots,
             "simulated": calibration.counts.simulated,
@@ -73,6 +75,11 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
             "simulations_per_second": calibration.simulations / max(calibration.seconds, 1e-9),
         },
     }
+
+
+def warning_records(warnings: Iterable[Finding]) -> list[dict[str, str]]:
+    """One record for each finding: its code, subject and sentence."""
+    return [finding._asdict() for finding in warnings]
 
 
 def software_record() -> dict[str, str]:
@@ -153,7 +160,6 @@ def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, 
     records = []
     for p in calibration.study.space.parameters:
         best = calibration.best[p.name]
-        position = (best - p.lower) / (p.upper - p.lower)
         records.append(
             {
                 "name": p.name,
@@ -165,8 +171,8 @@ def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, 
                 "best": best,
                 "mark": p.mark,
                 "source": p.source,
-                "position": position,
-                "at_bound": bool(min(position, 1.0 - position) < 0.01),
+                "position": p.position(best),
+                "at_bound": p.is_at_bound(best),
                 **identified.get(p.name, {}),
             }
         )

@@ -13,16 +13,19 @@ from commonrail.arguments import function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.interrupt import held_interrupts
 from commonrail.calibration.optimisers import Counts
+from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
 from commonrail.calibration.score import DataScore, score_data
 from commonrail.calibration.search import Listeners, Progress, Search
 from commonrail.calibration.study import QuantityData, RateData, Study
 from commonrail.calibration.workers import Workers
 from commonrail.engine.status import Status
-from commonrail.errors import SimulationError
+from commonrail.errors import SimulationError, StudyError
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body
 
-__all__ = ["Calibration", "Progress", "calibrate", "score_all", "scores_of", "validate"]
+__all__ = ["Calibration", "Progress", "calibrate", "check_study", "score_all", "scores_of", "validate"]
+
+Scores = tuple[DataScore, ...]
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,8 @@ class Calibration:
         Single injections simulated.
     failures : mapping of str to int
         Failed simulations by the name of their status.
+    warnings : tuple of Finding
+        What about study, data and result is implausible, found before and after the fit.
     """
 
     study: Study
@@ -66,6 +71,7 @@ class Calibration:
     seconds: float
     simulations: int
     failures: Mapping[str, int] = field(default_factory=dict)
+    warnings: tuple[Finding, ...] = ()
 
 
 def calibrate(
@@ -76,6 +82,8 @@ def calibrate(
     workers: Workers | None = None,
     recorder: Recorder | None = None,
     checkpoint: Checkpoint | None = None,
+    warn: Callable[[Finding], None] | None = None,
+    strict: bool = False,
 ) -> Calibration:
     """Run a study to its end, or until Ctrl-C, which ends it in order with the best so far.
 
@@ -94,13 +102,19 @@ def calibrate(
         Told of every step before `progress` is.
     checkpoint : Checkpoint, optional
         Where to go on, of the same study; the result is that of a search that was never stopped.
+    warn : function of Finding, optional
+        Called with each warning as soon as it is found: those about the study before the search begins.
+    strict : bool
+        Refuse a study that gives a warning before the search begins. Warnings about the result are in
+        `Calibration.warnings` either way.
 
     Raises
     ------
     ConfigurationError
         If an argument is of another kind, such as a path in place of a study.
     StudyError
-        If the study has no data to fit, if the workers failed, or if the checkpoint belongs to another study.
+        If the study has no data to fit, if the workers failed, if the checkpoint belongs to another study, or if
+        `strict` and the study gives a warning.
     SimulationError
         If not one candidate could be simulated.
     """
@@ -113,10 +127,49 @@ def calibrate(
         instance(checkpoint, Checkpoint, "checkpoint")
     with held_interrupts() as wish:
         search = Search(study, threads, workers, Listeners(progress, recorder, wish), checkpoint)
-        return _calibrate(search, study, threads)
+        start, before = _start(study, threads, warn, strict)
+        calibration = _calibrate(search, study, threads, start)
+        fit = Fit(study, calibration.best, calibration.start_cost, calibration.cost, calibration.scores["best"])
+        after = after_fit(fit, calibration.injector, before)
+        _tell(after, warn)
+        return replace(calibration, warnings=before + after)
 
 
-def _calibrate(search: Search, study: Study, threads: int | None) -> Calibration:
+def check_study(study: Study, threads: int | None = None) -> tuple[Finding, ...]:
+    """Warnings about a study that `calibrate` would give before its search: units, signs, times, ranges.
+
+    Every data set is simulated once with the start values.
+    """
+    return _start(study, threads)[1]
+
+
+def _start(
+    study: Study, threads: int | None, warn: Callable[[Finding], None] | None = None, strict: bool = False
+) -> tuple[Scores, tuple[Finding, ...]]:
+    """Scores of the start values, and the warnings before the fit; if `strict`, the first ones are an error."""
+    by_itself = of_settings(study)
+    _tell(by_itself, warn)
+    _refuse(by_itself, strict)
+    start = score_all(study.data, study.injector, study.time_step, threads)
+    simulated = of_start(study, start)
+    _tell(simulated, warn)
+    _refuse(simulated, strict)
+    return start, by_itself + simulated
+
+
+def _tell(findings: tuple[Finding, ...], warn: Callable[[Finding], None] | None) -> None:
+    if warn is not None:
+        for finding in findings:
+            warn(finding)
+
+
+def _refuse(findings: tuple[Finding, ...], strict: bool) -> None:
+    if findings and strict:
+        others = f" ({len(findings) - 1} more of this kind)" if len(findings) > 1 else ""
+        raise StudyError(f"nothing was run, because a warning counts as an error here: {findings[0].sentence}{others}")
+
+
+def _calibrate(search: Search, study: Study, threads: int | None, start: Scores) -> Calibration:
     status, reason = "finished", ""
     try:
         search.listeners.wish.heed()
@@ -143,7 +196,7 @@ def _calibrate(search: Search, study: Study, threads: int | None) -> Calibration
         search.optimiser.counts,
         status,
         reason,
-        scores_of(study, calibrated, threads, with_rigid=status == "finished"),
+        scores_of(study, calibrated, threads, with_rigid=status == "finished", start=start),
         seconds,
         search.simulations,
         dict(search.failures),
@@ -165,14 +218,24 @@ def _all_failed(title: str, failures: Counter[str]) -> str:
 
 
 def scores_of(
-    study: Study, calibrated: Injector, threads: int | None = None, with_rigid: bool = True
-) -> dict[str, tuple[DataScore, ...]]:
-    """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body."""
-    injectors = {"start": study.injector, "best": calibrated}
+    study: Study,
+    calibrated: Injector,
+    threads: int | None = None,
+    with_rigid: bool = True,
+    start: Scores | None = None,
+) -> dict[str, Scores]:
+    """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body.
+
+    `start` are the scores of the start values, if they are known.
+    """
+    injectors = {"best": calibrated}
     if with_rigid and study.injector.variant.body is Body.FLEXIBLE and any(isinstance(d, RateData) for d in study.data):
         rigid = study.injector.variant._replace(body=Body.RIGID)
         injectors["rigid"] = replace(study.injector, variant=rigid)
-    return {label: score_all(study.data, injector, study.time_step, threads) for label, injector in injectors.items()}
+    known = {"start": start or score_all(study.data, study.injector, study.time_step, threads)}
+    return known | {
+        label: score_all(study.data, injector, study.time_step, threads) for label, injector in injectors.items()
+    }
 
 
 def score_all(

@@ -25,6 +25,10 @@ def calibrate(
     threads: Threads = None,
     workers: WorkerCount = None,
     cluster: ClusterAddress = None,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="Count warnings as errors: nothing is run, or the exit status is 2 after it."),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Fit a study and write a run folder.
@@ -43,8 +47,8 @@ def calibrate(
     if seed is not None:
         loaded = replace(loaded, seed=seed)
     with open_workers(workers, cluster) as crew:
-        outcome = run_study(loaded, out or free_run_folder(_stem(study)), threads, crew)
-    print_outcome(outcome, json)
+        outcome = run_study(loaded, out or free_run_folder(_stem(study)), threads, crew, strict=strict)
+    print_outcome(outcome, json, strict=strict)
 
 
 def _stem(study: Path) -> str:

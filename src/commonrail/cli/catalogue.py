@@ -82,6 +82,7 @@ def _parameters() -> list[dict[str, Any]]:
             "unit": q.unit,
             "meaning": q.meaning,
             "must be": q.domain.value,
+            "usual": list(q.usual or ()),
             "default": q.default,
         }
         for name, q in parameter_quantities().items()
@@ -95,4 +96,6 @@ def _matches(entry: dict[str, Any], search: str) -> bool:
 def _text(value: object) -> str:
     if value is None:
         return "none: give it"
+    if isinstance(value, list):
+        return " to ".join(map(_text, value))
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -82,12 +82,14 @@ def _show(bar: Bar, p: FleetProgress) -> None:
 
 
 def _print(run: FleetRun, report: Path) -> None:
-    from commonrail.report.fleet import fleet_lines, fleet_tables
+    from commonrail.report.fleet import fleet_lines, fleet_tables, fleet_warnings
 
     if run.record["synthetic"]:
         typer.echo(f"SYNTHETIC: {run.record['synthetic']}")
     for line in fleet_lines(run.record):
         typer.echo(line)
+    for line in fleet_warnings(run.record):
+        typer.echo(f"warning: {line}")
     clock: dict[str, Any] = run.record["clock"]
     if clock["calibrated_now"]:
         speed = clock["injectors_per_second"]

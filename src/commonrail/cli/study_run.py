@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,6 +11,7 @@ import typer
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.progress import Bar, Stage
+from commonrail.errors import StudyError
 
 if TYPE_CHECKING:
     from commonrail.calibration.run import Calibration, Progress
@@ -34,8 +35,10 @@ class Outcome(NamedTuple):
         return bool(self.record["status"] == "interrupted")
 
 
-def run_study(study: Study, folder: Path, threads: int | None, workers: Workers | None = None) -> Outcome:
-    """Calibrate a study into a new folder, telling the progress on stderr.
+def run_study(
+    study: Study, folder: Path, threads: int | None, workers: Workers | None = None, *, strict: bool = False
+) -> Outcome:
+    """Calibrate a study into a new folder, telling progress and warnings on stderr.
 
     Raises
     ------
@@ -44,14 +47,17 @@ def run_study(study: Study, folder: Path, threads: int | None, workers: Workers 
     OutputError
         If it cannot be written.
     StudyError
-        If the study cannot be run; the folder is taken away again if nothing was simulated.
+        If the study cannot be run, or is `strict` and gives a warning; the folder is taken away again if nothing was
+        simulated.
     """
     from commonrail.store.run import calibrate_into
 
     return _told(
         study.title,
         folder,
-        lambda listener: calibrate_into(folder, study, threads=threads, workers=workers, listener=listener),
+        lambda listener: calibrate_into(
+            folder, study, threads=threads, workers=workers, listener=listener, strict=strict
+        ),
     )
 
 
@@ -87,23 +93,42 @@ def _told(title: str, folder: Path, work: Callable[[Listener], Calibration]) -> 
         return Outcome(folder, write_report(folder), read_run(folder)[0])
 
 
-def print_outcome(outcome: Outcome, json: bool) -> None:
-    """Print a run's figures; exit status 130 if the user stopped it."""
+def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None:
+    """Print a run's figures; exit status 130 if the user stopped it.
+
+    Raises
+    ------
+    StudyError
+        If `strict` and the run has given a warning; its files are written.
+    """
     from commonrail.report.tables import tables_of
 
+    warnings = outcome.record["warnings"]
     if json:
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
         print_json({"kind": "calibration", **places, "result": outcome.record})
     else:
         for table in tables_of(outcome.record["data"]):
             print_table(table)
-        typer.echo(f"report: {outcome.report}")
+        typer.echo(f"report: {outcome.report}{_mention(warnings)}")
     if outcome.interrupted:
         say(
             f"commonrail: interrupted; the best values so far are in {outcome.folder}. "
             f"`commonrail resume {outcome.folder}` goes on."
         )
         raise typer.Exit(INTERRUPTED)
+    if strict and warnings:
+        raise StudyError(
+            f"{outcome.folder} is written, and has {_count(warnings)}; the first: {warnings[0]['sentence']}"
+        )
+
+
+def _mention(warnings: Sequence[Any]) -> str:
+    return f" ({_count(warnings)} at its top)" if warnings else ""
+
+
+def _count(warnings: Sequence[Any]) -> str:
+    return f"{len(warnings)} warning{'' if len(warnings) == 1 else 's'}"
 
 
 def _stage(p: Progress) -> Stage:

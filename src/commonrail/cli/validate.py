@@ -29,7 +29,9 @@ def validate(
       commonrail validate cases/cri2-16/study.toml --injector cri2-16
     """
     from commonrail.calibration.comparison import check_drive
-    from commonrail.calibration.run import validate as judge
+    from commonrail.calibration.plausibility import of_model
+    from commonrail.calibration.result import data_records, warning_records
+    from commonrail.calibration.run import score_all
     from commonrail.files.injector_file import load_injector
     from commonrail.files.study_file import load_study
     from commonrail.report.tables import tables_of
@@ -38,12 +40,16 @@ def validate(
     loaded = load_study(study)
     check_drive(chosen, loaded, chosen.name)
     say(SIMULATING)
-    data = judge(loaded, chosen)
+    scores = score_all(loaded.data, chosen, loaded.time_step)
+    data = data_records(loaded.data, {"best": scores})
+    warnings = of_model(loaded, chosen, scores, fitted=run is not None)
+    for finding in warnings:
+        say(f"warning: {finding.sentence}")
     labels = {"best": "calibrated" if run else chosen.name}
     if json:
         named = {"name": chosen.name, "title": chosen.title, "variant": chosen.variant.label}
         record = {"schema": 1, "kind": "validation", "title": loaded.title, "injector": named}
-        print_json(record | {"labels": labels, "data": data})
+        print_json(record | {"labels": labels, "data": data, "warnings": warning_records(warnings)})
         return
     typer.echo(f"{chosen.title} on the data of: {loaded.title}")
     if loaded.synthetic:

@@ -38,6 +38,12 @@ class _Parameter(_Part):
     at_bound: bool
 
 
+class _Warning(_Part):
+    code: str
+    subject: str
+    sentence: str
+
+
 class _Record(_Part):
     seed: Count
     synthetic: str
@@ -47,6 +53,7 @@ class _Record(_Part):
     failed: Count
     data: list[_Data]
     parameters: dict[str, _Parameter]
+    warnings: list[_Warning] = []  # early journals have none
 
 
 def check_record(record: Mapping[str, Any], data: Collection[str], parameters: Collection[str]) -> None:

@@ -83,6 +83,7 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
         "data": _data(fleet, finished),
         "parameters": [_parameter(name, unit, finished) for name, unit in units_of(fleet).items()] if finished else [],
         "worst": [_worst(entry) for entry in _by_cost(finished)[:WORST]],
+        "warnings": _warnings(finished),
         "failures": [{"injector": entry.name, "reason": entry.reason} for entry in failed],
         "clock": _clock(clock, finished),
     }
@@ -138,6 +139,17 @@ def _by_cost(finished: Sequence[Entry]) -> list[Entry]:
 def _worst(entry: Entry) -> Record:
     bounded = [name for name, p in entry.record["parameters"].items() if p["at_bound"]]
     return {"injector": entry.name, "J": entry.record["J"], "at_bound": bounded, "seed": entry.record["seed"]}
+
+
+def _warnings(finished: Sequence[Entry]) -> list[Record]:
+    """For each kind of warning how many injectors have it, and the first of them with its sentence."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for entry in finished:
+        first = {w["code"]: w["sentence"] for w in reversed(entry.record.get("warnings", ()))}
+        for code, sentence in first.items():
+            found.setdefault(code, []).append((entry.name, sentence))
+    rows = [{"code": code, "injectors": len(f), "first": f[0][0], "sentence": f[0][1]} for code, f in found.items()]
+    return sorted(rows, key=lambda row: (-row["injectors"], row["code"]))
 
 
 def _clock(clock: Mapping[str, Any], finished: Sequence[Entry]) -> Record:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.analysis.identifiability import identify
+from commonrail.calibration.result import warning_records
 from commonrail.calibration.run import Calibration, calibrate, scores_of
 from commonrail.calibration.score import DataScore, RateScore
 from commonrail.calibration.study import QuantityData, RateData
@@ -19,8 +20,6 @@ from commonrail.errors import CommonrailError
 from commonrail.files.study_file import load_study
 
 __all__ = ["Answer", "Done", "Lost", "Refused", "Up", "calibrate_file", "serve"]
-
-NEAR = 0.01  # a best value this close to a bound, as a share of the range, is at it
 
 
 class Done(NamedTuple):
@@ -56,7 +55,8 @@ def calibrate_file(path: Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        "seed", "synthetic", "J" of start and best, "slots", "simulated", "failed" candidates, "data" and "parameters".
+        "seed", "synthetic", "J" of start and best, "slots", "simulated", "failed" candidates, "data", "parameters" and
+        "warnings".
 
     Raises
     ------
@@ -79,6 +79,7 @@ def calibrate_file(path: Path) -> dict[str, Any]:
             _data(d, calibration.scores["start"][i], calibration.scores["best"][i]) for i, d in enumerate(study.data)
         ],
         "parameters": _parameters(calibration, identify(calibration, 1)),
+        "warnings": warning_records(calibration.warnings),
     }
 
 
@@ -95,13 +96,12 @@ def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, 
     found = {}
     for p in space.parameters:
         best = calibration.best[p.name]
-        position = (best - p.lower) / (p.upper - p.lower)
         found[p.name] = {
             "best": best,
             "standard_error": identified[p.name]["standard_error"],
             "verdict": identified[p.name]["verdict"],
-            "position": position,
-            "at_bound": bool(min(position, 1.0 - position) < NEAR),
+            "position": p.position(best),
+            "at_bound": p.is_at_bound(best),
         }
     return found
 

@@ -11,7 +11,7 @@ from commonrail.parts.furniture import Annotated, Q
 class Parameters(NamedTuple):
     """Drawing of the accumulation volume."""
 
-    volume: Annotated[float, Q("m3", "accumulation volume, needle unloaded on its seat")]
+    volume: Annotated[float, Q("m3", "accumulation volume, needle unloaded on its seat", usual=(5e-9, 2e-5))]
 
 
 class State(NamedTuple):

@@ -15,8 +15,10 @@ from commonrail.parts.furniture import Annotated, Domain, Q
 class Parameters(NamedTuple):
     """Drawing of the control chamber and its two holes."""
 
-    volume: Annotated[float, Q("m3", "control chamber volume, plunger unloaded on the closed needle")]
-    z_hole_diameter: Annotated[float, Q("m", "diameter of the Z-hole (inlet throttle)")]
+    volume: Annotated[
+        float, Q("m3", "control chamber volume, plunger unloaded on the closed needle", usual=(1e-9, 1e-6))
+    ]
+    z_hole_diameter: Annotated[float, Q("m", "diameter of the Z-hole (inlet throttle)", usual=(0.03e-3, 1.5e-3))]
     z_hole_discharge: Annotated[float, Q("1", "discharge coefficient of the Z-hole", Domain.COEFFICIENT, 0.78)]
     z_hole_contraction: Annotated[
         float, Q("1", "contraction coefficient of the cavitating Z-hole", Domain.COEFFICIENT, 0.85)
@@ -30,7 +32,7 @@ class Parameters(NamedTuple):
             1.0,
         ),
     ]
-    a_hole_diameter: Annotated[float, Q("m", "diameter of the A-hole (outlet throttle)")]
+    a_hole_diameter: Annotated[float, Q("m", "diameter of the A-hole (outlet throttle)", usual=(0.03e-3, 1.5e-3))]
     a_hole_discharge: Annotated[
         float, Q("1", "discharge coefficient of the A-hole, not cavitating", Domain.COEFFICIENT, 0.82)
     ]

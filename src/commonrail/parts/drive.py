@@ -16,17 +16,31 @@ from commonrail.parts.furniture import Annotated, Domain, Q
 class Parameters(NamedTuple):
     """Current profile of the output stage."""
 
-    boost_voltage: Annotated[float, Q("V", "boost voltage of the first rise, also applied backwards to switch off")]
-    supply_voltage: Annotated[float, Q("V", "voltage of the PWM after the first rise", Domain.POSITIVE, 14.0)]
-    peak_current: Annotated[float, Q("A", "mean current of the peak phase")]
-    peak_duration: Annotated[float, Q("s", "end of the peak phase after the start of energising")]
-    hold_current: Annotated[float, Q("A", "mean current of the hold phase")]
+    boost_voltage: Annotated[
+        float, Q("V", "boost voltage of the first rise, also applied backwards to switch off", usual=(10.0, 500.0))
+    ]
+    supply_voltage: Annotated[
+        float, Q("V", "voltage of the PWM after the first rise", Domain.POSITIVE, 14.0, usual=(5.0, 100.0))
+    ]
+    peak_current: Annotated[float, Q("A", "mean current of the peak phase", usual=(1.0, 100.0))]
+    peak_duration: Annotated[float, Q("s", "end of the peak phase after the start of energising", usual=(20e-6, 10e-3))]
+    hold_current: Annotated[float, Q("A", "mean current of the hold phase", usual=(0.5, 60.0))]
     quench_voltage: Annotated[
         float,
-        Q("V", "voltage applied backwards while the current must fall during energising", Domain.NON_NEGATIVE, 0.0),
+        Q(
+            "V",
+            "voltage applied backwards while the current must fall during energising",
+            Domain.NON_NEGATIVE,
+            0.0,
+            usual=(1.0, 500.0),
+        ),
     ]
-    peak_band: Annotated[float, Q("A", "width of the PWM's current band, peak phase", Domain.POSITIVE, 2.0)]
-    hold_band: Annotated[float, Q("A", "width of the PWM's current band, hold phase", Domain.POSITIVE, 2.0)]
+    peak_band: Annotated[
+        float, Q("A", "width of the PWM's current band, peak phase", Domain.POSITIVE, 2.0, usual=(0.05, 20.0))
+    ]
+    hold_band: Annotated[
+        float, Q("A", "width of the PWM's current band, hold phase", Domain.POSITIVE, 2.0, usual=(0.05, 20.0))
+    ]
     regulator_gain: Annotated[
         float, Q("V/A", "gain of the ideal regulator and of a measured current", Domain.POSITIVE, 100.0)
     ]

@@ -14,8 +14,8 @@ SIXTH = 1.0 / 6.0  # weight of each end in Simpson's rule; the middle has four
 class Parameters(NamedTuple):
     """Drawing of the pipe."""
 
-    length: Annotated[float, Q("m", "length of the feed pipe")]
-    diameter: Annotated[float, Q("m", "bore of the feed pipe")]
+    length: Annotated[float, Q("m", "length of the feed pipe", usual=(0.01, 10.0))]
+    diameter: Annotated[float, Q("m", "bore of the feed pipe", usual=(0.5e-3, 15e-3))]
     friction_factor: Annotated[float, Q("1", "Darcy friction factor f of Eq. (6)", Domain.NON_NEGATIVE)]
 
 

@@ -36,12 +36,35 @@ class Domain(Enum):
 
 
 class Q(NamedTuple):
-    """Metadata of a parameter: SI unit, meaning, domain and default (None: must be given)."""
+    """Metadata of a parameter.
+
+    Attributes
+    ----------
+    unit, meaning : str
+        SI unit, and what the number says.
+    domain : Domain
+        Values outside are refused.
+    default : float or None
+        [SI]; None: must be given.
+    usual : (low, high) or None
+        Range of built injectors [SI]; a value outside is used, and told as implausible. Zero, where the domain holds
+        it, switches the effect off and is never outside.
+    """
 
     unit: str
     meaning: str
     domain: Domain = Domain.POSITIVE
     default: float | None = None
+    # Engineering estimates, from passenger-car to heavy-duty injectors with a factor of about 3 to spare: wide enough
+    # for any of them, narrow enough that a unit mistaken by 10³ falls outside (a test holds the catalogue to that).
+    usual: tuple[float, float] | None = None
+
+    def is_usual(self, value: float, slack: float = 1.0) -> bool:
+        """Whether `value` [SI] lies in the usual range, widened by the factor `slack` at both ends."""
+        if self.usual is None or (value == 0.0 and self.domain is Domain.NON_NEGATIVE):
+            return True
+        low, high = self.usual
+        return (low / slack if low > 0.0 else low * slack) <= value <= high * slack
 
 
 @functools.cache

@@ -15,10 +15,12 @@ from commonrail.parts.furniture import Annotated, Domain, Q
 class Parameters(NamedTuple):
     """Drawing of the seat."""
 
-    diameter: Annotated[float, Q("m", "seat diameter")]
-    cone_angle: Annotated[float, Q("rad", "full angle of the seat cone", Domain.CONE)]
+    diameter: Annotated[float, Q("m", "seat diameter", usual=(0.3e-3, 10e-3))]
+    cone_angle: Annotated[float, Q("rad", "full angle of the seat cone", Domain.CONE, usual=(0.35, 2.6))]
     discharge: Annotated[float, Q("1", "discharge coefficient of the seat gap", Domain.COEFFICIENT, 0.8)]
-    contact_stiffness: Annotated[float, Q("N/m", "stiffness of needle on seat", Domain.POSITIVE, 2e8)]
+    contact_stiffness: Annotated[
+        float, Q("N/m", "stiffness of needle on seat", Domain.POSITIVE, 2e8, usual=(1e6, 1e10))
+    ]
     contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of the seat", Domain.NON_NEGATIVE, 0.2)]
     transition_reynolds: Annotated[
         float, Q("1", "Reynolds number at which viscous and inertial loss are equal", Domain.POSITIVE, 10.0)

@@ -19,41 +19,46 @@ from commonrail.flow.wave import pipe_area
 from commonrail.parts.furniture import Annotated, Domain, Q
 
 _MASS = "mass of cylinder"
+_USUAL_STIFFNESS, _USUAL_MASS = (2e6, 5e9), (2e-5, 0.3)  # [N/m], [kg]: see `furniture.Q`
 _STIFFNESS = "axial stiffness E A/l of cylinder"
 
 
 class Parameters(NamedTuple):
     """Drawing and stiffness of plunger and needle."""
 
-    k1: Annotated[float, Q("N/m", f"{_STIFFNESS} 1 (plunger, control chamber end)")]
-    k2: Annotated[float, Q("N/m", f"{_STIFFNESS} 2 (plunger)")]
-    k3: Annotated[float, Q("N/m", f"{_STIFFNESS} 3 (plunger)")]
-    k4: Annotated[float, Q("N/m", f"{_STIFFNESS} 4 (plunger)")]
-    k5: Annotated[float, Q("N/m", f"{_STIFFNESS} 5 (plunger, needle end)")]
-    k6: Annotated[float, Q("N/m", f"{_STIFFNESS} 6 (needle guide)")]
-    k7: Annotated[float, Q("N/m", f"{_STIFFNESS} 7 (needle stem)")]
-    m1: Annotated[float, Q("kg", f"{_MASS} 1")]
-    m2: Annotated[float, Q("kg", f"{_MASS} 2")]
-    m3: Annotated[float, Q("kg", f"{_MASS} 3")]
-    m4: Annotated[float, Q("kg", f"{_MASS} 4")]
-    m5: Annotated[float, Q("kg", f"{_MASS} 5")]
-    m6: Annotated[float, Q("kg", f"{_MASS} 6")]
-    m7: Annotated[float, Q("kg", f"{_MASS} 7")]
-    joint_stiffness: Annotated[float, Q("N/m", "contact stiffness between plunger and needle", Domain.POSITIVE, 1e8)]
-    damping_ratio: Annotated[float, Q("1", "ξ of c = 2 ξ sqrt(k M)", Domain.NON_NEGATIVE, 0.005)]
-    plunger_diameter: Annotated[float, Q("m", "plunger diameter in the control chamber")]
-    guide_diameter: Annotated[float, Q("m", "needle guide diameter")]
-    stem_diameter: Annotated[float, Q("m", "needle stem diameter")]
-    plunger_gap: Annotated[float, Q("m", "radial gap of the plunger guide", Domain.NON_NEGATIVE)]
-    plunger_guide_length: Annotated[float, Q("m", "length of the plunger guide")]
-    needle_gap: Annotated[float, Q("m", "radial gap of the needle guide", Domain.NON_NEGATIVE)]
-    needle_guide_length: Annotated[float, Q("m", "length of the needle guide")]
-    spring_preload: Annotated[
-        float, Q("N", "force of the needle spring, needle closed and unloaded", Domain.NON_NEGATIVE)
+    k1: Annotated[float, Q("N/m", f"{_STIFFNESS} 1 (plunger, control chamber end)", usual=_USUAL_STIFFNESS)]
+    k2: Annotated[float, Q("N/m", f"{_STIFFNESS} 2 (plunger)", usual=_USUAL_STIFFNESS)]
+    k3: Annotated[float, Q("N/m", f"{_STIFFNESS} 3 (plunger)", usual=_USUAL_STIFFNESS)]
+    k4: Annotated[float, Q("N/m", f"{_STIFFNESS} 4 (plunger)", usual=_USUAL_STIFFNESS)]
+    k5: Annotated[float, Q("N/m", f"{_STIFFNESS} 5 (plunger, needle end)", usual=_USUAL_STIFFNESS)]
+    k6: Annotated[float, Q("N/m", f"{_STIFFNESS} 6 (needle guide)", usual=_USUAL_STIFFNESS)]
+    k7: Annotated[float, Q("N/m", f"{_STIFFNESS} 7 (needle stem)", usual=_USUAL_STIFFNESS)]
+    m1: Annotated[float, Q("kg", f"{_MASS} 1", usual=_USUAL_MASS)]
+    m2: Annotated[float, Q("kg", f"{_MASS} 2", usual=_USUAL_MASS)]
+    m3: Annotated[float, Q("kg", f"{_MASS} 3", usual=_USUAL_MASS)]
+    m4: Annotated[float, Q("kg", f"{_MASS} 4", usual=_USUAL_MASS)]
+    m5: Annotated[float, Q("kg", f"{_MASS} 5", usual=_USUAL_MASS)]
+    m6: Annotated[float, Q("kg", f"{_MASS} 6", usual=_USUAL_MASS)]
+    m7: Annotated[float, Q("kg", f"{_MASS} 7", usual=_USUAL_MASS)]
+    joint_stiffness: Annotated[
+        float, Q("N/m", "contact stiffness between plunger and needle", Domain.POSITIVE, 1e8, usual=(1e6, 1e10))
     ]
-    spring_stiffness: Annotated[float, Q("N/m", "stiffness of the needle spring", Domain.NON_NEGATIVE)]
-    stop_lift: Annotated[float, Q("m", "way of the plunger's unloaded top to its upper stop")]
-    stop_stiffness: Annotated[float, Q("N/m", "stiffness of the upper stop", Domain.POSITIVE, 1.5e8)]
+    damping_ratio: Annotated[float, Q("1", "ξ of c = 2 ξ sqrt(k M)", Domain.NON_NEGATIVE, 0.005)]
+    plunger_diameter: Annotated[float, Q("m", "plunger diameter in the control chamber", usual=(0.5e-3, 30e-3))]
+    guide_diameter: Annotated[float, Q("m", "needle guide diameter", usual=(0.5e-3, 30e-3))]
+    stem_diameter: Annotated[float, Q("m", "needle stem diameter", usual=(0.5e-3, 30e-3))]
+    plunger_gap: Annotated[float, Q("m", "radial gap of the plunger guide", Domain.NON_NEGATIVE, usual=(0.2e-6, 50e-6))]
+    plunger_guide_length: Annotated[float, Q("m", "length of the plunger guide", usual=(1e-3, 0.2))]
+    needle_gap: Annotated[float, Q("m", "radial gap of the needle guide", Domain.NON_NEGATIVE, usual=(0.2e-6, 50e-6))]
+    needle_guide_length: Annotated[float, Q("m", "length of the needle guide", usual=(1e-3, 0.2))]
+    spring_preload: Annotated[
+        float, Q("N", "force of the needle spring, needle closed and unloaded", Domain.NON_NEGATIVE, usual=(1.0, 2e3))
+    ]
+    spring_stiffness: Annotated[
+        float, Q("N/m", "stiffness of the needle spring", Domain.NON_NEGATIVE, usual=(500.0, 2e6))
+    ]
+    stop_lift: Annotated[float, Q("m", "way of the plunger's unloaded top to its upper stop", usual=(20e-6, 5e-3))]
+    stop_stiffness: Annotated[float, Q("N/m", "stiffness of the upper stop", Domain.POSITIVE, 1.5e8, usual=(1e6, 1e10))]
     stop_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of the upper stop", Domain.NON_NEGATIVE, 0.2)]
 
 

@@ -12,8 +12,10 @@ from commonrail.parts.furniture import Annotated, Domain, Q
 class Parameters(NamedTuple):
     """Drawing of the rail; used only where the injector's `rail_boundary` is "volume"."""
 
-    volume: Annotated[float, Q("m3", "volume of the rail", Domain.POSITIVE, 22e-6)]
-    throttle_diameter: Annotated[float, Q("m", "throttle at the rail's outlet", Domain.POSITIVE, 0.85e-3)]
+    volume: Annotated[float, Q("m3", "volume of the rail", Domain.POSITIVE, 22e-6, usual=(2e-6, 2e-3))]
+    throttle_diameter: Annotated[
+        float, Q("m", "throttle at the rail's outlet", Domain.POSITIVE, 0.85e-3, usual=(0.2e-3, 10e-3))
+    ]
     throttle_discharge: Annotated[float, Q("1", "discharge coefficient of the throttle", Domain.COEFFICIENT, 0.8)]
 
 

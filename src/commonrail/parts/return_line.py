@@ -16,8 +16,10 @@ from commonrail.parts.furniture import Annotated, Domain, Q
 class Parameters(NamedTuple):
     """Drawing of the return line."""
 
-    length: Annotated[float, Q("m", "length of the return line (0: none)", Domain.NON_NEGATIVE, 0.0)]
-    diameter: Annotated[float, Q("m", "bore of the return line", Domain.POSITIVE, 4e-3)]
+    length: Annotated[
+        float, Q("m", "length of the return line (0: none)", Domain.NON_NEGATIVE, 0.0, usual=(0.01, 20.0))
+    ]
+    diameter: Annotated[float, Q("m", "bore of the return line", Domain.POSITIVE, 4e-3, usual=(0.5e-3, 30e-3))]
 
 
 class Coefficients(NamedTuple):

@@ -11,7 +11,7 @@ from commonrail.parts.furniture import Annotated, Q
 class Parameters(NamedTuple):
     """Drawing of the SAC."""
 
-    volume: Annotated[float, Q("m3", "SAC volume, needle on its seat")]
+    volume: Annotated[float, Q("m3", "SAC volume, needle on its seat", usual=(0.01e-9, 50e-9))]
 
 
 @physics

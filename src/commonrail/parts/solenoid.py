@@ -24,14 +24,19 @@ class Parameters(NamedTuple):
     """Coil and magnetic circuit."""
 
     turns: Annotated[float, Q("1", "turns of the coil")]
-    resistance: Annotated[float, Q("ohm", "resistance of coil and leads")]
-    pole_area: Annotated[float, Q("m2", "pole area A_g of one air gap")]
-    residual_gap: Annotated[float, Q("m", "air gap left with the armature at its stop")]
+    resistance: Annotated[float, Q("ohm", "resistance of coil and leads", usual=(0.01, 20.0))]
+    pole_area: Annotated[float, Q("m2", "pole area A_g of one air gap", usual=(2e-6, 2e-3))]
+    residual_gap: Annotated[float, Q("m", "air gap left with the armature at its stop", usual=(2e-6, 1e-3))]
     air_gaps: Annotated[float, Q("1", "number of air gaps in series", Domain.POSITIVE, 2.0)]
-    iron_length: Annotated[float, Q("m", "length of the flux path in iron l_s", Domain.NON_NEGATIVE, 0.04)]
+    iron_length: Annotated[
+        float, Q("m", "length of the flux path in iron l_s", Domain.NON_NEGATIVE, 0.04, usual=(2e-3, 1.0))
+    ]
     permeability: Annotated[float, Q("1", "relative permeability of the iron, not saturated", Domain.POSITIVE, 2000.0)]
     knee_flux_density: Annotated[float, Q("T", "flux density at which H_s has doubled", Domain.POSITIVE, 1.4)]
-    eddy_lag: Annotated[float, Q("s", "lag of the pulling flux by eddy currents (0: none)", Domain.NON_NEGATIVE, 0.0)]
+    eddy_lag: Annotated[
+        float,
+        Q("s", "lag of the pulling flux by eddy currents (0: none)", Domain.NON_NEGATIVE, 0.0, usual=(1e-6, 1e-3)),
+    ]
 
 
 class Coefficients(NamedTuple):

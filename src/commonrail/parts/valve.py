@@ -15,15 +15,19 @@ from commonrail.parts.furniture import Annotated, Domain, Q
 class Parameters(NamedTuple):
     """Moving mass, springs and seat of the valve."""
 
-    mass: Annotated[float, Q("kg", "mass of armature and shutter")]
-    lift: Annotated[float, Q("m", "lift from seat to stop")]
-    spring_preload: Annotated[float, Q("N", "force of the valve spring, valve closed")]
-    spring_stiffness: Annotated[float, Q("N/m", "stiffness of the valve spring", Domain.NON_NEGATIVE)]
+    mass: Annotated[float, Q("kg", "mass of armature and shutter", usual=(0.1e-3, 0.1))]
+    lift: Annotated[float, Q("m", "lift from seat to stop", usual=(5e-6, 1e-3))]
+    spring_preload: Annotated[float, Q("N", "force of the valve spring, valve closed", usual=(1.0, 1e3))]
+    spring_stiffness: Annotated[
+        float, Q("N/m", "stiffness of the valve spring", Domain.NON_NEGATIVE, usual=(500.0, 2e6))
+    ]
     damping: Annotated[float, Q("N s/m", "viscous damping of the armature", Domain.NON_NEGATIVE, 0.0)]
-    seat_diameter: Annotated[float, Q("m", "diameter of the valve seat")]
-    seat_angle: Annotated[float, Q("rad", "angle between seat wall and axis", Domain.POSITIVE, pi / 4)]
+    seat_diameter: Annotated[float, Q("m", "diameter of the valve seat", usual=(0.1e-3, 10e-3))]
+    seat_angle: Annotated[
+        float, Q("rad", "angle between seat wall and axis", Domain.POSITIVE, pi / 4, usual=(0.17, 1.57))
+    ]
     seat_discharge: Annotated[float, Q("1", "discharge coefficient of the valve seat", Domain.COEFFICIENT, 0.8)]
-    contact_stiffness: Annotated[float, Q("N/m", "stiffness of seat and stop", Domain.POSITIVE, 4e7)]
+    contact_stiffness: Annotated[float, Q("N/m", "stiffness of seat and stop", Domain.POSITIVE, 4e7, usual=(1e6, 1e10))]
     contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of seat and stop", Domain.NON_NEGATIVE, 1.0)]
 
 

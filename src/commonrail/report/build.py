@@ -20,7 +20,7 @@ from commonrail.report.chart import Figure
 from commonrail.report.comparison import comparison_html
 from commonrail.report.draw import figure_html
 from commonrail.report.figures import convergence_figure, figures_of
-from commonrail.report.headline import headline, parameter_lines, synthetic_notes
+from commonrail.report.headline import headline, parameter_lines, synthetic_notes, warning_lines
 from commonrail.report.html import render
 from commonrail.report.parameters import parameter_rows
 from commonrail.report.record import Record, check_comparison, check_record, texts_of
@@ -113,6 +113,7 @@ def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run:
         parameters=parameter_rows(record["parameters"]),
         parameter_lines=parameter_lines(record["parameters"]),
         synthetic=synthetic_notes(record),
+        warnings=warning_lines(record),
         commands=rerun_lines(record, run),
         facts=_facts(record),
     )

@@ -14,7 +14,7 @@ from commonrail.report.record import Record, number
 from commonrail.report.tables import Cell, Table
 from commonrail.report.text import duration, fixed, listed, percent, quantity, significant
 
-__all__ = ["fleet_figures", "fleet_html", "fleet_lines", "fleet_tables", "write_fleet_report"]
+__all__ = ["fleet_figures", "fleet_html", "fleet_lines", "fleet_tables", "fleet_warnings", "write_fleet_report"]
 
 SHOWN = 100  # failures that the page lists
 _QUARTILES = ("minimum", "q1", "median", "q3", "maximum")
@@ -41,6 +41,7 @@ def fleet_html(record: Record, command: str) -> str:
         "fleet.html",
         record=record,
         lines=fleet_lines(record),
+        warnings=fleet_warnings(record),
         tables=fleet_tables(record),
         figures=[(figure, figure_html(figure, f"figure-{i}", 380)) for i, figure in drawn],
         commands=[("Go on with this fleet, or write its results again", command)],
@@ -65,6 +66,15 @@ def fleet_lines(record: Record) -> list[str]:
             f"At a bound in more than 5 % of the injectors: {listed(bounded)}; widen it if the part allows it."
         )
     return lines
+
+
+def fleet_warnings(record: Record) -> list[str]:
+    """For each kind of warning, how many injectors have it, and the sentence of the first."""
+    total = record["counts"]["finished"]
+    return [
+        f"{w['injectors']:,} of {_injectors(total)}: {w['code']}. The first, {w['first']}: {w['sentence']}"
+        for w in record.get("warnings", [])
+    ]
 
 
 def _injectors(count: int) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from commonrail.report.record import Record, number, of_kind, of_role
 from commonrail.report.text import fixed, listed, significant
 
-__all__ = ["data_lines", "headline", "parameter_lines", "synthetic_notes"]
+__all__ = ["data_lines", "headline", "parameter_lines", "synthetic_notes", "warning_lines"]
 
 MM3 = 1e9  # of 1 m³
 _ROLES = {"fit": "On the fitted data", "validation": "On data that the fit never saw"}
@@ -53,6 +53,11 @@ def synthetic_notes(record: Record) -> list[str]:
     if chosen:
         texts.append(f"Synthetic data: {listed([d['name'] for d in chosen])}.")
     return [text for text in texts if text]
+
+
+def warning_lines(record: Record) -> list[str]:
+    """Sentences of the warnings; records of early versions have none."""
+    return [str(warning["sentence"]) for warning in record.get("warnings", [])]
 
 
 def _task(record: Record) -> str:

@@ -54,6 +54,7 @@ def calibrate_into(
     threads: int | None = None,
     workers: Workers | None = None,
     listener: Listener = Listener(),
+    strict: bool = False,
 ) -> Calibration:
     """Calibrate a study into a new run folder that keeps every step; `resume` goes on from wherever it was stopped.
 
@@ -67,6 +68,8 @@ def calibrate_into(
     workers : Workers, optional
         Processes or a cluster that simulate in place of threads; the result is the same.
     listener : Listener, optional
+    strict : bool
+        Refuse a study that gives a warning before the search begins; nothing is left in the folder then.
 
     Returns
     -------
@@ -84,12 +87,16 @@ def calibrate_into(
         If it cannot be written; what was done before is kept.
     StudyError
         If the study cannot be run; what was done before is kept.
+
+    Notes
+    -----
+    Warnings are told to `listener.note` when they are found, and are in the result.
     """
     path = file_path(folder, "folder")
     instance(study, Study, "study")
     threads = _check_how(threads, workers, listener)
     with _begun(path, study) as (journal, own):
-        return _run(journal, own, None, listener, threads=threads, workers=workers)
+        return _run(journal, own, None, listener, threads=threads, workers=workers, strict=strict)
 
 
 def resume(
@@ -158,7 +165,14 @@ def _check_how(threads: int | None, workers: Workers | None, listener: Listener)
 def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener: Listener, **how: Any) -> Calibration:
     journal.start_session()
     with held_interrupts(), _ending(journal):  # once the search has ended, its result is written whatever keys are hit
-        calibration = calibrate(study, progress=listener.progress, recorder=journal, checkpoint=checkpoint, **how)
+        calibration = calibrate(
+            study,
+            progress=listener.progress,
+            recorder=journal,
+            checkpoint=checkpoint,
+            warn=lambda finding: listener.note(f"warning: {finding.sentence}"),
+            **how,
+        )
         listener.note("judging which parameters the data pin down ...")
         identified = identify(calibration, how["threads"])
         write_results(journal.folder, calibration, identified)

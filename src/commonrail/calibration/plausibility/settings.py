@@ -1,0 +1,150 @@
+"""Checks of what a study says: data, energising, pressures, parameters. Nothing is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.plausibility import limits
+from commonrail.calibration.plausibility.finding import Finding, found
+from commonrail.calibration.space import Space
+from commonrail.calibration.study import QuantityData, RateData
+from commonrail.engine.operating_point import Course, OperatingPoint, Trace
+from commonrail.injector.definition import Injector, parameter_quantities
+from commonrail.injector.variants import Drive
+from commonrail.units import to_text
+
+__all__ = ["bounds_findings", "data_findings", "injector_findings", "signal_findings"]
+
+Data = RateData | QuantityData
+Floats = NDArray[np.float64]
+
+_PRESSURES = (
+    ("rail_pressure", "rail pressure", limits.RAIL),
+    ("cylinder_pressure", "cylinder pressure", limits.CYLINDER),
+    ("return_pressure", "return pressure", limits.RETURN),
+)
+
+
+_DRIVES = {Drive.CURRENT: "drive.peak_current", Drive.VOLTAGE: "drive.boost_voltage"}  # whose ranges a trace keeps
+
+
+def data_findings(data: Data, injector: Injector) -> Iterator[Finding]:
+    """Findings about one data set by itself: values, times, pressures, measured drive."""
+    yield from signal_findings(data)
+    points = [data.point] if isinstance(data, RateData) else list(data.points)
+    if isinstance(data, RateData):
+        yield from _sampling(data)
+        yield from _drive(data, injector)
+    yield from _energising(data.name, points)
+    for key, words, usual in _PRESSURES:
+        yield from _pressure(data.name, words, [getattr(point, key) for point in points], usual)
+
+
+def injector_findings(injector: Injector) -> Iterator[Finding]:
+    """Parameters outside the range that their part declares as usual."""
+    for name, q in parameter_quantities().items():
+        value = injector.values[name]
+        if q.usual is not None and not q.is_usual(value):
+            yield found(
+                "parameter",
+                name,
+                f"the {q.meaning} is {to_text(value, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check its "
+                f"unit in the file of {injector.name}.",
+            )
+
+
+def bounds_findings(space: Space) -> Iterator[Finding]:
+    """Bounds far outside the usual range of their parameter."""
+    known = parameter_quantities()
+    for p in space.parameters:
+        q = known[p.name]
+        odd = [value for value in (p.lower, p.upper) if not q.is_usual(value, limits.BOUND_SLACK)]
+        if q.usual is not None and odd:
+            yield found(
+                "parameter_bound",
+                p.name,
+                f"a bound is {to_text(odd[0], q.unit, 4)}, more than {limits.BOUND_SLACK:g} times outside the usual "
+                f"{_range(q.usual, q.unit)}; check its unit in the study.",
+            )
+
+
+def signal_findings(data: Data) -> Iterator[Finding]:
+    """No signal at all, or a signal upside down: nothing that is compared with such data says anything."""
+    is_curve = isinstance(data, RateData)
+    values: Floats = data.rate if isinstance(data, RateData) else data.quantity
+    widths = np.diff(data.bounds) if isinstance(data, RateData) else np.ones(len(values))
+    what, unit = ("rate", "m3/s") if is_curve else ("quantity", "m3")
+    first = to_text(float(values[0]), unit, 4)
+    if not np.any(values):
+        yield found("constant", data.name, f"all {len(values)} values of the {what} are zero; check the column.")
+    elif len(values) > 1 and np.ptp(values) == 0.0:
+        yield found("constant", data.name, f"all {len(values)} values of the {what} are {first}; check the column.")
+    elif np.sum(values * widths) < 0.0 or -values.min() > values.max():
+        yield found(
+            "sign",
+            data.name,
+            f"the {what} is mostly negative: from {to_text(float(values.min()), unit, 4)} to "
+            f"{to_text(float(values.max()), unit, 4)}; fuel that is injected counts positive, so reverse the sign or "
+            "remove the offset.",
+        )
+
+
+def _sampling(data: RateData) -> Iterator[Finding]:
+    interval = float(np.median(np.diff(data.bounds)))
+    if not limits.SAMPLING[0] <= interval <= limits.SAMPLING[1]:
+        yield found(
+            "sampling",
+            data.name,
+            f"its samples are {to_text(interval, 's', 4)} apart, and {_range(limits.SAMPLING, 's')} is usual; check "
+            "the unit of its times.",
+        )
+
+
+def _drive(data: RateData, injector: Injector) -> Iterator[Finding]:
+    name = _DRIVES.get(injector.variant.drive)
+    if name is None or data.point.drive is None:
+        return
+    q = parameter_quantities()[name]
+    peak = float(np.max(np.abs(data.point.drive.value)))
+    if q.usual is not None and not q.is_usual(peak):
+        yield found(
+            "drive",
+            data.name,
+            f"the measured drive reaches {to_text(peak, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check its "
+            "unit.",
+        )
+
+
+def _energising(name: str, points: Sequence[OperatingPoint]) -> Iterator[Finding]:
+    low, high = limits.ENERGISING
+    odd = [pulse.duration for point in points for pulse in point.pulses if not low <= pulse.duration <= high]
+    if odd:
+        yield found(
+            "energising",
+            name,
+            f"the injector is energised for {to_text(odd[0], 's', 4)}{_others(odd)}, and "
+            f"{_range(limits.ENERGISING, 's')} is usual; check the unit of the energising time.",
+        )
+
+
+def _pressure(name: str, words: str, courses: Sequence[Course], usual: tuple[float, float]) -> Iterator[Finding]:
+    levels = [float(np.mean(course.value)) if isinstance(course, Trace) else float(course) for course in courses]
+    odd = [level for level in levels if not usual[0] <= level <= usual[1]]
+    if odd:
+        yield found(
+            "pressure",
+            name,
+            f"the {words} is {to_text(odd[0], 'Pa', 4)}{_others(odd)}, and {_range(usual, 'Pa')} is usual; check its "
+            "unit.",
+        )
+
+
+def _others(odd: Sequence[float]) -> str:
+    return f" (and {len(odd) - 1} more such values)" if len(odd) > 1 else ""
+
+
+def _range(limits_: tuple[float, float], unit: str) -> str:
+    return f"{to_text(limits_[0], unit, 4)} to {to_text(limits_[1], unit, 4)}"

@@ -1,0 +1,146 @@
+"""Checks of the data against a simulation, as a rule of the start values: quantity, onset, shares of J."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.objective import quantity_residuals, soft_l1
+from commonrail.calibration.plausibility import limits
+from commonrail.calibration.plausibility.finding import Finding, found
+from commonrail.calibration.score import DataScore, QuantityScore, RateScore
+from commonrail.calibration.study import QuantityData, RateData, Role
+from commonrail.units import to_text
+
+__all__ = ["onset", "set_cost", "share_findings", "start_findings"]
+
+Data = RateData | QuantityData
+Floats = NDArray[np.float64]
+
+MM3 = 1e9  # of 1 m³
+
+_SLIPS = (  # factor between the number and what it should be, by the units that are mistaken
+    (1e-3 / 60.0 / 1e-6, "mm3/ms read as L/min"),
+    (1e-6 / (1e-3 / 60.0), "L/min read as mm3/ms"),
+    (1e3, "a factor of 1000 between units"),
+    (1e-3, "a factor of 1000 between units"),
+)
+_SLIP_MATCH = 1.5  # start values know the quantity no better
+
+
+def start_findings(data: Data, score: DataScore) -> Iterator[Finding]:
+    """Findings about one data set beside its simulation."""
+    if not _is_simulated(score):
+        yield found(
+            "start",
+            data.name,
+            "the simulation fails, so that quantity and onset cannot be compared; check the injector with "
+            "`commonrail simulate`.",
+        )
+    elif isinstance(data, RateData) and isinstance(score, RateScore):
+        widths = np.diff(data.bounds)
+        pair = float(np.sum(data.rate * widths)), float(np.sum(score.rate * widths))
+        yield from _quantities(data.name, *map(np.atleast_1d, pair))
+        yield from _onset(data, score)
+    elif isinstance(data, QuantityData) and isinstance(score, QuantityScore):
+        judged = np.isfinite(score.quantity) & ~data.dead_time
+        yield from _quantities(data.name, data.quantity[judged], score.quantity[judged])
+
+
+def share_findings(data: Sequence[Data], scores: Sequence[DataScore], of: str) -> Iterator[Finding]:
+    """Fitted sets that make nearly all of J, or nearly nothing of it; `of` names the model."""
+    fitted = [(d, s) for d, s in zip(data, scores, strict=True) if d.role is Role.FIT]
+    costs = np.array([set_cost(d, s) for d, s in fitted])
+    total = float(np.sum(costs))
+    if len(fitted) < 2 or not np.isfinite(total) or total <= 0.0:
+        return
+    shares = costs / total
+    light = min(limits.LIGHT, 0.1 / len(fitted))
+    alone = bool(shares.max() > limits.HEAVY)
+    for (d, _), share in zip(fitted, shares, strict=True):
+        if share > limits.HEAVY or (share < light and not alone):
+            yield found(
+                "share",
+                d.name,
+                f"it makes {100.0 * share:.3g} % of J with the {of}: the fit will follow "
+                f"{'it alone' if alone else 'the other sets'}; set the weights of the data so that each counts.",
+            )
+
+
+def set_cost(data: Data, score: DataScore) -> float:
+    """Weight · J of one data set; NaN for a failed simulation."""
+    if isinstance(data, RateData) and isinstance(score, RateScore):
+        return data.weight * score.j
+    assert isinstance(data, QuantityData)
+    assert isinstance(score, QuantityScore)
+    return data.weight * float(soft_l1(quantity_residuals(data, score.quantity)[None, :])[0])
+
+
+def onset(rate: Floats, bounds: Floats) -> float | None:
+    """Time after which all but a small share of the quantity is injected [s]; None if nothing is injected in sum."""
+    cumulated = np.cumsum(rate * np.diff(bounds))
+    if not cumulated[-1] > 0.0:
+        return None
+    before = np.flatnonzero(cumulated < limits.ONSET_SHARE * cumulated[-1])
+    return float(bounds[before[-1] + 1]) if len(before) else float(bounds[0])
+
+
+def _is_simulated(score: DataScore) -> bool:
+    return bool(
+        np.all(np.isfinite(score.rate)) if isinstance(score, RateScore) else np.any(np.isfinite(score.quantity))
+    )
+
+
+def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Finding]:
+    """Quantities beyond a factor of the simulated ones [m³]; nothing is said if they are negative in sum."""
+    total, expected = float(np.sum(measured)), float(np.sum(simulated))
+    apart = np.abs(measured - simulated) > limits.QUANTITY_APART
+    odd = apart & ~_is_near(measured, simulated)
+    if not odd.any() or total <= 0.0:
+        return
+    all_of_it = not _is_near(np.array(total), np.array(expected))
+    first = int(np.argmax(odd))
+    m, s = (total, expected) if all_of_it else (float(measured[first]), float(simulated[first]))
+    where = "" if all_of_it else f" at {np.count_nonzero(odd)} of {len(measured)} points, first at number {first + 1}"
+    yield found(
+        "quantity",
+        name,
+        f"the measured quantity is {m * MM3:.4g} mm3, and the simulated one {s * MM3:.4g} mm3{where}: "
+        f"more than a factor of {limits.QUANTITY_TIMES:g} apart{_slip(m, s)}; check the unit of the data, the "
+        "pressures and the holes of the nozzle.",
+    )
+
+
+def _is_near(measured: Floats, simulated: Floats) -> NDArray[np.bool_]:
+    times = limits.QUANTITY_TIMES
+    return np.asarray((measured <= times * simulated) & (simulated <= times * measured))
+
+
+def _slip(measured: float, simulated: float) -> str:
+    if simulated <= 0.0:
+        return ""
+    times = measured / simulated
+    likely = [words for factor, words in _SLIPS if 1.0 / _SLIP_MATCH < times / factor < _SLIP_MATCH]
+    return f" ({times:.3g} times; {likely[0]} would do that)" if likely else f" ({times:.3g} times)"
+
+
+def _onset(data: RateData, score: RateScore) -> Iterator[Finding]:
+    measured, simulated = onset(data.rate, data.bounds), onset(score.rate, data.bounds)
+    pulses = data.point.pulses
+    if measured is None or not pulses:
+        return
+    at = f"the measured injection begins at {to_text(measured, 's', 4)}"
+    cure = "check the energising time and the trigger's zero"
+    first, last = pulses[0].start, pulses[-1].start
+    if measured < first + limits.EARLIEST:
+        begins = f"energising begins at {to_text(first, 's', 4)}"
+        yield found("onset", data.name, f"{at}, and {begins}: no injector opens that soon; {cure}.")
+    elif measured > last + limits.LATEST:
+        ago = to_text(measured - last, "s", 4)
+        yield found("onset", data.name, f"{at}, {ago} after the last energising begins: that is too late; {cure}.")
+    elif simulated is not None and abs(measured - simulated) > limits.ONSET_APART:
+        begins = f"the simulated one at {to_text(simulated, 's', 4)}"
+        most = to_text(limits.ONSET_APART, "s", 4)
+        yield found("onset", data.name, f"{at}, and {begins}, more than {most} apart; {cure}.")
