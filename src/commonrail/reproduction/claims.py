@@ -104,7 +104,8 @@ def _rigid_early(f: Figures, rigid: _Rigid) -> Claim:
         f"rigid-early{rigid.suffix}",
         f"{rigid.text.capitalize()} closes early.",
         "Sec. 5, Fig. 6",
-        "its closing minus the experiment's < 0 at all three pressures",
+        "its closing minus the experiment's < 0 at all three pressures; "
+        "the last closing counts, that of a rebound included",
     )
     comment = f"{rigid.comment} When a rigid body closes depends on its stop."
     return judged(sentence, text, np.all(each < 0.0, axis=1), comment, valid=np.isfinite(each).all(axis=1))
