@@ -246,6 +246,43 @@ def test_a_generation_is_updated_as_a_whole() -> None:
     np.testing.assert_array_equal(optimiser.population, np.where(better[:, None], second, first))
 
 
+def reference_search(space: Space, initial: InitialSampling, seed: int = 3) -> DifferentialEvolution:
+    return DifferentialEvolution(space, np.random.default_rng(seed), EvolutionSettings(12, 4, initial=initial))
+
+
+def test_the_reference_is_a_member_of_the_first_population_if_asked_for(paper_space) -> None:
+    space = paper_space(100.0)
+    asked = reference_search(space, InitialSampling.REFERENCE).ask()
+    # through unit coordinates and back: a rounding of each
+    np.testing.assert_allclose(asked.x[0], space.reference, rtol=1e-14)
+    assert asked.simulate.all()
+    # the draws are those of a feasible start, so the two starts differ by one member alone
+    np.testing.assert_array_equal(asked.x[1:], reference_search(space, InitialSampling.FEASIBLE).ask().x[1:])
+
+
+def test_a_search_from_the_reference_is_never_worse_than_it(paper_space, optimal) -> None:
+    def cost(x: np.ndarray) -> np.ndarray:
+        return np.abs(x / optimal - 1.0).sum(axis=1)
+
+    space = paper_space(100.0)
+    optimiser = reference_search(space, InitialSampling.REFERENCE)
+    optimiser.tell(cost(optimiser.ask().x))
+    assert optimiser.best.cost <= cost(space.reference[None, :])[0] * (1.0 + 1e-12)
+
+
+def test_a_reference_that_breaks_a_constraint_cannot_start() -> None:
+    space = Space([Parameter(f"a{i}", 2.0 - i, 0.0, 4.0, "1", mark="E", source="test") for i in range(2)], ("a0 < a1",))
+    with pytest.raises(ConfigurationError, match=r'break .* a constraint; .* initial = "feasible"'):
+        reference_search(space, InitialSampling.REFERENCE)
+    reference_search(space, InitialSampling.FEASIBLE)
+
+
+def test_a_state_belongs_to_its_way_to_start() -> None:
+    state = reference_search(box(3), InitialSampling.REFERENCE).state()
+    with pytest.raises(ConfigurationError, match="settings"):
+        reference_search(box(3), InitialSampling.FEASIBLE).restore(state)
+
+
 @pytest.mark.parametrize("treatment", list(Treatment))
 @pytest.mark.parametrize("unanswered", [False, True])
 def test_a_restored_search_goes_on_with_the_same_bits(

@@ -14,7 +14,9 @@ from commonrail.calibration.optimisers import DifferentialEvolution, EvolutionSe
 from commonrail.calibration.search import generations
 from commonrail.engine.status import Status
 
-SPACE = Space([Parameter(n, 0.5, 0.0, 1.0, "1", mark="E", source="test") for n in "ab"], ["a < b"])
+SPACE = Space(
+    [Parameter(n, x, 0.0, 1.0, "1", mark="E", source="test") for n, x in {"a": 0.3, "b": 0.6}.items()], ["a < b"]
+)
 
 
 class Feasible:

@@ -43,6 +43,8 @@ def test_stdout_is_one_object_with_the_result(finished: dict[str, Any]) -> None:
     assert record["result"] == own
     assert record["report"] == str(finished["run"] / "report.html")
     assert own["seed"] == 3  # the option, not the file
+    assert own["optimiser"]["initial"] == "feasible"
+    assert own["optimiser"]["generations"] == 2  # after the first population
 
 
 def test_progress_goes_to_stderr(finished: dict[str, Any]) -> None:

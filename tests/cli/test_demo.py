@@ -37,11 +37,12 @@ def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         (folder / "result.json").touch()
         return Outcome(folder, folder / "report.html", records[study])
 
-    def run_reproduction(_truth: str, _count: int, folder: Path, _threads: object, quick: bool) -> Outcome:
+    def run_reproduction(_truth: str, count: int, folder: Path, _threads: object, quick: bool) -> Outcome:
         assert quick
         folder.mkdir()
         claims = [{"verdict": "holds"}, {"verdict": "holds"}, {"verdict": "does not hold"}]
-        return Outcome(folder, folder / "report.html", {"status": "finished", "claims": claims})
+        seeds = list(range(1, count + 1))
+        return Outcome(folder, folder / "report.html", {"status": "finished", "seeds": seeds, "claims": claims})
 
     def write_bench(case: Path, seed: int) -> list[Path]:
         (case / "data" / f"seed-{seed}.csv").touch()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,13 @@ import pytest
 
 from commonrail.analysis.virtual_bench import bench_curve
 from commonrail.calibration.study import QuantityData, RateData, Role
-from commonrail.engine.operating_point import Trace
+from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.simulate import simulate_batch
 from commonrail.files.bench_data import ENERGISING_TIME
 from commonrail.files.injector_file import load_injector
 from commonrail.files.study_file import load_study
 from commonrail.files.truth_file import load_truth
+from tools.make_fleet import QUANTITY_NOISE
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
 
@@ -55,6 +58,30 @@ def test_real_injectors_study_is_not_synthetic() -> None:
     assert study.synthetic == ""
     assert 10 <= study.space.dimension <= 16
     assert study.method.polish > 0
+
+
+def test_the_fleets_quantities_are_its_truths_with_the_noise_that_it_states() -> None:
+    truth = read_records(CASES / "fleet" / "truth.csv")
+    measured = read_records(CASES / "fleet" / "measurements.csv")
+    injector = load_injector("virtual-lino-2016")
+    deviations = []
+    for row in truth:
+        values = {key.partition(" ")[0]: float(value) for key, value in row.items() if key != "injector"}
+        own = [m for m in measured if m["injector"] == row["injector"]]
+        points = [OperatingPoint(p * 1e6, t * 1e-6) for p, t in ((float(m[PRESSURE]), float(m[TIME])) for m in own)]
+        quantity = simulate_batch(injector.with_values(values), points).injected_volume[0] * 1e9
+        deviations += [float(m[AMOUNT]) / q - 1.0 for m, q in zip(own, quantity.tolist(), strict=True)]
+    assert len(deviations) == 72
+    # 1 % of noise; the root mean square of 72 scatters by 1/sqrt(144) of it: three of these
+    assert np.sqrt(np.mean(np.square(deviations))) == pytest.approx(QUANTITY_NOISE, rel=0.25)
+
+
+PRESSURE, TIME, AMOUNT = "rail_pressure [MPa]", "energising_time [us]", "quantity [mm3]"
+
+
+def read_records(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as stream:
+        return list(csv.DictReader(line for line in stream if not line.startswith("#")))
 
 
 def test_papers_study_is_the_papers() -> None:

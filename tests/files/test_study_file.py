@@ -88,6 +88,11 @@ def test_optimiser_settings(study_file: Edit) -> None:
     assert (method.polish, method.polish_iterations) == (1, 7)
 
 
+def test_a_search_may_start_from_the_injectors_own_values(study_file: Edit) -> None:
+    method = load_study(study_file(("generations = 30\n", 'generations = 30\ninitial = "reference"\n'))).method
+    assert method.evolution.initial is InitialSampling.REFERENCE
+
+
 def test_without_settings_the_optimiser_is_the_papers(study_file: Edit) -> None:
     path = study_file(("members = 24\ngenerations = 30\npolish = 1\n", ""))
     method = load_study(path).method
@@ -196,6 +201,13 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         "members = 24",
         'treatment = "mend"',
         r"optimiser\.treatment: this must be 'reject', 'repair'",
+    ),
+    "reference outside the constraints": (
+        ConfigurationError,
+        "[optimiser]",
+        '[constraints]\norder = ["control_chamber.a_hole_diameter < control_chamber.z_hole_diameter"]\n'
+        '[optimiser]\ninitial = "reference"\n',
+        r'optimiser\.initial: the reference values break the bounds or a constraint; .* initial = "feasible"',
     ),
     "factor": (InputError, "members = 24", "factor = [0.4]", r"optimiser\.factor: this must be a list of at least 2"),
     "polish": (InputError, "polish = 1", "polish = -1", r"optimiser\.polish: this must be greater than or equal to 0"),

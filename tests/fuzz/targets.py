@@ -200,10 +200,10 @@ def _runs() -> list[Files]:
 
 
 REPRODUCED = (
-    "# SYNTHETIC: made up for a test\nseed,data,time [us],experiment [mm3/ms],rigid [mm3/ms],theoretical [mm3/ms],\
-paper [mm3/ms],optimised [mm3/ms]\n"
+    "# SYNTHETIC: made up for a test\nseed,data,time [us],experiment [mm3/ms],rigid [mm3/ms],rigid_fitted [mm3/ms],\
+theoretical [mm3/ms],paper [mm3/ms],optimised [mm3/ms]\n"
     + "".join(
-        f"{seed},{rail} MPa,{1.5 + 3 * i},{10.5 * i},{9.0 * i},{8.0 * i},,{10.0 * i}\n"
+        f"{seed},{rail} MPa,{1.5 + 3 * i},{10.5 * i},{9.0 * i},{8.5 * i},{8.0 * i},,{10.0 * i}\n"
         for seed in (4, 7)
         for rail in (160, 120, 80)
         for i in range(4)

@@ -6,7 +6,14 @@ from typing import Any
 
 import numpy as np
 
-LABELS = {"rigid": "rigid body", "theoretical": "theoretical", "paper": "paper's optimal k", "optimised": "optimised"}
+LABELS = {
+    "rigid": "rigid body",
+    "rigid_fitted": "rigid body, fitted",
+    "theoretical": "theoretical",
+    "paper": "paper's optimal k",
+    "optimised": "optimised",
+}
+FORMER_LABELS = {key: text for key, text in LABELS.items() if key != "rigid_fitted"}
 DATA = ("160 MPa", "120 MPa", "80 MPa")
 SEEDS = [4, 7]
 CONFIGURATIONS = ((50, 30), (50, 70), (70, 50))
@@ -23,8 +30,9 @@ def by_data(value: float) -> dict[str, float]:
     return {name: value + i for i, name in enumerate((*DATA, "mean"))}
 
 
-def claim(name: str, verdict: str, comment: str = "") -> dict[str, Any]:
+def claim(name: str, verdict: str, comment: str = "", chance: float | None = None) -> dict[str, Any]:
     return {
+        "chance": chance,
         "id": name,
         "claim": f"The claim {name} & <more>.",
         "where": "Sec. 5",
@@ -42,7 +50,7 @@ def record() -> dict[str, Any]:
     """As `reproduction_record` makes it."""
     box = {"minimum": 0.5, "q1": 0.8, "median": 1.0, "q3": 1.2, "maximum": 1.9}
     return {
-        "schema": 1,
+        "schema": 2,
         "kind": "reproduction",
         "software": {"commonrail": "0.1.0", "python": "3.11"},
         "title": "A sample of a reproduction",
@@ -83,6 +91,28 @@ def record() -> dict[str, Any]:
                 "standard_error": None if i == 7 else 5.5e6,
             }
             for i in range(1, 8)
+        ],
+        "rigid_fit": [
+            {
+                "name": "plunger_needle.stop_lift",
+                "unit": "m",
+                "meaning": "lift of the stop",
+                "drawing": 1e-4,
+                "lower": 1e-5,
+                "upper": 1e-3,
+                "values": [2e-4, 2.2e-4],
+                **three(2.12e-4),
+            },
+            {
+                "name": "control_chamber.volume",
+                "unit": "m3",
+                "meaning": "volume of the control chamber",
+                "drawing": 1.8e-8,
+                "lower": 1.8e-9,
+                "upper": 1.8e-7,
+                "values": [5e-8, 5e-8],
+                **three(5e-8),
+            },
         ],
         "table3": [
             {
@@ -132,7 +162,7 @@ def record() -> dict[str, Any]:
             for name in DATA[1:]
         },
         "claims": [
-            claim("one", "holds"),
+            claim("one", "holds", chance=0.914),
             claim("two", "does not hold", "A comment."),
             claim("three", "cannot be told"),
             claim("four", "holds"),
@@ -141,6 +171,15 @@ def record() -> dict[str, Any]:
         "seconds": 12.5,
         "simulations": 123456,
     }
+
+
+def former_record() -> dict[str, Any]:
+    """As the first version made it: no rigid body that is fitted, no share of random points beside a claim."""
+    found = record() | {"schema": 1, "labels": FORMER_LABELS}
+    del found["rigid_fit"]
+    for each in found["claims"]:
+        del each["chance"]
+    return found
 
 
 def traces() -> dict[int, dict[str, dict[str, np.ndarray]]]:

@@ -72,6 +72,15 @@ def test_how_it_came_about_is_there(rate_run: Path) -> None:
     assert "plunger_needle.k7 < plunger_needle.k2" in text  # the constraint
 
 
+OPTIMISER = {"members": 24, "generations": 30, "initial": "reference", "polish": 2}
+
+
+def test_the_search_and_where_it_started_are_said_if_they_are_known(write_run: WriteRun) -> None:
+    text = page_of(write_run(map_record() | {"optimiser": OPTIMISER})).text
+    assert "30 generations of 24 members; first population the start values, the rest drawn" in text
+    assert "; 2 least-squares refinements" in text
+
+
 def test_synthetic_data_are_announced(rate_run: Path) -> None:
     page = page_of(rate_run)
     assert page.count("div", **{"class": "banner"}) == 1

@@ -6,13 +6,14 @@ import re
 from pathlib import Path
 
 import pytest
+from scipy.stats import binomtest
 
 from commonrail.errors import InputError
 from commonrail.report import reproduction_figures as figures
 from commonrail.report import reproduction_tables as tables
-from commonrail.report.reproduction import check_reproduction, reproduction_html, verdicts
+from commonrail.report.reproduction import FEWEST, check_reproduction, reproduction_html, verdicts
 from commonrail.report.text import MISSING
-from tests.report.reproduction_sample import record, traces
+from tests.report.reproduction_sample import former_record, record, traces
 
 
 def rows(table: tables.Table) -> list[list[str]]:
@@ -20,7 +21,36 @@ def rows(table: tables.Table) -> list[list[str]]:
 
 
 def test_the_verdicts_are_counted() -> None:
-    assert verdicts(record()) == "Of 4 claims of the paper 2 hold, 1 do not hold and 1 cannot be told here."
+    enough = record() | {"seeds": list(range(6))}
+    assert verdicts(enough) == "Of 4 claims of the paper 2 hold, 1 do not hold and 1 cannot be told here."
+
+
+def test_with_too_few_seeds_it_is_said_what_they_show() -> None:
+    few = record()
+    few["claims"][1]["true_in"], few["claims"][2]["true_in"] = 0, 1
+    assert verdicts(few) == (
+        "Of 4 claims of the paper 2 are true in every seed, 1 in none, 1 in some. "
+        "Fewer than 6 seeds cannot tell a claim from chance."
+    )
+
+
+def test_six_seeds_are_the_fewest_that_can_tell_a_claim_from_chance() -> None:
+    lows = {n: float(binomtest(n, n).proportion_ci(0.95).low) for n in (FEWEST - 1, FEWEST)}
+    assert lows[FEWEST - 1] < 0.5 < lows[FEWEST]
+
+
+def test_a_record_of_the_first_version_is_still_read() -> None:
+    found = former_record()
+    assert check_reproduction(found, "run") is found
+    page = reproduction_html(found, traces())
+    assert "rigid body, fitted" not in page
+    assert tables.rigid_tables(found) == []
+    assert [s.label for s in figures.rates(found, traces())[0].panels[0].series] == [
+        "synthetic experiment",
+        "rigid body",
+        "theoretical",
+        "optimised",
+    ]
 
 
 def test_the_page_says_what_the_record_says() -> None:
@@ -33,11 +63,14 @@ def test_the_page_says_what_the_record_says() -> None:
         "2 of 2 seeds",
         "16–100 %",
         "A comment.",
+        "A random feasible stiffness satisfies it with probability 91 %.",
+        "The rigid body that is fitted",
         "noise",
         "figures/fig6.pdf",
         "--truth &#39;runs/my study&#39;/truth.toml",
         "123,456 injections in 12.5 s",
         "With so few seeds",
+        "reproduce --seeds 2 --truth",
     ):
         assert words in text, words
     assert "<more>" not in page
@@ -67,6 +100,14 @@ def test_a_search_without_success_has_no_number() -> None:
 
 def test_edges_are_microseconds_with_their_sign() -> None:
     assert rows(tables.edges_table(record()))[0] == ["160 MPa", "rigid body", "−93.5 (−84.2 to −102.9)", MISSING]
+
+
+def test_the_fitted_rigid_body_is_in_the_drawings_units() -> None:
+    (table,) = tables.rigid_tables(record())
+    assert rows(table) == [
+        ["lift of the stop, µm", "100", "10 to 1000", "212 (191–233)"],
+        ["volume of the control chamber, mm³", "18", "1.8 to 180", "50 (45–55)"],
+    ]
 
 
 def test_the_tables_have_as_many_cells_as_columns() -> None:
@@ -109,11 +150,17 @@ def test_figure_6_shows_one_seed_with_gaps_where_a_simulation_failed() -> None:
         "Rate of injection at 80 MPa (validation) (Fig. 6)",
     ]
     curves, errors = found[2].panels
-    assert [s.label for s in curves.series] == ["synthetic experiment", "rigid body", "theoretical", "optimised"]
+    assert [s.label for s in curves.series] == [
+        "synthetic experiment",
+        "rigid body",
+        "rigid body, fitted",
+        "theoretical",
+        "optimised",
+    ]
     assert curves.series[1].y == (None, None, None, None)
     assert curves.series[0].y[1] == pytest.approx(20.0)
-    # theoretical is 1.1 times, optimised 1.3 times the experiment in the sample
-    assert errors.series[2].y[1] == pytest.approx(6.0)
+    # the fourth of the sample's models, optimised, is 1.4 times the experiment
+    assert errors.series[3].y[1] == pytest.approx(8.0)
 
 
 @pytest.mark.parametrize(

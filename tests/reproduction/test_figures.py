@@ -41,6 +41,15 @@ def test_k6_is_counted_in_the_upper_fifth_of_its_bounds(done: Reproduction, figu
         assert share == pytest.approx((r.best.members[:, :, K6] >= limit).mean())
 
 
+def test_random_points_are_feasible_and_spread(done: Reproduction, figures: Figures) -> None:
+    theory = np.array([done.bench.injector.values[name] for name in paper.NAMES])
+    points = (1.0 + figures.random_change) * theory
+    # on a face of the ordering rounding may tip a point that was divided and multiplied again
+    assert done.repetitions[0].space.violation(points).max() < 1e-12
+    k6 = points[:, K6] / theory[K6]
+    assert figures.k6_high_at_random == pytest.approx((k6 >= 0.1 + 0.8 * 2.9).mean())
+
+
 def test_a_model_that_closes_late_has_a_positive_error(done: Reproduction, figures: Figures) -> None:
     for i, name in enumerate(PRESSURES):
         found = figures.edge_errors(name, "theoretical", "closing")

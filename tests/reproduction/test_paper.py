@@ -20,6 +20,11 @@ def test_the_last_row_of_table_3_is_the_mean_of_the_others(configuration: paper.
     assert np.mean(js) == pytest.approx(mean, abs=0.011)  # printed with two decimals, some of them cut off
 
 
+def test_the_theoretical_stiffness_is_the_injectors_own() -> None:
+    values = load_injector("virtual-lino-2016").values
+    assert {name: values[name] for name in paper.NAMES} == paper.TABLE1_THEORETICAL
+
+
 def test_the_papers_optimum_keeps_the_ordering_and_lies_in_the_bounds() -> None:
     space = paper.space(load_injector("virtual-lino-2016"))
     assert space.satisfies(np.array([[paper.TABLE1_OPTIMAL[name] for name in space.names]])).all()

@@ -14,7 +14,7 @@ from commonrail.calibration.interrupt import _ask
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.study import Method, Study
-from commonrail.errors import ConfigurationError
+from commonrail.errors import ConfigurationError, InputError
 from commonrail.files.reproduction_folder import read_reproduction, write_reproduction
 from commonrail.reproduction import paper
 from commonrail.reproduction.record import reproduction_record
@@ -88,6 +88,51 @@ def test_the_folder_is_read_back(done: Reproduction, folder: Path) -> None:
     # the file holds mm³/ms: one multiplication each way
     np.testing.assert_allclose(traces[1]["80 MPa"]["rigid"], first.rates["rigid"][2], rtol=1e-14)
     np.testing.assert_allclose(traces[1]["160 MPa"]["experiment"], first.data[0].rate, rtol=1e-14, atol=1e-20)
+
+
+def test_a_folder_with_fewer_models_is_read_by_its_own_labels(folder: Path, tmp_path: Path) -> None:
+    record = json.loads((folder / "reproduce.json").read_text())
+    del record["labels"]["rigid_fitted"]  # as the first version wrote it
+    (tmp_path / "reproduce.json").write_text(json.dumps(record | {"schema": 1}))
+    with (folder / "traces.csv").open() as stream:
+        lines = [line for line in stream if not line.startswith("#")]
+    left_out = lines[0].split(",").index("rigid_fitted [mm3/ms]")
+    kept = [",".join(cell for i, cell in enumerate(line.split(",")) if i != left_out) for line in lines]
+    (tmp_path / "traces.csv").write_text("".join(kept))
+    _, traces = read_reproduction(tmp_path)
+    _, whole = read_reproduction(folder)
+    for label in ("experiment", "rigid", "theoretical", "optimised"):
+        np.testing.assert_array_equal(traces[2]["80 MPa"][label], whole[2]["80 MPa"][label])
+    assert "rigid_fitted" not in traces[2]["80 MPa"]
+
+
+@pytest.mark.parametrize("labels", [None, 3, ["rigid"]])
+def test_labels_that_do_not_fit_the_curves_are_a_sentence(folder: Path, tmp_path: Path, labels: object) -> None:
+    record = json.loads((folder / "reproduce.json").read_text()) | {"labels": labels}
+    (tmp_path / "reproduce.json").write_text(json.dumps(record))
+    (tmp_path / "traces.csv").write_text((folder / "traces.csv").read_text())
+    with pytest.raises(InputError, match="reproduce again"):
+        read_reproduction(tmp_path)
+
+
+def test_the_rigid_body_is_fitted_as_well_as_two_parameters_allow(done: Reproduction) -> None:
+    for r in done.repetitions:
+        fitted, drawn, theoretical = (
+            np.abs(r.rates[label][0] - r.data[0].rate).sum() * 1e6 for label in ("rigid_fitted", "rigid", "theoretical")
+        )
+        # added up inside the simulation and from its samples: the order of the additions differs
+        assert fitted == pytest.approx(r.rigid.cost, rel=1e-9)
+        # a fair opponent: with its stop and volume fitted it beats the theoretical chain on the fitted curve
+        assert fitted < theoretical < drawn
+        inside = (r.rigid.x - r.rigid_space.lower) / (r.rigid_space.upper - r.rigid_space.lower)
+        assert ((inside > 0.01) & (inside < 0.99)).all()
+
+
+def test_random_points_are_the_first_population(done: Reproduction) -> None:
+    first = done.repetitions[0]
+    for data, j in zip(first.data, first.random_j, strict=True):
+        objective = Objective(done.bench.injector, first.space.names, [data], done.bench.time_step)
+        np.testing.assert_array_equal(j, objective.costs(first.best.members[0]).costs)
 
 
 def test_the_method_finds_the_truth_when_the_model_contains_it() -> None:

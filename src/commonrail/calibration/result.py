@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.score import SMALL_QUANTITY, DataScore, QuantityScore, RateScore
-from commonrail.calibration.study import QuantityData, RateData
+from commonrail.calibration.study import Method, QuantityData, RateData
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.injector.definition import parameter_quantities
 
@@ -56,6 +57,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         },
         "parameters": _parameters(calibration, identified),
         "constraints": list(dict.fromkeys(study.space.rows.labels)),
+        "optimiser": _optimiser(study.method),
         "labels": {label: text for label, text in LABELS.items() if label in calibration.scores},
         "objective": {"start": _number(calibration.start_cost), "best": _number(calibration.cost)},
         "data": data_records(study.data, calibration.scores),
@@ -177,6 +179,12 @@ def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, 
             }
         )
     return records
+
+
+def _optimiser(method: Method) -> dict[str, Any]:
+    """Settings of the search, by the keys of a study file."""
+    settings = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(method.evolution).items()}
+    return {**settings, "polish": method.polish, "polish_iterations": method.polish_iterations}
 
 
 def _number(value: float) -> float | None:

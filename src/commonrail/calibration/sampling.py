@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from commonrail.calibration.constraints import LinearConstraints, Polytope, deepest_point
 from commonrail.calibration.space import Space
+from commonrail.errors import ConfigurationError
 
-__all__ = ["sample_feasible", "sample_uniform"]
+__all__ = ["reference_start", "sample_feasible", "sample_uniform"]
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -82,6 +83,22 @@ def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> FloatArra
             unit = _step(walk, unit, rng)
     x = space.from_unit(np.clip(unit, 0.0, 1.0))
     return np.where(space.satisfies(x)[:, None], x, space.centre)
+
+
+def reference_start(space: Space) -> FloatArray:
+    """Return the reference values (1, d), SI, as a member of an initial population.
+
+    Raises
+    ------
+    ConfigurationError
+        If they break a bound or a constraint.
+    """
+    reference = space.reference[None, :]
+    if not space.satisfies(reference)[0]:
+        raise ConfigurationError(
+            'the reference values break the bounds or a constraint; correct them or take initial = "feasible"'
+        )
+    return reference
 
 
 class _Walk(NamedTuple):

@@ -14,7 +14,9 @@ from commonrail.cli.output import free_run_folder
 
 __all__ = ["QUICK_SEEDS", "TRUTH", "reproduce"]
 
-SEEDS, QUICK_SEEDS = 20, 3
+# Nine is the smallest number of seeds that tells a claim from chance though one of them deviates: the 95 % interval of
+# 8 of 9 begins at 52 %, that of 7 of 8 at 47 %, and 6 of 6 (54 %) allows none.
+SEEDS, QUICK_SEEDS = 20, 9
 TRUTH = "virtual-lino-2016"
 
 
@@ -23,7 +25,9 @@ def reproduce(
     seeds: Annotated[
         int | None, typer.Option(min=1, max=1000, help=f"Repetitions, seeds 1 to N; {SEEDS} by default.")
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help=f"{QUICK_SEEDS} repetitions: a look, no statistics.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help=f"{QUICK_SEEDS} repetitions, which tell what all or all but one agree on.")
+    ] = False,
     truth: Annotated[
         str, typer.Option(metavar="TRUTH", help="Name of a truth of the bench, or a TOML file of one.")
     ] = TRUTH,

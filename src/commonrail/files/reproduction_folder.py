@@ -6,7 +6,7 @@ import csv
 import json
 import math
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,6 @@ Traces = dict[int, dict[str, dict[str, Floats]]]
 RECORD, TRACES, TRUTH = "reproduce.json", "traces.csv", "truth.toml"
 EXPERIMENT = "experiment"
 _KEYS = ("seed", "data", "time [us]")
-_COLUMNS = (EXPERIMENT, *LABELS)
 
 
 def write_reproduction(folder: Path, reproduction: Reproduction, record: Mapping[str, Any]) -> None:
@@ -41,7 +40,7 @@ def write_reproduction(folder: Path, reproduction: Reproduction, record: Mapping
         stream.write(f"# SYNTHETIC: {' '.join(reproduction.bench.truth.synthetic.split())}\n")
         stream.write("# a row is the mean rate of one sample, whose middle is the time\n")
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([*_KEYS, *(f"{column} [mm3/ms]" for column in _COLUMNS)])
+        writer.writerow([*_KEYS, *(f"{column} [mm3/ms]" for column in (EXPERIMENT, *LABELS))])
         for repetition in reproduction.repetitions:
             writer.writerows(_rows(repetition))
 
@@ -67,20 +66,22 @@ def read_reproduction(folder: Path) -> tuple[dict[str, Any], Traces]:
         If the folder was not left by ``commonrail reproduce``, or its files are broken.
     """
     try:
-        return read_record(folder / RECORD, "commonrail reproduce"), _traces(folder / TRACES)
-    except (InputError, ValueError, LookupError) as error:
+        record = read_record(folder / RECORD, "commonrail reproduce")
+        # the record's own labels: a folder of a former version has fewer models
+        return record, _traces(folder / TRACES, (EXPERIMENT, *map(str, record["labels"])))
+    except (InputError, LookupError, TypeError, ValueError) as error:
         reason = str(error).removesuffix(".")
         raise InputError(
             f"{folder}: not a whole folder of commonrail reproduce ({reason}); reproduce again."
         ) from error
 
 
-def _traces(path: Path) -> Traces:
+def _traces(path: Path, columns: Sequence[str]) -> Traces:
     lists: dict[tuple[int, str], array[float]] = {}
     rows = read_curve_rows(path)
     next(rows, None)
     for count, (line, cells) in enumerate(rows, start=1):
-        check_row(path, line, cells, len(_KEYS) + len(_COLUMNS))
+        check_row(path, line, cells, len(_KEYS) + len(columns))
         check_count(path, line, count)
         seed, data, moment, *values = cells
         found = [1e-6 * float(text) if text else math.nan for text in (moment, *values)]
@@ -89,10 +90,10 @@ def _traces(path: Path) -> Traces:
             raise InputError(f"{path}, line {line}: the file has more than the {MOST_SETS} curves that are read.")
     traces: Traces = {}
     for (number, data), found_values in lists.items():
-        traces.setdefault(number, {})[data] = _trace(found_values)
+        traces.setdefault(number, {})[data] = _trace(found_values, columns)
     return traces
 
 
-def _trace(values: array[float]) -> dict[str, Floats]:
-    columns = np.array(values).reshape(-1, 1 + len(_COLUMNS)).T
-    return dict(zip(("time_s", *_COLUMNS), columns, strict=True))
+def _trace(values: array[float], columns: Sequence[str]) -> dict[str, Floats]:
+    table = np.array(values).reshape(-1, 1 + len(columns)).T
+    return dict(zip(("time_s", *columns), table, strict=True))

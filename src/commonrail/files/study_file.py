@@ -7,8 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.arguments import file_path
-from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
+from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, InitialSampling
 from commonrail.calibration.parameter import Parameter, percent_bounds
+from commonrail.calibration.sampling import reference_start
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, QuantityData, RateData, Study
 from commonrail.engine.operating_point import Trace
@@ -80,12 +81,14 @@ def _study(file: Path) -> Study:
     time_step = parse(model.time_step, "s", str(at / "time_step"))
     with located(at / "time_step"):
         check_step(time_step)
+    data = _data(model.data, Context(injector, time_step, reach), at / "data")
+    space = _space(model.parameter, model.constraints, injector, at)
     return Study(
         model.title,
         injector,
-        _data(model.data, Context(injector, time_step, reach), at / "data"),
-        _space(model.parameter, model.constraints, injector, at),
-        _method(model.optimiser, at / "optimiser"),
+        data,
+        space,
+        _method(model.optimiser, space, at / "optimiser"),
         model.seed,
         time_step,
         text,
@@ -134,7 +137,7 @@ def _samples(data: RateData | QuantityData) -> int:
     return len(data.rate) + sum(len(c.time) for c in courses if isinstance(c, Trace))
 
 
-def _method(model: OptimiserModel, at: Place) -> Method:
+def _method(model: OptimiserModel, space: Space, at: Place) -> Method:
     given = {
         "members": model.members,
         "generations": model.generations,
@@ -146,6 +149,9 @@ def _method(model: OptimiserModel, at: Place) -> Method:
     }
     with located(at):
         settings = EvolutionSettings(**{k: v for k, v in given.items() if v is not None})  # type: ignore[arg-type]
+    if settings.initial is InitialSampling.REFERENCE:
+        with located(at / "initial"):
+            reference_start(space)
     return Method(settings, model.polish, model.polish_iterations)
 
 

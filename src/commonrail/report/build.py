@@ -126,6 +126,23 @@ def _convergence(record: Record) -> tuple[Figure, str] | None:
     return figure, figure_html(figure, "convergence")
 
 
+def _search(settings: Mapping[str, Any] | None) -> list[tuple[str, str]]:
+    """Settings of the search; none in a record of before they were kept."""
+    if settings is None:
+        return []
+    size = f"{settings['generations']} generations of {settings['members']} members"
+    polish = f"; {settings['polish']} least-squares refinements" if settings["polish"] else ""
+    first = _FIRST.get(settings["initial"], settings["initial"])
+    return [("Search", f"differential evolution, {size}; first population {first}{polish}")]
+
+
+_FIRST = {
+    "feasible": "drawn from what is feasible",
+    "uniform": "drawn from the whole box",
+    "reference": "the start values, the rest drawn from what is feasible",
+}
+
+
 def _facts(record: Record) -> list[tuple[str, str]]:
     """Numbers that say how the result came about."""
     counts: Mapping[str, Any] = record.get("evaluations", {})
@@ -137,6 +154,7 @@ def _facts(record: Record) -> list[tuple[str, str]]:
     if "injections" in counts:
         speed = f"{counts['injections']:,} injections; {speed}"
     return [
+        *_search(record.get("optimiser")),
         ("Evaluations", "; ".join(evaluations)),
         ("Simulations", speed),
         ("Time of the search", duration(clock.get("seconds"))),

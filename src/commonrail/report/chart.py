@@ -20,7 +20,8 @@ class Series:
     label : str
         Text of the legend; an empty one keeps the series out of it.
     look : str
-        "measured", "rigid", "start", "best", "mean", "paper", "level", or a dash: "solid", "dash", "dot", "dashdot".
+        "measured", "rigid", "rigid fitted", "start", "best", "mean", "paper", "level", or a dash: "solid", "dash",
+        "dot", "dashdot".
     x, y : tuple of float, same length
         None leaves a gap.
     mode : str

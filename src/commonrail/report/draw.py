@@ -22,6 +22,7 @@ FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-ser
 _LOOKS: dict[str, dict[str, Any]] = {
     "measured": {"color": "#6b7785", "width": 3.0},
     "rigid": {"color": "#b07d00", "width": 1.4, "dash": "dot"},
+    "rigid fitted": {"color": "#8f4a7d", "width": 1.4, "dash": "longdashdot"},
     "start": {"color": "#0072b2", "width": 1.6, "dash": "dash"},
     "best": {"color": "#c1272d", "width": 1.8},
     "mean": {"color": "#0072b2", "width": 1.6, "dash": "dash"},

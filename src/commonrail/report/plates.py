@@ -30,6 +30,7 @@ COLUMN, PAGE = 84.0, 174.0  # widths of print [mm]
 _LOOKS: dict[str, dict[str, Any]] = {
     "measured": {"color": "#8a949e", "linewidth": 1.8},
     "rigid": {"color": "#b07d00", "linewidth": 0.9, "linestyle": (0, (4, 1.2, 1, 1.2))},
+    "rigid fitted": {"color": "#8f4a7d", "linewidth": 0.9, "linestyle": (0, (7, 1.5, 1, 1.5))},
     "start": {"color": "#0072b2", "linewidth": 0.9, "linestyle": (0, (4, 1.5))},
     "best": {"color": "#c1272d", "linewidth": 0.9},
     "mean": {"color": "#0072b2", "linewidth": 0.9, "linestyle": (0, (4, 1.5))},
@@ -93,7 +94,7 @@ def _pairs(figures: Sequence[Figure], size: tuple[float, float]) -> Sheet:
         row[0].set_title(figure.title, fontsize=8.0, loc="left")
     for axes in grid[-1]:
         axes.set_xlabel(figures[-1].x_title)
-    sheet.legend(*_entries([grid[0, 0]]), loc="outside upper left", ncols=4)
+    sheet.legend(*_entries([grid[0, 0]]), loc="outside upper left", ncols=3)
     return sheet
 
 

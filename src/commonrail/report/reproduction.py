@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,8 @@ __all__ = ["PLATE_FOLDER", "check_reproduction", "reproduction_html", "verdicts"
 Floats = NDArray[np.float64]
 Traces = Mapping[int, Mapping[str, Mapping[str, Floats]]]
 
-SCHEMA = 1
+SCHEMAS = (1, 2)  # 1 has no rigid body that is fitted
+FEWEST = 6  # seeds that can tell a claim from chance
 PLATE_FOLDER = "figures"
 
 
@@ -33,8 +34,8 @@ def check_reproduction(record: Record, where: str) -> Record:
     InputError
         If it is not the record of a reproduction, or of another schema.
     """
-    if not isinstance(record, Mapping) or record.get("kind") != "reproduction" or record.get("schema") != SCHEMA:
-        raise InputError(f"{where}: not a reproduction that this version reads (schema {SCHEMA}); reproduce again.")
+    if not isinstance(record, Mapping) or record.get("kind") != "reproduction" or record.get("schema") not in SCHEMAS:
+        raise InputError(f"{where}: not a reproduction that this version reads (schema 1 or 2); reproduce again.")
     return record
 
 
@@ -52,6 +53,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN") -> st
         table3=tables.table3(record),
         models=[
             tables.j_table(record),
+            *tables.rigid_tables(record),
             tables.phases_table(record),
             tables.edges_table(record),
             tables.overfitting_table(record),
@@ -67,10 +69,21 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN") -> st
 
 
 def verdicts(record: Record) -> str:
-    """How many of the paper's claims hold, in one sentence."""
-    found = [claim["verdict"] for claim in record["claims"]]
+    """How many of the paper's claims hold, in one sentence; with too few seeds for that, in how many each is true."""
+    claims = record["claims"]
+    if len(record["seeds"]) < FEWEST:
+        return f"{_each(claims)} Fewer than {FEWEST} seeds cannot tell a claim from chance."
+    found = [claim["verdict"] for claim in claims]
     parts = [f"{found.count(v)} {words}" for v, words in _WORDS.items() if v in found]
     return f"Of {len(found)} claims of the paper {listed(parts)} here."
+
+
+def _each(claims: Sequence[Record]) -> str:
+    """In how many seeds the claims are true, where there are too few of them for a verdict."""
+    always = sum(claim["true_in"] == claim["of"] > 0 for claim in claims)
+    never = sum(claim["true_in"] == 0 for claim in claims)
+    counts = f"{always} are true in every seed, {never} in none, {len(claims) - always - never} in some"
+    return f"Of {len(claims)} claims of the paper {counts}."
 
 
 _WORDS = {"holds": "hold", "does not hold": "do not hold", "cannot be told": "cannot be told"}
@@ -83,6 +96,7 @@ def _claim(claim: Record) -> dict[str, str]:
         "sign": tables.SIGNS[claim["verdict"]],
         "share": f"{claim['true_in']} of {claim['of']} seeds",
         "interval": f"{percent(low, 0)}–{percent(high, 0)} %",
+        "chance": "" if claim.get("chance") is None else f"{percent(claim['chance'], 0)} %",
     }
 
 
@@ -93,7 +107,7 @@ def _height(index: int) -> int:
 
 def _commands(record: Record, folder: str) -> list[tuple[str, str]]:
     run = shlex.quote(folder)
-    options = "--quick" if record["quick"] else f"--seeds {record['asked']}"
+    options = f"--seeds {record['asked']}"
     return [
         ("Reproduce again, with the same truth", f"commonrail reproduce {options} --truth {run}/truth.toml"),
         ("Change the truth", "commonrail virtual-bench --show > my-truth.toml"),

@@ -17,7 +17,7 @@ __all__ = ["convergence", "rates", "search_boxes"]
 Floats = NDArray[np.float64]
 
 # Labels of the record that the paper's Fig. 6 shows, with their looks.
-SHOWN = {"rigid": "rigid", "theoretical": "start", "optimised": "best"}
+SHOWN = {"rigid": "rigid", "rigid_fitted": "rigid fitted", "theoretical": "start", "optimised": "best"}
 BOX = ("minimum", "q1", "median", "q3", "maximum")
 
 
@@ -77,8 +77,9 @@ def _rate(record: Record, data: Record, trace: Mapping[str, Floats]) -> Figure:
     experiment = trace["experiment"]
     texts = record["labels"]
     curves = [Series("synthetic experiment", "measured", time, _points(experiment * MM3_PER_MS))]
-    curves += [Series(texts[k], look, time, _points(trace[k] * MM3_PER_MS)) for k, look in SHOWN.items()]
-    errors = [Series("", look, time, _points((trace[k] - experiment) * MM3_PER_MS)) for k, look in SHOWN.items()]
+    shown = [(k, look) for k, look in SHOWN.items() if k in texts]  # a former version fitted no rigid body
+    curves += [Series(texts[k], look, time, _points(trace[k] * MM3_PER_MS)) for k, look in shown]
+    errors = [Series("", look, time, _points((trace[k] - experiment) * MM3_PER_MS)) for k, look in shown]
     return Figure(
         f"Rate of injection at {data['name']} ({data['role']}) (Fig. 6)",
         f"Energising time {data['energising_time'] * MICROSECOND:.0f} µs, seed {record['shown_seed']}; below, "

@@ -15,6 +15,7 @@ __all__ = [
     "j_table",
     "overfitting_table",
     "phases_table",
+    "rigid_tables",
     "table1",
     "table3",
     "treatments_table",
@@ -88,6 +89,23 @@ def j_table(record: Record) -> Table:
     rows = [(d["name"], d["role"], *(_spread(spreads[d["name"]][k], 4) for k in labels)) for d in record["data"]]
     note = "The paper's optimal k are those of its Table 1, put into the fitted model, not those of a fit."
     return Table("J of the models, mm³/ms", ("data", "role", *labels.values()), _cells(rows), note, 2)
+
+
+def rigid_tables(record: Record) -> list[Table]:
+    """Stop and control volume of the rigid body that is fitted; none in a record of before it was."""
+    rows = []
+    for p in record.get("rigid_fit", ()):
+        scale, unit = _SCALES[p["unit"]]
+        drawing, lower, upper = (significant(p[key], 4, scale) for key in ("drawing", "lower", "upper"))
+        rows.append((f"{p['meaning']}, {unit}", drawing, f"{lower} to {upper}", _spread(p, 3, scale)))
+    note = (
+        "Fitted at 160 MPa, as k1…k7 are, because the paper does not say how its rigid body was set up; its J is above."
+    )
+    columns = ("", "drawing", "searched", "fitted: median (quartiles)")
+    return [Table("The rigid body that is fitted", columns, _cells(rows), note)] if rows else []
+
+
+_SCALES = {"m": (1e6, "µm"), "m3": (1e9, "mm³")}
 
 
 def phases_table(record: Record) -> Table:

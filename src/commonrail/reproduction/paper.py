@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
 from commonrail.calibration.optimisers import EvolutionSettings, InitialSampling, Treatment
 from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.space import Space
-from commonrail.injector.definition import Injector, Source
+from commonrail.injector.definition import Injector, Source, parameter_quantities
 
 __all__ = [
     "BEST",
@@ -17,12 +17,15 @@ __all__ = [
     "FIT",
     "NAMES",
     "RAIL_PRESSURES",
+    "RIGID_FIT",
     "TABLE1_OPTIMAL",
+    "TABLE1_THEORETICAL",
     "TABLE3",
     "TREATMENTS",
     "VALIDATION",
     "Configuration",
     "TreatmentCase",
+    "rigid_space",
     "space",
 ]
 
@@ -34,7 +37,8 @@ ENERGISING_TIME = 700e-6
 
 NAMES = tuple(f"plunger_needle.k{i}" for i in range(1, 8))
 
-# Table 1, "optimal" [N/m]; "theoretical" are the injector's own values.
+# Table 1 [N/m]. A search starts from the injector's own values, which are these in `virtual-lino-2016`.
+TABLE1_THEORETICAL = dict(zip(NAMES, (1.22e8, 8.08e7, 8.21e7, 9.44e7, 9.43e7, 1.86e8, 5.82e7), strict=True))
 TABLE1_OPTIMAL = PAPER_OPTIMUM
 
 # Eq. (14), (15).
@@ -100,17 +104,45 @@ TREATMENTS = (
         InitialSampling.UNIFORM,
     ),
     TreatmentCase("resample", "feasible start, redrawn, then repair", Treatment.RESAMPLE, InitialSampling.FEASIBLE),
+    TreatmentCase(
+        "reference", "feasible start with the theoretical values, repair", Treatment.REPAIR, InitialSampling.REFERENCE
+    ),
 )
+
+# The paper does not say how its rigid body was set up. A fair one is fitted, too: the two dimensions that decide how
+# far and how fast a rigid body moves, from a tenth to ten times the drawing's, far beyond where any search has ended.
+RIGID_NAMES = ("plunger_needle.stop_lift", "control_chamber.volume")
+RIGID_RANGE = 10.0
+RIGID_FIT = EvolutionSettings(30, 40)
 
 
 def space(injector: Injector) -> Space:
     """The search space of Eq. (14) to (16) around the theoretical stiffness of an injector."""
-    parameters = []
-    for name in NAMES:
-        reference = injector.values[name]
-        source = injector.sources.get(name, Source("E", "no source stated"))
-        lower, upper = percent_bounds(reference, BELOW, ABOVE, name)
-        parameters.append(
-            Parameter(name, reference, lower, upper, "N/m", mark=source.mark, source=source.text)  # type: ignore[arg-type]
-        )
+    parameters = [
+        _parameter(injector, name, percent_bounds(injector.values[name], BELOW, ABOVE, name)) for name in NAMES
+    ]
     return Space(parameters, [ORDER])
+
+
+def rigid_space(injector: Injector) -> Space:
+    """The search space of the rigid body's stop and control volume, around those of an injector."""
+    own = {name: injector.values[name] for name in RIGID_NAMES}
+    bounds = {name: (value / RIGID_RANGE, value * RIGID_RANGE) for name, value in own.items()}
+    return Space([_parameter(injector, name, bounds[name], "log") for name in RIGID_NAMES])
+
+
+def _parameter(
+    injector: Injector, name: str, bounds: tuple[float, float], scale: Literal["linear", "log"] = "linear"
+) -> Parameter:
+    """A free parameter with the injector's own value, unit, mark and source."""
+    source = injector.sources.get(name, Source("E", "no source stated"))
+    unit = parameter_quantities()[name].unit
+    return Parameter(
+        name,
+        injector.values[name],
+        *bounds,
+        unit,
+        mark=source.mark,  # type: ignore[arg-type]  # a mark of the injector is one
+        source=source.text,
+        scale=scale,
+    )

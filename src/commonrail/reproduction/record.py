@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonrail.calibration.checkpoint import Generation
+from commonrail.injector.definition import parameter_quantities
 from commonrail.reproduction import paper
 from commonrail.reproduction.claims import claims
 from commonrail.reproduction.figures import Figures
@@ -24,7 +25,7 @@ __all__ = ["SCHEMA", "reproduction_record"]
 
 Floats = NDArray[np.float64]
 
-SCHEMA = 1
+SCHEMA = 2  # 2: a rigid body that is fitted, shares of random points beside the claims
 MEAN = "mean"
 
 
@@ -58,6 +59,7 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
         "J": {name: {label: _numbers(j) for label, j in models.items()} for name, models in f.j.items()},
         "J_spread": {name: {label: _spread(j) for label, j in models.items()} for name, models in f.j.items()},
         "table1": _table1(f),
+        "rigid_fit": _rigid_fit(f),
         "table3": [_configuration(f, c) for c in paper.CONFIGURATIONS],
         "treatments": [_treatment(f, t) for t in paper.TREATMENTS],
         "convergence": _convergence(f),
@@ -109,6 +111,24 @@ def _table1(f: Figures) -> list[dict[str, Any]]:
             }
         )
     return rows
+
+
+def _rigid_fit(f: Figures) -> list[dict[str, Any]]:
+    """Stop and control volume of the rigid body fitted at 160 MPa."""
+    values = np.array([r.rigid.x for r in f.repetitions])
+    return [
+        {
+            "name": p.name,
+            "unit": p.unit,
+            "meaning": parameter_quantities()[p.name].meaning,
+            "drawing": p.reference,
+            "lower": p.lower,
+            "upper": p.upper,
+            "values": _numbers(values[:, i]),
+            **_spread(values[:, i]),
+        }
+        for i, p in enumerate(f.rigid_space.parameters)
+    ]
 
 
 def _configuration(f: Figures, c: Configuration) -> dict[str, Any]:

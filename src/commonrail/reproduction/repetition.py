@@ -30,6 +30,7 @@ Floats = NDArray[np.float64]
 # Models that are set beside the experiment.
 LABELS = {
     "rigid": "rigid body",
+    "rigid_fitted": "rigid body, stop and control volume fitted",
     "theoretical": "theoretical",
     "paper": "paper's optimal k",
     "optimised": "optimised",
@@ -50,14 +51,14 @@ class Found:
 
     Attributes
     ----------
-    x : (7,)
-        Best stiffness [N/m].
+    x : (d,)
+        Best values of the d free parameters, the stiffness k1…k7 but for the rigid body [SI].
     cost : float
         Its J; +inf if no simulation succeeded.
     counts : Counts
     history : tuple of Generation
-    members : (generations + 1, members, 7)
-        The population after every generation [N/m].
+    members : (generations + 1, members, d)
+        The population after every generation [SI].
     injections : int
         Simulated.
     """
@@ -79,8 +80,8 @@ class Repetition:
     seed : int
     data : tuple of RateData
         The measurement at 160, 120 and 80 MPa.
-    space : Space
-        Bounds and ordering of k1…k7.
+    space, rigid_space : Space
+        Bounds and ordering of k1…k7; bounds of the rigid body's stop and control volume.
     rates : dict of str to (3, samples) array
         Simulated rate of injection [m³/s] by label of `LABELS`, in the order of `data`; NaN if the simulation failed.
     best : Found
@@ -90,6 +91,10 @@ class Repetition:
     treatments : dict of str to Found
     own : dict of str to Found
         Searches (70, 50) on each of the validation curves.
+    rigid : Found
+        Stop and control volume of a rigid body, fitted at 160 MPa.
+    random_j : (3, members) array
+        J at all pressures of random feasible stiffness: of the best search's first population.
     identified : dict
         What the curve at 160 MPa says of each stiffness, see `identify_at`.
     """
@@ -97,11 +102,14 @@ class Repetition:
     seed: int
     data: tuple[RateData, ...]
     space: Space
+    rigid_space: Space
     rates: dict[str, Floats]
     best: Found
     table3: dict[Configuration, tuple[Found, Floats]]
     treatments: dict[str, Found]
     own: dict[str, Found]
+    rigid: Found
+    random_j: Floats
     identified: dict[str, dict[str, Any]]
 
     @property
@@ -112,13 +120,14 @@ class Repetition:
                 yield found
         yield from self.treatments.values()  # with (70, 50)
         yield from self.own.values()
+        yield self.rigid
 
 
 def generations_of_one() -> int:
     """Generations that one repetition runs, initial populations included."""
     table3 = sum(c.generations + 1 for c in paper.CONFIGURATIONS)
     others = len(paper.TREATMENTS) - 1 + len(paper.VALIDATION)
-    return table3 + others * (paper.BEST.generations + 1)
+    return table3 + others * (paper.BEST.generations + 1) + paper.RIGID_FIT.generations + 1
 
 
 def repeat(bench: Bench, seed: int, after: Callable[[], None]) -> Repetition:
@@ -147,15 +156,19 @@ def repeat(bench: Bench, seed: int, after: Callable[[], None]) -> Repetition:
     }
     treatments = {t.name: run.search(fit, t.settings, seed) for t in paper.TREATMENTS[1:]}
     own = {d.name: run.search(d, paper.BEST.settings, seed) for d in data[1:]}
+    rigid = run.search(fit, paper.RIGID_FIT, seed, run.rigid)
     return Repetition(
         seed,
         data,
         run.space,
-        run.model_rates(best.x),
+        run.rigid.space,
+        run.model_rates(best.x, rigid.x),
         best,
-        {c: (found, run.costs(found.x)) for c, found in configurations.items()},
+        {c: (found, run.costs(found.x[None, :])[:, 0]) for c, found in configurations.items()},
         {paper.TREATMENTS[0].name: best, **treatments},
         own,
+        rigid,
+        run.costs(best.members[0]),
         identify_at(run.space, run.objective(fit), best.x) if np.isfinite(best.cost) else {},
     )
 
@@ -180,26 +193,47 @@ def search(bench: Bench, data: RateData, settings: EvolutionSettings, seed: int 
     return _Searches(bench, (data,), lambda: None).search(data, settings, seed)
 
 
+class _Model(NamedTuple):
+    """What is searched: free parameters, and how plunger and needle move."""
+
+    space: Space
+    body: Body
+
+
 class _Searches:
     """Searches and simulations of one repetition; on one thread, because repetitions run side by side."""
 
     def __init__(self, bench: Bench, data: tuple[RateData, ...], after: Callable[[], None]) -> None:
         self.bench, self.data, self.after = bench, data, after
-        self.space = paper.space(bench.injector)
+        self.flexible = _Model(paper.space(bench.injector), Body.FLEXIBLE)
+        self.rigid = _Model(paper.rigid_space(bench.injector), Body.RIGID)
 
-    def objective(self, data: RateData, body: Body = Body.FLEXIBLE) -> Objective:
-        """Objective of one curve."""
+    @property
+    def space(self) -> Space:
+        """Bounds and ordering of k1…k7."""
+        return self.flexible.space
+
+    def objective(self, data: RateData, model: _Model | None = None) -> Objective:
+        """Objective of one curve, of the flexible model unless another is given."""
+        space, body = model or self.flexible
         injector = self.bench.injector
         injector = replace(injector, variant=injector.variant._replace(body=body))
-        return Objective(injector, self.space.names, [data], self.bench.time_step, threads=1)
+        return Objective(injector, space.names, [data], self.bench.time_step, threads=1)
 
-    def search(self, data: RateData, settings: EvolutionSettings, seed: int | tuple[int, ...]) -> Found:
+    def search(
+        self,
+        data: RateData,
+        settings: EvolutionSettings,
+        seed: int | tuple[int, ...],
+        model: _Model | None = None,
+    ) -> Found:
         """Differential evolution on one curve."""
-        optimiser = DifferentialEvolution(self.space, np.random.default_rng(seed), settings)
+        model = model or self.flexible
+        optimiser = DifferentialEvolution(model.space, np.random.default_rng(seed), settings)
         history: list[Generation] = []
         members: list[Floats] = []
         injections = 0
-        for trials in generations(optimiser, self.objective(data)):
+        for trials in generations(optimiser, self.objective(data, model)):
             injections += trials.simulations
             history.append(Generation.of(len(history), optimiser))
             members.append(optimiser.population)
@@ -208,18 +242,21 @@ class _Searches:
         return Found(best.x, best.cost, optimiser.counts, tuple(history), np.array(members), injections)
 
     def costs(self, x: Floats) -> Floats:
-        """J of a stiffness at all pressures (3,)."""
-        return np.array([self.objective(d).curve_costs(x[None, :])[0, 0] for d in self.data])
+        """J of stiffness (n, 7) at all pressures (3, n)."""
+        return np.array([self.objective(d).curve_costs(x)[:, 0] for d in self.data])
 
-    def model_rates(self, best: Floats) -> dict[str, Floats]:
-        """Rates of the models of `LABELS` at all pressures."""
+    def model_rates(self, best: Floats, fitted: Floats) -> dict[str, Floats]:
+        """Rates of the models of `LABELS` at all pressures, given the best stiffness and the rigid body's best."""
         theoretical = self.space.reference
         optimal = np.array([paper.TABLE1_OPTIMAL[name] for name in self.space.names])
-        flexible = {"theoretical": theoretical, "paper": optimal, "optimised": best}
-        rates = {"rigid": np.array([self._rates(d, theoretical, Body.RIGID) for d in self.data])}
-        return rates | {
-            label: np.array([self._rates(d, x, Body.FLEXIBLE) for d in self.data]) for label, x in flexible.items()
+        models = {
+            "rigid": (self.rigid, self.rigid.space.reference),
+            "rigid_fitted": (self.rigid, fitted),
+            "theoretical": (self.flexible, theoretical),
+            "paper": (self.flexible, optimal),
+            "optimised": (self.flexible, best),
         }
-
-    def _rates(self, data: RateData, x: Floats, body: Body) -> Floats:
-        return np.asarray(self.objective(data, body).rates(data, x[None, :])[0])
+        return {
+            label: np.array([self.objective(d, model).rates(d, x[None, :])[0] for d in self.data])
+            for label, (model, x) in models.items()
+        }

@@ -16,7 +16,7 @@ from commonrail.calibration.optimisers.evolution_settings import (
 )
 from commonrail.calibration.optimisers.operators import crossover, draw, mutate
 from commonrail.calibration.optimisers.treatments import Treated, treat, wins
-from commonrail.calibration.sampling import sample_feasible, sample_uniform
+from commonrail.calibration.sampling import reference_start, sample_feasible, sample_uniform
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError, StudyError
 
@@ -42,12 +42,14 @@ class DifferentialEvolution:
     settings : EvolutionSettings, optional
         The defaults are the paper's.
     start : (k, d) array, optional
-        Points, SI, that take the place of the first k <= members draws of the initial population.
+        Points, SI, that take the place of the first k <= members draws of the initial population; by default the
+        reference values of the space if the settings' `initial` says so, otherwise none.
 
     Raises
     ------
     ConfigurationError
-        If a point of `start` does not satisfy the space, or there are too many.
+        If a point of `start`, or the reference where it is to start, does not satisfy the space; or if there are too
+        many.
     """
 
     def __init__(
@@ -60,6 +62,8 @@ class DifferentialEvolution:
         self.space = space
         self.settings = settings or EvolutionSettings()
         self._rng = rng
+        if start is None and self.settings.initial is InitialSampling.REFERENCE:
+            start = reference_start(space)
         self._start = _check_start(space, start, self.settings.members)
         self._generation = 0
         self._unit = np.empty((0, space.dimension))
@@ -154,8 +158,8 @@ class DifferentialEvolution:
     def _first(self) -> Treated:
         """The initial population, treated from the centre of the space."""
         n, d = self.settings.members, self.space.dimension
-        feasible = self.settings.initial == InitialSampling.FEASIBLE
-        sample = (sample_feasible if feasible else sample_uniform)(self.space, n, self._rng)
+        uniform = self.settings.initial == InitialSampling.UNIFORM
+        sample = (sample_uniform if uniform else sample_feasible)(self.space, n, self._rng)
         sample[: len(self._start)] = self._start
         centre = np.tile(self.space.to_unit(self.space.centre), (n, 1))
 

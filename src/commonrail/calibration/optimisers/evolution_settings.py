@@ -26,6 +26,9 @@ class InitialSampling(StrEnum):
     UNIFORM = "uniform"
     """Uniformly in the bounds, Eq. (17), then treated as trials are."""
 
+    REFERENCE = "reference"
+    """As FEASIBLE, with the reference values (the paper's theoretical ones) in place of the first draw."""
+
 
 @dataclass(frozen=True)
 class EvolutionSettings:
