@@ -93,7 +93,7 @@ def test_the_folder_is_read_back(done: Reproduction, folder: Path) -> None:
 def test_the_method_finds_the_truth_when_the_model_contains_it() -> None:
     ideal = bench("virtual-lino-2016-ideal")
     fit = measure(ideal, 1)[0]
-    costs = [search(ideal, fit, paper.BEST.settings, seed).cost for seed in range(1, 11)]
+    costs = [search(ideal, fit, paper.BEST.settings, seed).cost for seed in range(1, 6)]
     space = paper.space(ideal.injector)
     start = Objective(ideal.injector, space.names, [fit], ideal.time_step).costs(space.reference[None, :]).costs[0]
     assert np.median(costs) < 0.01 * start
@@ -104,10 +104,9 @@ def test_ctrl_c_keeps_complete_repetitions(short: Bench) -> None:
         if p.done:
             _ask(2, None)
 
-    # more than one is done before this is asked if a machine has much other work
-    stopped = reproduce(short, (1, 2, 3, 4, 5), threads=1, progress=stop)
+    stopped = reproduce(short, (1, 2, 3), threads=1, progress=stop)
     assert stopped.status == "interrupted"
-    assert 1 <= len(stopped.repetitions) < 5
+    assert 1 <= len(stopped.repetitions) < 3
     assert reproduction_record(stopped)["seeds"] == [r.seed for r in stopped.repetitions]
 
 
