@@ -10,16 +10,33 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint verify fuzz soak fleet disk bench clean
+.PHONY: help demo test test-generic test-busy test-lowest lint verify fuzz soak fleet disk bench clean
+
+# Two processes; one that has nothing left to do takes over tests of the other, so that fixtures are seldom made twice.
+TESTS := -m pytest -q -n 2 --dist worksteal tests
+LOWEST := .venv-lowest
+PYTHON_LOWEST ?= python3.11
 
 help: ## show this list
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST)
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 24
 
 demo: $(VENV)/.runtime ## calibrate the sample injector and write a report to demo/
 	$(BIN)/python -m commonrail.cli.demo --out demo
 
 test: lint ## lint, check types and imports, run the tests
-	$(BIN)/python -m pytest -q -n 2 tests
+	$(BIN)/python $(TESTS)
+
+test-generic: $(VENV)/.dev ## run the tests with kernels for any x86-64 processor, without wide registers
+	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= $(BIN)/python $(TESTS)
+
+test-busy: $(VENV)/.dev ## run the tests beside six processes that keep the machine busy
+	$(BIN)/python tools/busy.py 6 $(BIN)/python $(TESTS)
+
+test-lowest: ## run the tests with the lowest versions that pyproject.toml admits, on Python 3.11
+	$(PYTHON_LOWEST) -m venv --clear $(LOWEST)
+	$(PYTHON_LOWEST) tools/lowest.py > $(LOWEST)/lowest.txt
+	$(LOWEST)/bin/python -m pip install -q -c $(LOWEST)/lowest.txt -e '.[dev]'
+	$(LOWEST)/bin/python $(TESTS)
 
 lint: $(VENV)/.dev ## format, lint, types, direction of imports
 	$(BIN)/ruff check
@@ -49,7 +66,7 @@ bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results
 	$(BIN)/python -m benchmarks.plot benchmarks/results.json docs/images
 
 clean: ## remove the environment, caches and build products
-	rm -rf $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis \
+	rm -rf $(VENV) $(LOWEST) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis \
 	    .import_linter_cache
 	find src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 

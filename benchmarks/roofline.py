@@ -19,7 +19,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 import numba
@@ -76,7 +76,12 @@ def port_bound(block: list[str]) -> float | None:
         return None
     command = [tool, "-mtriple=x86_64", "-mcpu=native", "-iterations=10", "-all-stats=false"]
     done = subprocess.run(command, input="\n".join(block), capture_output=True, text=True, check=False)
-    found = re.search(r"Block RThroughput:\s*([0-9.]+)", done.stdout)
+    return reciprocal_throughput(done.stdout)
+
+
+def reciprocal_throughput(report: str) -> float | None:
+    """Cycles of a block of instructions according to a report of llvm-mca; None if it states none."""
+    found = re.search(r"Block RThroughput:\s*([0-9.]+)", report)
     return float(found.group(1)) if found else None
 
 
@@ -104,13 +109,17 @@ def _in_line(place: re.Match[str]) -> str:
     return f"{int(place[1] or 0) & ~63}({'%rdx' if place[2] == '%rsp' else '%rsi'})"
 
 
+def repeated(block: list[str]) -> str:
+    """LLVM module with a function ``march(count, read, written)`` that repeats a step without waiting `count` times."""
+    ones = [f"vbroadcastsd (%rsi), %zmm{register}" for register in (30, 31)]
+    lines = ["march:", *ones, "1:", *without_waiting(block), "dec %rdi", "jnz 1b", "vzeroupper", "ret"]
+    return "\n".join(f'module asm "{line}"' for line in [".globl march", *lines])
+
+
 def measured_bound(block: list[str]) -> float | None:
     """Seconds of a step none of whose instructions waits for another; None without registers of 512 bits."""
     if not llvm.get_host_cpu_features().get("avx512vl", False):
         return None
-    ones = [f"vbroadcastsd (%rsi), %zmm{register}" for register in (30, 31)]
-    lines = ["march:", *ones, "1:", *without_waiting(block), "dec %rdi", "jnz 1b", "vzeroupper", "ret"]
-    text = "\n".join(f'module asm "{line}"' for line in [".globl march", *lines])
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     llvm.initialize_native_asmparser()
@@ -118,7 +127,7 @@ def measured_bound(block: list[str]) -> float | None:
         cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), jit=True
     )
     try:
-        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(text), machine)
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(repeated(block)), machine)
         engine.finalize_object()
         found = engine.get_function_address("march")
     except RuntimeError:
@@ -152,8 +161,43 @@ def _best(action: Callable[[], Any], runs: int) -> float:
     return time_best(action, Effort(runs, float("inf"))).seconds
 
 
+class Times(NamedTuple):
+    """What was measured of a step: seconds of the run, of a step without waiting (None: not measured), clock [Hz]."""
+
+    run: float
+    without_waiting: float | None
+    clock: float
+
+
+def figures(block: list[str], steps: int, times: Times, bound: float | None) -> dict[str, Any]:
+    """Return what a step is made of, its bounds, and the cycles that it takes.
+
+    Parameters
+    ----------
+    block : list of str
+        Instructions of the step.
+    steps : int
+        Steps of the run, of one block of lanes each.
+    times : Times
+    bound : float or None
+        Cycles of a step according to llvm-mca.
+    """
+    cycles = times.run * times.clock / steps
+    least = None if times.without_waiting is None else times.without_waiting * times.clock
+    return {
+        "instructions": len(block),
+        **counts(block),
+        "cycles_a_step": cycles,
+        "bound_cycles": bound,
+        "share_of_bound": None if bound is None else bound / cycles,
+        "cycles_without_waiting": least,
+        "share_of_measured_bound": None if least is None else least / cycles,
+        "gigahertz": times.clock / 1e9,
+    }
+
+
 def measure(precision: lanes.Precision) -> dict[str, Any]:
-    """The step of one precision: what it is made of, its bound, and the cycles that it takes."""
+    """The step of one precision, measured on this machine."""
     variant = injector().variant
     vector = lanes.VECTORS[precision]
     values = candidates(8 * vector.lanes)
@@ -166,20 +210,11 @@ def measure(precision: lanes.Precision) -> dict[str, Any]:
     with compiler_choices():  # the machine code is made once more
         kernel: Any = lanes.compiled(variant, precision)
         block = step_block(next(iter(kernel.compiled.inspect_asm().values())))
-    cycles = seconds * hertz / (8 * steps)
-    bound, least = port_bound(block), measured_bound(block)
-    least = None if least is None else least * hertz
+    times = Times(seconds, measured_bound(block), hertz)
     return {
         "precision": precision.value,
         "lanes": vector.lanes,
-        "instructions": len(block),
-        **counts(block),
-        "cycles_a_step": cycles,
-        "bound_cycles": bound,
-        "share_of_bound": None if bound is None else bound / cycles,
-        "cycles_without_waiting": least,
-        "share_of_measured_bound": None if least is None else least / cycles,
-        "gigahertz": hertz / 1e9,
+        **figures(block, 8 * steps, times, port_bound(block)),
         "simulations_per_second_and_core": len(values) / seconds,
     }
 

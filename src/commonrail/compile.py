@@ -245,7 +245,7 @@ def compiler_choices() -> Iterator[None]:
     """
     import llvmlite.binding as llvm
 
-    plenty = llvm.get_host_cpu_features().get("avx512vl", False)
+    plenty = has_registers_of_512_bits()
     if plenty:
         llvm.set_option("", "-enable-misched=0")
         llvm.set_option("", "-pre-RA-sched=list-ilp")
@@ -255,6 +255,19 @@ def compiler_choices() -> Iterator[None]:
         if plenty:
             llvm.set_option("", "-enable-misched=1")
             llvm.set_option("", "-pre-RA-sched=default")
+
+
+def has_registers_of_512_bits() -> bool:
+    """Return whether the processor that is compiled for has 32 vector registers of 512 bits.
+
+    It is this machine's unless Numba is told of other features, by ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES``.
+    """
+    import llvmlite.binding as llvm
+
+    named = numba.config.CPU_FEATURES
+    if named is None:
+        return bool(llvm.get_host_cpu_features().get("avx512vl", False))
+    return "+avx512vl" in named.split(",")
 
 
 @functools.cache

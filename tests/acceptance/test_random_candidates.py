@@ -16,7 +16,7 @@ from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter
 from commonrail.injector.variants import Boundary
 from commonrail.parts.furniture import Domain
 
-BATCH = 2000
+BATCH = 1000
 RAILS = (1e6, 250e6)  # [Pa]
 FACTORS = (0.1, 10.0)  # of every parameter that is not zero
 
@@ -58,7 +58,7 @@ def sweep(count: int) -> None:
 
 
 def test_random_candidates_end_with_figures_or_a_name() -> None:
-    sweep(12_000)
+    sweep(6_000)
 
 
 @pytest.mark.slow

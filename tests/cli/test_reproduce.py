@@ -10,6 +10,7 @@ from scipy.stats import binomtest
 from commonrail.cli.reproduce import QUICK_SEEDS
 from commonrail.files.truth_file import load_truth
 from tests.cli.conftest import Command, Done, run_command
+from tests.reproduction.conftest import shorten
 
 
 @pytest.fixture(scope="module")
@@ -19,8 +20,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def done(run: Path) -> Done:
-    """One repetition of everything."""
-    return run_command("reproduce", "--seeds", "1", "--out", run, "--json")
+    """One repetition of everything, with short searches."""
+    with pytest.MonkeyPatch.context() as patch:
+        shorten(patch)
+        return run_command("reproduce", "--seeds", "1", "--out", run, "--json")
 
 
 def test_the_whole_study_runs_and_leaves_its_folder(done: Done, run: Path) -> None:

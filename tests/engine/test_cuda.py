@@ -98,12 +98,14 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]
 ROUNDING = 1e-11
 
 
+@pytest.mark.process
 def test_rates_are_those_of_the_lanes(simulated: dict[str, np.ndarray], regulated: Injector) -> None:
     own = simulate(regulated, POINTS[0]).mass_rate
     assert own.max() > 0.01  # [kg/s]: it injects
     assert np.abs(simulated["rate"] - own).sum() / own.sum() < ROUNDING
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(("kind", "compared"), [("whole", misfit()), ("until_closed", None)])
 def test_figures_are_those_of_the_lanes(
     simulated: dict[str, np.ndarray], regulated: Injector, kind: str, compared: Misfit | None
@@ -115,6 +117,7 @@ def test_figures_are_those_of_the_lanes(
     np.testing.assert_allclose(simulated[kind], own, rtol=ROUNDING, atol=1e-18)
 
 
+@pytest.mark.process
 def test_single_precision_comes_near(simulated: dict[str, np.ndarray], regulated: Injector) -> None:
     values = candidates(regulated)
     own = table(simulate_batch(regulated, POINTS[:1], NAMES, values, misfit=first(misfit()), precision="f32"))
@@ -122,6 +125,7 @@ def test_single_precision_comes_near(simulated: dict[str, np.ndarray], regulated
     np.testing.assert_allclose(simulated["single"], own, rtol=2e-4)
 
 
+@pytest.mark.process
 def test_parts_do_not_change_a_bit(simulated: dict[str, np.ndarray]) -> None:
     assert len(np.unique(simulated["parts"][1])) == 69  # a whole launch of 64 threads and a smaller one
     np.testing.assert_array_equal(simulated["parts"], simulated["together"])

@@ -1,20 +1,17 @@
-"""Single precision: as the double one but for rounding, packed, and without a trace on the thread that it ran on."""
+"""Single precision: as the double one but for rounding, and without a trace on the thread that it ran on."""
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
-import llvmlite.binding as llvm
 import numba
 import numpy as np
 import pytest
 
 from commonrail import compile as laws
 from commonrail.analysis.verification import difference
-from commonrail.engine import lanes
 from commonrail.engine.lanes import Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, simulate_batch
@@ -95,51 +92,6 @@ def test_an_unknown_precision_is_refused(regulated: Injector) -> None:
         simulate_batch(regulated, POINTS, precision="f16")
     with pytest.raises(ConfigurationError, match="f64 alone"):
         simulate(regulated, POINTS[0], "reference", precision="f32")
-
-
-def innermost_loop(assembly: str) -> str:
-    """The shortest stretch between a label and a jump back to it that holds a packed root."""
-    lines = assembly.splitlines()
-    labels = {line.split(":")[0]: i for i, line in enumerate(lines) if re.match(r"\.?\w+:", line)}
-    root = re.compile(r"\bv(rsqrt14|sqrt)p[sd]\b")
-    found = []
-    for i, line in enumerate(lines):
-        jump = re.match(r"\s+j\w+\s+(\.?\w+)", line)
-        start = labels.get(jump.group(1), i) if jump else i
-        if start < i and any(map(root.search, lines[start:i])):
-            found.append(lines[start:i])
-    return "\n".join(min(found, key=len))
-
-
-def packed(loop: str, suffix: str) -> int:
-    """Arithmetic instructions on whole vectors of doubles (pd) or singles (ps)."""
-    name = rf"\bv(add|sub|mul|div|sqrt|rsqrt14|rcp14|min|max|fn?m(add|sub)\d+){suffix}\b"
-    return len(re.findall(name, loop))
-
-
-def scalar(loop: str) -> int:
-    return len(re.findall(r"\bv(div|sqrt|rsqrt14|rcp14)s[sd]\b", loop))
-
-
-@compiled
-@pytest.mark.skipif(
-    not llvm.get_host_cpu_features().get("avx2", False), reason="this machine has no AVX2: no wide registers"
-)
-@pytest.mark.parametrize(("precision", "own", "other"), [(Precision.F64, "pd", "ps"), (Precision.F32, "ps", "pd")])
-def test_the_step_is_packed_in_its_own_precision(
-    regulated: Injector, monkeypatch: pytest.MonkeyPatch, precision: Precision, own: str, other: str
-) -> None:
-    """One constant or law left in double would draw its neighbours along: right figures at half the speed."""
-    monkeypatch.setattr(laws, "cache_folder", lambda: None)  # what comes from the cache has no text
-    run = lanes.compiled.__wrapped__(regulated.variant, precision)
-    monkeypatch.setattr(lanes, "compiled", lambda *_: run)
-    simulate_batch(regulated, POINTS, K, stiffnesses(regulated, 2), threads=1, precision=precision)
-    (text,) = run.compiled.inspect_asm().values()
-    loop = innermost_loop(text)
-    print(precision.value, "packed:", packed(loop, own), "of the other precision:", packed(loop, other))
-    assert packed(loop, own) > 300  # some 400 products and sums make a step
-    assert packed(loop, other) == 0
-    assert scalar(loop) <= 2  # the width of a sample, once for all lanes
 
 
 @numba.njit

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from commonrail.engine.threads import side_by_side
+from tests.waiting import PATIENCE, wait_until
 
 
 def threads_of(items: Sequence[int]) -> dict[int, threading.Thread]:
     """Which thread took which item; nobody goes on before all have begun."""
     taken: dict[int, threading.Thread] = {}
-    together = threading.Barrier(len(items), timeout=30.0)
+    together = threading.Barrier(len(items), timeout=PATIENCE)
 
     def work(item: int) -> None:
         taken[item] = threading.current_thread()
@@ -46,11 +47,8 @@ def test_what_was_worked_on_is_let_go() -> None:
     kept = weakref.ref(array)
     side_by_side(lambda item, given=array: given.sum(), range(2))  # type: ignore[misc]
     del array
-    for _ in range(1000):  # the other thread has told that it is done a moment before it lets go
-        if kept() is None:
-            break
-        time.sleep(0.01)
-    assert kept() is None
+    # the other thread has told that it is done a moment before it lets go
+    wait_until(lambda: kept() is None, "the other thread let go")
 
 
 def test_an_error_is_raised_once_all_have_ended() -> None:
@@ -58,7 +56,7 @@ def test_an_error_is_raised_once_all_have_ended() -> None:
 
     def work(item: int) -> None:
         if item == 0:
-            begun.wait(30.0)
+            begun.wait(PATIENCE)
             raise ValueError("first")
         begun.set()
         time.sleep(0.1)  # time enough for one who does not wait
@@ -77,6 +75,6 @@ def test_a_forked_process_starts_its_own() -> None:
     threads_of(range(3))
     child = os.fork()
     if child == 0:
-        threading.Timer(20.0, os._exit, (1,)).start()  # it would wait for threads that are not there for ever
+        threading.Timer(PATIENCE, os._exit, (1,)).start()  # it would wait for threads that are not there for ever
         os._exit(0 if len(threads_of(range(3))) == 3 else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0

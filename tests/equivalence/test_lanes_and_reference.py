@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from commonrail.analysis.verification import (
     ENERGISING,
     HORIZON,
+    Difference,
+    Task,
     compare,
     comparisons,
     difference,
@@ -22,10 +27,19 @@ from commonrail.injector.definition import Injector
 QUICK = range(8)  # two pressures × two stiffnesses, rigid body, rail volume, two pressures in f32
 
 
+Compared = Callable[[int], tuple[Task, Difference]]
+
+
+@pytest.fixture(scope="module")
+def compared(pwm: Injector) -> Compared:
+    """A comparison of the quick study and what it found, made once."""
+    tasks = comparisons(pwm, quick=True)
+    return functools.cache(lambda index: (tasks[index], compare(tasks[index])))
+
+
 @pytest.mark.parametrize("index", QUICK)
-def test_engines_agree(pwm: Injector, index: int) -> None:
-    task = comparisons(pwm, quick=True)[index]
-    found = compare(task)
+def test_engines_agree(compared: Compared, index: int) -> None:
+    task, found = compared(index)
     # the scheme's error at 1 us, of second order between contacts; the rigid body meets its seat undamped by a chain
     rigid = "rigid" in task.group
     assert (task.precision is Precision.F32) == (index >= 6)
@@ -35,10 +49,9 @@ def test_engines_agree(pwm: Injector, index: int) -> None:
     assert abs(found.closing) < (1.0 if rigid else 0.5), task.group
 
 
-def test_single_precision_is_compared_in_single_precision(pwm: Injector) -> None:
-    tasks = comparisons(pwm, quick=True)
-    double, single = compare(tasks[0]), compare(tasks[6])
-    assert tasks[0].point == tasks[6].point
+def test_single_precision_is_compared_in_single_precision(compared: Compared) -> None:
+    (first, double), (sixth, single) = compared(0), compared(6)
+    assert first.point == sixth.point
     assert single != double
     # rounding hides in the error of the step: 0.003 % of the rate was the most seen at these pressures
     assert single.rate == pytest.approx(double.rate, abs=0.01)

@@ -6,12 +6,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from commonrail.calibration import worker_pool
 from commonrail.errors import ConfigurationError, StudyError
 from commonrail.fleet import pool as pool_module
 from commonrail.fleet.fleet_file import load_fleet
@@ -20,7 +20,10 @@ from commonrail.fleet.pool import Limits, Outcome, Pool
 from commonrail.fleet.run import FleetRun
 from commonrail.fleet.task import Done, Refused
 from tests.fleet.conftest import alive
+from tests.waiting import wait_until
 from tools.make_fleet import make_fleet
+
+pytestmark = pytest.mark.process
 
 NAMES = ("SN000001", "SN000002", "SN000003")
 BAD = "SN000002"
@@ -81,11 +84,12 @@ def test_an_injector_that_kills_every_worker_is_given_up_alone(
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="this system cannot halt a process")
 def test_a_worker_that_hangs_is_replaced(study_of: Callable[[str], Path], whole: FleetRun) -> None:
-    # 3 s is a hundred times what a calibration here takes, so that no sound one is taken for hanging
-    with Pool(2, Limits(attempts=2, seconds=3.0)) as pool:
+    # 3 s is a hundred times what a calibration here takes. On a machine with much other work a sound one may be taken
+    # for hanging, and is then tried again, too.
+    with Pool(2, Limits(attempts=10_000, seconds=3.0)) as pool:
         found = outcomes(pool, study_of, signalled(pool, signal.SIGSTOP, 1))
     check_bits(found, whole)
-    assert found[BAD].attempts == 2
+    assert found[BAD].attempts >= 2
 
 
 def test_stop_signals_do_not_reach_the_workers(study_of: Callable[[str], Path], whole: FleetRun) -> None:
@@ -123,9 +127,10 @@ def test_all_processes_end_with_the_pool() -> None:
             os.kill(pid, 0)
 
 
-@pytest.mark.parametrize("count", [-1, 0, 10_000])
-def test_the_number_of_workers_has_limits(count: int) -> None:
-    with pytest.raises(ConfigurationError, match=rf"must lie between 1 and \d+, 8 for each .*, not {count}"):
+@pytest.mark.parametrize("count", [-1, 0, 17])
+def test_the_number_of_workers_has_limits(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    monkeypatch.setattr(worker_pool, "usable_threads", lambda: 2)
+    with pytest.raises(ConfigurationError, match=rf"must lie between 1 and 16, 8 for each .*, not {count}"):
         Pool(count, Limits())
 
 
@@ -155,15 +160,14 @@ def test_a_worker_ends_with_its_caller_even_in_the_middle_of_its_work(tmp_path: 
         assert caller.stdout is not None
         pid = int(caller.stdout.readline())
         busy = processor_time(pid)
-        while processor_time(pid) < busy + 0.5:  # it reads the study, then searches
-            time.sleep(0.05)
+        # it reads the study, then searches
+        wait_until(lambda: processor_time(pid) > busy + 0.5, "the worker has something to do")
         caller.kill()
-    for _ in range(500):
-        if not alive(pid):
-            return
-        time.sleep(0.01)
-    os.kill(pid, signal.SIGKILL)
-    raise AssertionError("the worker outlives its caller by 5 s")
+    try:
+        wait_until(lambda: not alive(pid), "the worker ends with its caller")
+    except AssertionError:
+        os.kill(pid, signal.SIGKILL)
+        raise
 
 
 def processor_time(pid: int) -> float:

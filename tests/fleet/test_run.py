@@ -8,7 +8,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +23,9 @@ from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.journal import JOURNAL
 from commonrail.fleet.run import FleetProgress, FleetRun, run_fleet
 from tests.fleet.conftest import COUNT, alive, edited, results
+from tests.waiting import wait_until
+
+pytestmark = pytest.mark.process
 
 
 @pytest.fixture
@@ -59,57 +61,39 @@ def test_an_injectors_own_study_gives_its_result(whole: FleetRun) -> None:
     assert {name: p["best"] for name, p in record["parameters"].items()} == found.best
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds the workers through /proc")
+# A fleet that is killed once some injectors are done, and says before what its workers' process numbers are.
+KILLED = """
+import multiprocessing, os, signal, sys
+import commonrail.fleet.run as module
+usual = module.run_fleet
+def run_fleet(*arguments, progress, **how):
+    def stop(p):
+        if p.done == 2:
+            print(*(worker.pid for worker in multiprocessing.active_children()), flush=True)
+            os.kill(os.getpid(), signal.SIGKILL)
+    return usual(*arguments, progress=stop, **how)
+module.run_fleet = run_fleet
+from commonrail.cli.app import main
+main()
+"""
+
+
 def test_a_killed_fleet_goes_on_without_doing_anything_twice(fleet_file: Path, whole: FleetRun, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    command = [
-        sys.executable,
-        "-m",
-        "commonrail.cli.app",
-        "fleet",
-        str(fleet_file),
-        "--out",
-        str(out),
-        "--workers",
-        "2",
-    ]
-    code = "from commonrail.cli.app import main; main()"
-    command = [sys.executable, "-c", code, *command[3:]]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as fleet:
-        before = wait_for(out, 2)
-        workers = Path(f"/proc/{fleet.pid}/task/{fleet.pid}/children").read_text(encoding="utf-8").split()
-        fleet.send_signal(signal.SIGKILL)
-    assert len(workers) >= 2
+    command = ["fleet", str(fleet_file), "--out", str(out), "--workers", "2"]
+    killed = subprocess.run([sys.executable, "-c", KILLED, *command], capture_output=True, text=True, check=False)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    workers = [int(pid) for pid in killed.stdout.split()]
+    assert len(workers) == 2
     before = ended(out)
-    assert 2 <= len(before) < COUNT, "it was killed too late to show anything"
-    wait_until_gone(workers)
-    done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True)
+    assert 2 <= len(before) < COUNT
+    wait_until(lambda: not any(map(alive, workers)), "the workers end with their caller")
+    again = [sys.executable, "-m", "commonrail", *command, "--json"]
+    done = subprocess.run(again, capture_output=True, text=True, check=True)
     after = ended(out)
     assert {name: after[name] for name in before} == before
     assert f'"calibrated_now": {COUNT - len(before)}' in done.stdout
     assert results(out) == results(whole.folder)
-
-
-def wait_for(folder: Path, count: int) -> dict[str, tuple[str, float]]:
-    """Wait until so many injectors are in the journal."""
-    for _ in range(6000):  # a minute and more: the first use of a kernel compiles it
-        try:
-            found = ended(folder)
-        except sqlite3.Error:
-            found = {}
-        if len(found) >= count:
-            return found
-        time.sleep(0.01)
-    raise AssertionError("the fleet did not get going")
-
-
-def wait_until_gone(pids: list[str]) -> None:
-    """Wait for processes that should end by themselves."""
-    for _ in range(1000):
-        if not any(alive(int(pid)) for pid in pids):
-            return
-        time.sleep(0.01)
-    raise AssertionError("workers outlive their caller")
 
 
 def test_an_interrupted_fleet_keeps_what_is_done(fleet_file: Path, whole: FleetRun, tmp_path: Path) -> None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from commonrail.files.injector_file import load_injector
 from commonrail.files.truth_file import load_truth
+from commonrail.reproduction import paper
+from commonrail.reproduction.paper import Configuration
 from commonrail.reproduction.repetition import Bench
 from commonrail.reproduction.run import Reproduction, reproduce
 
@@ -14,6 +18,22 @@ def bench(truth: str) -> Bench:
     """Bench of a packaged truth."""
     declared = load_truth(truth)
     return Bench(declared, load_injector(declared.injector), 1e-6)
+
+
+def shorten(patch: pytest.MonkeyPatch) -> None:
+    """Give each search of a repetition a tenth of its generations: for what does not ask how good its end is."""
+    table3 = {Configuration(c.generations // 10, c.members): js for c, js in paper.TABLE3.items()}
+    best = Configuration(paper.BEST.generations // 10, paper.BEST.members)
+    rigid = replace(paper.RIGID_FIT, generations=paper.RIGID_FIT.generations // 10)
+    for name, value in {"TABLE3": table3, "CONFIGURATIONS": tuple(table3), "BEST": best, "RIGID_FIT": rigid}.items():
+        patch.setattr(paper, name, value)
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    """The virtual test bench with short searches."""
+    shorten(monkeypatch)
+    return bench("virtual-lino-2016")
 
 
 @pytest.fixture(scope="session")

@@ -305,6 +305,7 @@ main()
 """
 
 
+@pytest.mark.process
 def test_a_full_disk_ends_with_3_and_keeps_what_was_done(whole: Whole, tmp_path: Path) -> None:
     run = tmp_path / "run"
     command = [sys.executable, "-c", NO_ROOM, "calibrate", str(whole.study), "--out", str(run)]
@@ -317,6 +318,7 @@ def test_a_full_disk_ends_with_3_and_keeps_what_was_done(whole: Whole, tmp_path:
     assert timeless(run) == timeless(whole.run)
 
 
+@pytest.mark.process
 def test_sigterm_ends_in_order_and_resume_goes_on(whole: Whole, tmp_path: Path) -> None:
     run = tmp_path / "run"
     code = (
@@ -449,6 +451,7 @@ def test_the_holder_is_the_process_that_holds(stopped: Stop) -> None:
         resume(run)
 
 
+@pytest.mark.process
 def test_a_reader_that_does_not_let_go_is_named(stopped: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
     run = stopped(2)
     code = "import sqlite3, sys; c = sqlite3.connect(sys.argv[1], isolation_level=None)\nc.execute('BEGIN EXCLUSIVE')"

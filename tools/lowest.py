@@ -1,0 +1,43 @@
+"""Print the lowest versions that pyproject.toml admits, as constraints for pip: ``python tools/lowest.py > FILE``.
+
+The project's own requirements and those of every extra take part; what they in turn require is left to pip.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+PYPROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
+_REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(\[[\w,-]+\])?>=(?P<version>[\w.]+)")
+
+
+def lowest(pyproject: str) -> dict[str, str]:
+    """Return the lowest version of each requirement, by the name of its package in lower case.
+
+    Parameters
+    ----------
+    pyproject : str
+        Text of a pyproject.toml.
+
+    Raises
+    ------
+    ValueError
+        If a requirement is not of the form ``name>=version``, or two ask for different versions of a package.
+    """
+    project = tomllib.loads(pyproject)["project"]
+    extras = project.get("optional-dependencies", {}).values()
+    found: dict[str, str] = {}
+    for requirement in [*project["dependencies"], *(one for extra in extras for one in extra)]:
+        match = _REQUIREMENT.fullmatch(requirement)
+        if match is None:
+            raise ValueError(f'pyproject.toml: requirement "{requirement}" has to be "name>=version".')
+        name, version = match["name"].lower(), match["version"]
+        if found.setdefault(name, version) != version:
+            raise ValueError(f"pyproject.toml: {name} is required from {found[name]} and from {version}; state one.")
+    return found
+
+
+if __name__ == "__main__":
+    print("\n".join(f"{name}=={version}" for name, version in lowest(PYPROJECT.read_text(encoding="utf-8")).items()))
