@@ -252,7 +252,11 @@ def test_settings_of_a_run_are_refused_before_anything_is_written(study: cr.Stud
     assert not into.exists()
 
 
-@pytest.mark.parametrize("seeds", [*NO_LIST, 3, [], [1, 1], [-1], [1.5], [True], ["a"], [float("nan")]], ids=repr)
+@pytest.mark.parametrize(
+    "seeds",
+    [*NO_LIST, 3, [], [1, 1], [-1], [1.5], [True], ["a"], [float("nan")]],
+    ids=lambda value: type(value).__name__,
+)
 def test_wrong_seeds_of_a_reproduction_are_refused(seeds: Any) -> None:
     bench = cr.Bench(cr.load_truth("virtual-lino-2016"), INJECTOR, "1 us")
     refused(lambda: cr.reproduce(bench, seeds), "seed")

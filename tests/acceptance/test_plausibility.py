@@ -87,7 +87,7 @@ NONSENSE: dict[str, tuple[Spoil, str, str]] = {
     "mm3 labelled mg": (in_data(lambda t: t.replace("mm3/ms", "mg/ms")), "gain", "volumes (mm3) labelled as masses"),
     "L/min": (in_data(lambda t: t.replace("mm3/ms", "L/min")), "quantity", "mm3/ms read as L/min would do that"),
     "ET 0.7 us": (in_study((ET, 'energising_time = "0.7 us"')), "energising", "energised for 700 ns"),
-    "ET 700 ms": (in_study((ET, 'energising_time = "700 ms"')), "energising", "energised for 700 ms"),
+    "ET 70 ms": (in_study((ET, 'energising_time = "70 ms"')), "energising", "energised for 70 ms"),
     "lift 55 mm": (lifted, "parameter", "lift from seat to stop is 55 mm"),
     "trigger 45 us late": (delayed(15), "shift", "us later than the simulation"),
 }
@@ -121,6 +121,13 @@ def test_nonsense_is_told_in_every_place(name: str, tmp_path: Path) -> None:
     for sentence in sentences:
         assert f"warning: {sentence}\n" in err
         assert page.index(" ".join(sentence.split())) < page.index("Figures of merit")
+
+
+def test_an_energising_of_700_ms_is_refused_at_once(tmp_path: Path) -> None:
+    study = spoilt(tmp_path / "case", in_study((ET, 'energising_time = "700 ms"')))
+    status, err = run("calibrate", study, "--out", tmp_path / "run")
+    assert status == 2
+    assert "must lie between 0 s and 100 ms, and 0.7 s was read" in err
 
 
 @pytest.mark.parametrize("name", NONSENSE)

@@ -197,7 +197,7 @@ def test_a_device_that_fails_is_said(regulated: Injector, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    ("engine", "sentence"), [("reference", "one injection at a time"), ("gpu", '"lanes" or "cuda" or "reference"')]
+    ("engine", "sentence"), [("reference", "one injection at a time"), ("gpu", '"lanes", "cuda" or "reference"')]
 )
 def test_other_engines_are_refused(regulated: Injector, engine: str, sentence: str) -> None:
     with pytest.raises(ConfigurationError, match=sentence):

@@ -88,7 +88,7 @@ def test_a_needle_that_does_not_close_is_told(regulated: Injector) -> None:
 
 
 def test_an_unknown_precision_is_refused(regulated: Injector) -> None:
-    with pytest.raises(ConfigurationError, match='"f64" or "f32", not \'f16\''):
+    with pytest.raises(ConfigurationError, match='"f64" or "f32", not "f16"'):
         simulate_batch(regulated, POINTS, precision="f16")
     with pytest.raises(ConfigurationError, match="f64 alone"):
         simulate(regulated, POINTS[0], "reference", precision="f32")

@@ -111,7 +111,7 @@ def test_the_sentence_has_the_cure(folder: Path, case: str) -> None:
 def test_times_in_ms_under_a_header_that_says_us(folder: Path) -> None:
     in_milliseconds(folder)
     said = sentence(lambda: load_study(folder / STUDY))
-    assert "the window reaches from 0 s to 1.6 ms, and the samples reach from 0 s to 1.8 us" in said
+    assert "the window reaches from 0 s to 1.6 ms, and the samples reach from 0 s to 1.6 us" in said
     assert said.endswith(
         f'if they were recorded in ms, correct the unit of the column "time" of {folder / DATA} to "ms".'
     )

@@ -378,6 +378,7 @@ def report(work, rows, lane, cylinder, out):  # type: ignore[no-untyped-def]
     out[lane, SUPPLIED] = work[at(rows, rows.supplied, lane)]
     out[lane, OPENING] = crossing(work, rows, rows.opened, lane)
     out[lane, CLOSING] = crossing(work, rows, rows.shut, lane)
+    out[lane, FIRST_CLOSING] = crossing(work, rows, rows.first_shut, lane)
     out[lane, GREATEST_LIFT] = work[at(rows, rows.greatest, lane)]
     out[lane, ABSOLUTE] = work[at(rows, rows.absolute, lane)]
     out[lane, SQUARED] = work[at(rows, rows.squared, lane)]
