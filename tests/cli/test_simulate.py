@@ -113,11 +113,11 @@ def test_a_needle_that_is_still_open_is_told_and_figures_are_given(command: Comm
 def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
     command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    failed = replace(solution(), status=Status.STEP_UNSTABLE)
+    failed = replace(solution(), status=Status.STEP_UNSTABLE, longest_step=2.2e-6)
     monkeypatch.setattr("commonrail.cli.course.simulate", lambda *_, **__: failed)
     done = command(*SIMULATE, "--json", "--out", tmp_path / "x.csv")
     assert (done.status, done.out) == (4, "")
-    assert done.sentence == f"virtual-lino-2016: {Status.STEP_UNSTABLE.sentence}"
+    assert done.sentence == f"virtual-lino-2016: {Status.STEP_UNSTABLE.sentence} A step of 2 us would do."
     assert list(tmp_path.iterdir()) == []
 
 

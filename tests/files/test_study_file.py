@@ -34,7 +34,7 @@ def test_study_is_read(study_file: Edit) -> None:
 
 def test_precision_is_double_unless_said_otherwise(study_file: Edit) -> None:
     assert load_study(study_file()).precision is Precision.F64
-    single = study_file(('time_step = "1 us"', 'time_step = "1 us"\nprecision = "f32"'))
+    single = study_file(('time_step = "auto"', 'time_step = "auto"\nprecision = "f32"'))
     assert load_study(single).precision is Precision.F32
 
 
@@ -226,21 +226,21 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
     "no catalogue injector": (InputError, '"injector.toml"', '"cri216"', 'There is no injector "cri216"'),
     "time step unit": (
         InputError,
-        '"1 us"',
+        '"auto"',
         '"1 um"',
         r'study\.toml, time_step: "1 um" is a length; a time is expected',
     ),
-    "time step": (ConfigurationError, '"1 us"', '"1 s"', "time_step: The time step must lie between 1 ns and 100 us"),
+    "time step": (ConfigurationError, '"auto"', '"1 s"', "time_step: The time step must lie between 1 ns and 100 us"),
     "precision": (
         InputError,
-        'time_step = "1 us"',
-        'time_step = "1 us"\nprecision = "single"',
+        'time_step = "auto"',
+        'time_step = "auto"\nprecision = "single"',
         r"study\.toml, precision: this must be 'f64' or 'f32', not 'single'",
     ),
     "precision no text": (
         InputError,
-        'time_step = "1 us"',
-        'time_step = "1 us"\nprecision = 32',
+        'time_step = "auto"',
+        'time_step = "auto"\nprecision = 32',
         r"study\.toml, precision: this must be 'f64' or 'f32', not 32",
     ),
     "same name twice": (

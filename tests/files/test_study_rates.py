@@ -63,7 +63,7 @@ def test_window_keeps_the_samples_inside(curve: Callable[..., RateData]) -> None
 def test_simulation_begins_with_energising_and_ends_in_whole_steps_after_the_last_bound(
     curve: Callable[..., RateData],
 ) -> None:
-    data = curve((WINDOW, 'window = ["20 us", "90 us"]\n'), ('"1 us"', '"4 us"'))
+    data = curve((WINDOW, 'window = ["20 us", "90 us"]\n'), ('"auto"', '"4 us"'))
     assert data.point.start == 0.0
     # 90 us is 22.5 steps of 4 us
     assert data.point.horizon == pytest.approx(92e-6, rel=1e-12)

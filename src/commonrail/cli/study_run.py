@@ -12,6 +12,7 @@ from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.progress import Bar, Stage
 from commonrail.errors import StudyError
+from commonrail.units import to_text
 
 if TYPE_CHECKING:
     from commonrail.calibration.run import Calibration, Progress
@@ -53,7 +54,7 @@ def run_study(
     from commonrail.store.run import calibrate_into
 
     return _told(
-        study.title,
+        f"{study.title}: steps of {to_text(study.time_step, 's')}",
         folder,
         lambda listener: calibrate_into(
             folder, study, threads=threads, workers=workers, listener=listener, strict=strict

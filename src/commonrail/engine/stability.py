@@ -18,12 +18,11 @@ from commonrail.flow.wave import pipe_area
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.injector.variants import Body
 
-__all__ = ["LARGEST", "SMALLEST", "Medium", "bears", "longest_step", "medium_of", "stiffest_corner", "too_long"]
+__all__ = ["Medium", "bears", "longest", "longest_step", "medium_of", "stiffest_corner", "too_long"]
 
 Floats = NDArray[np.float64]
 Values = Mapping[str, Any]
 
-SMALLEST, LARGEST = 1e-9, 1e-4  # time steps that an engine accepts [s]
 # Largest ω dt of the valve on its seat or stop: leapfrog's correction of fourth order needs it well below one. The
 # contact's damping counts at this speed of impact [m/s].
 RESOLVED, IMPACT = 0.5, 1.0
@@ -170,8 +169,11 @@ def longest_step(injector: Injector, theta: Floats, medium: Medium) -> float:
         Flat parameter vector of one candidate.
     medium : Medium
     """
-    values = dict(zip(parameter_paths(), theta.tolist(), strict=False))
-    body = injector.variant.body
+    return longest(injector.variant.body, dict(zip(parameter_paths(), theta.tolist(), strict=False)), medium)
+
+
+def longest(body: Body, values: Values, medium: Medium) -> float:
+    """Longest step [s] for an injector's values by dotted name, 0 if none is short enough."""
     with np.errstate(all="ignore"):
         try:
             if not bears(body, values, medium, 1e-15):

@@ -12,6 +12,7 @@ from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.sampling import reference_start
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, QuantityData, RateData, Study
+from commonrail.calibration.time_step import step_for_all
 from commonrail.engine.operating_point import Trace
 from commonrail.engine.simulate import check_step
 from commonrail.errors import ConfigurationError, nearest
@@ -21,6 +22,7 @@ from commonrail.files.reach import Reach
 from commonrail.files.study_context import Context
 from commonrail.files.study_faults import read_model
 from commonrail.files.study_models import (
+    AUTO_STEP,
     MOST_CONSTRAINTS,
     ConstraintsModel,
     OptimiserModel,
@@ -78,11 +80,9 @@ def _study(file: Path) -> Study:
     model = read_model(document, at)
     reach = Reach(file, model.allow_outside)
     injector = _injector(model.injector, reach, at / "injector")
-    time_step = parse(model.time_step, "s", str(at / "time_step"))
-    with located(at / "time_step"):
-        check_step(time_step)
-    data = _data(model.data, Context(injector, time_step, reach), at / "data")
     space = _space(model.parameter, model.constraints, injector, at)
+    time_step = _time_step(model.time_step, injector, space, at / "time_step")
+    data = _data(model.data, Context(injector, time_step, reach), at / "data")
     return Study(
         model.title,
         injector,
@@ -95,6 +95,11 @@ def _study(file: Path) -> Study:
         model.note,
         model.precision,
     )
+
+
+def _time_step(text: str | float, injector: Injector, space: Space, at: Place) -> float:
+    with located(at):
+        return step_for_all(injector, space) if text == AUTO_STEP else check_step(parse(text, "s", str(at)))
 
 
 def _injector(text: str, reach: Reach, at: Place) -> Injector:

@@ -209,6 +209,9 @@ class OptimiserModel(_TableModel):
     polish_iterations: int = Field(default=30, ge=1, le=10_000)
 
 
+AUTO_STEP = "auto"  # short enough for every candidate within the bounds
+
+
 class StudyModel(_TableModel):
     """The whole file."""
 
@@ -218,7 +221,7 @@ class StudyModel(_TableModel):
     allow_outside: bool = False
     injector: str
     seed: int = Field(default=1, ge=0)
-    time_step: Value = "1 us"
+    time_step: Value = AUTO_STEP
     precision: Precision = Field(default=Precision.F64, strict=False)
     data: list[DataModel] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)

@@ -15,6 +15,7 @@ from commonrail.calibration.plausibility.settings import (
     data_findings,
     injector_findings,
     signal_findings,
+    step_findings,
 )
 from commonrail.calibration.plausibility.start import share_findings, start_findings
 from commonrail.calibration.score import DataScore
@@ -27,7 +28,8 @@ __all__ = ["Finding", "Fit", "after_fit", "of_model", "of_settings", "of_start"]
 def of_settings(study: Study) -> tuple[Finding, ...]:
     """Findings about what a study says: no simulation is needed."""
     findings = [f for data in study.data for f in data_findings(data, study.injector)]
-    return (*findings, *injector_findings(study.injector), *bounds_findings(study.space))
+    findings += [*injector_findings(study.injector), *bounds_findings(study.space), *step_findings(study)]
+    return tuple(findings)
 
 
 def of_start(study: Study, scores: Sequence[DataScore]) -> tuple[Finding, ...]:

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from commonrail.calibration.plausibility import limits
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.space import Space
-from commonrail.calibration.study import QuantityData, RateData
+from commonrail.calibration.study import QuantityData, RateData, Study
+from commonrail.calibration.time_step import longest_for_all
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
+from commonrail.engine.status import step_advice
 from commonrail.injector.definition import Injector, parameter_quantities
 from commonrail.injector.variants import Drive
 from commonrail.units import to_text
 
-__all__ = ["bounds_findings", "data_findings", "injector_findings", "signal_findings"]
+__all__ = ["bounds_findings", "data_findings", "injector_findings", "signal_findings", "step_findings"]
 
 Data = RateData | QuantityData
 Floats = NDArray[np.float64]
@@ -69,6 +71,19 @@ def bounds_findings(space: Space) -> Iterator[Finding]:
                 f"a bound is {to_text(odd[0], q.unit, 4)}, more than {limits.BOUND_SLACK:g} times outside the usual "
                 f"{_range(q.usual, q.unit)}; check its unit in the study.",
             )
+
+
+def step_findings(study: Study) -> Iterator[Finding]:
+    """A time step that part of the candidates does not bear."""
+    limit = longest_for_all(study.injector, study.space)
+    if study.time_step > limit:
+        yield found(
+            "time_step",
+            "time_step",
+            f"the step of {to_text(study.time_step, 's')} is too long for the stiffest parameters within the bounds, "
+            f'which bear {to_text(limit, "s", 3)}: such candidates fail. {step_advice(limit)} The time step "auto" '
+            "chooses it.",
+        )
 
 
 def signal_findings(data: Data) -> Iterator[Finding]:

@@ -1,0 +1,36 @@
+"""Time step of a study: short enough for every candidate within its bounds."""
+
+from __future__ import annotations
+
+from commonrail.calibration.space import Space
+from commonrail.engine.simulate import DEFAULT_STEP
+from commonrail.engine.stability import longest, medium_of, stiffest_corner
+from commonrail.engine.status import SMALLEST_STEP, nice_step
+from commonrail.errors import ConfigurationError
+from commonrail.injector.definition import Injector
+
+__all__ = ["longest_for_all", "step_for_all"]
+
+
+def longest_for_all(injector: Injector, space: Space) -> float:
+    """Longest step [s] that every candidate within the bounds bears, at any pressure of the fuel's range."""
+    lower, upper = (dict(zip(space.names, bound.tolist(), strict=True)) for bound in (space.lower, space.upper))
+    corner = stiffest_corner(injector.values, lower, upper)
+    return longest(injector.variant.body, corner, medium_of(injector, injector.fuel.pressure_range[1]))
+
+
+def step_for_all(injector: Injector, space: Space) -> float:
+    """Default step [s], or the largest round one that the stiffest corner of the bounds bears if that is shorter.
+
+    Raises
+    ------
+    ConfigurationError
+        If no step that the engines accept is short enough.
+    """
+    step = min(DEFAULT_STEP, nice_step(longest_for_all(injector, space)))
+    if step < SMALLEST_STEP:
+        raise ConfigurationError(
+            "No time step is short enough for the stiffest parameters within the bounds; narrow the bounds of "
+            "stiffnesses, masses, volumes and lengths, or check their units."
+        )
+    return step
