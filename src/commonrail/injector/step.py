@@ -140,23 +140,24 @@ def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, way: Way, re
     inflow = seat.mass_flow - seat_slope * departure
     outflow = out.mass_flow + out_slope * departure
     filled = here.mass + dt * (inflow - outflow)
-    full = _not_past_accumulation(here, upstream, before, filled, growth, way.after.sac)
-    inflow = inflow - (filled - full) / dt
-    mass = _not_past_cylinder(c, here, u.cylinder, full, growth, way.after.sac)
+    held = _not_past_accumulation(here, upstream, before, filled, way.after.sac)
+    inflow = inflow - (filled - held) / dt
+    mass = _not_past_cylinder(c, here, u.cylinder, held, growth, way.after.sac)
     return SacFlows(inflow, inflow - (mass - here.mass) / dt, mass)
 
 
 @physics
 def _not_past_accumulation(
-    here: Contents, upstream: float, density: float, mass: float, growth: float, volume: float
+    here: Contents, upstream: float, density: float, mass: float, volume: float
 ) -> float:
-    """A SAC that fills stops at the pressure of the accumulation volume.
+    """A SAC that draws near to the pressure of the accumulation volume stops at it, from either side.
 
-    The linearised root of Eq. (4) carries a pressure that is four times as far from its balance as it should be to the
-    other side of the seat, and from there back again: through a wide seat the two would go on for ever.
+    The linearised root of Eq. (4) carries a drop of pressure that is four times its balance to the other side of the
+    seat, and from there back again: through a wide seat the two would swing about one another, more and more.
     """
-    filling = here.pressure <= upstream and growth >= 0.0
-    return min(mass, max(density * volume, here.mass)) if filling else mass
+    alike = density * volume
+    below, above = min(mass, max(alike, here.mass)), max(mass, min(alike, here.mass))
+    return below if here.pressure <= upstream else above
 
 
 @physics
