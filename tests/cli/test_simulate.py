@@ -117,7 +117,7 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
     monkeypatch.setattr("commonrail.cli.course.simulate", lambda *_, **__: failed)
     done = command(*SIMULATE, "--json", "--out", tmp_path / "x.csv")
     assert (done.status, done.out) == (4, "")
-    assert done.sentence == f"virtual-lino-2016: {Status.STEP_UNSTABLE.sentence}"
+    assert done.sentence == f"virtual-lino-2016: {failed.sentence}"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -141,6 +141,13 @@ def test_bad_input_ends_with_2_and_one_sentence(command: Command, arguments: tup
     done = command(*arguments)
     assert (done.status, done.out) == (2, "")
     assert words in done.sentence
+
+
+def test_a_step_that_is_too_long_names_one_that_would_do(command: Command) -> None:
+    base = ("simulate", "virtual-lino-2016", "--rail-pressure", "160MPa", "--energising-time", "700us")
+    done = command(*base, "--time-step", "3us")
+    assert done.status == 4
+    assert done.sentence.endswith("A step of 2 us would do.")
 
 
 def test_single_precision_can_be_asked(command: Command) -> None:

@@ -120,5 +120,5 @@ def _shoot(
         hidden.with_values({"drive.boost_voltage": boosted}), point, INTERVAL, truth.resolution, friction
     )
     if shot.status.failed:
-        raise SimulationError(f"{truth.name} at {to_text(rail_pressure, 'Pa')}: {shot.status.sentence}")
+        raise SimulationError(f"{truth.name} at {to_text(rail_pressure, 'Pa')}: {shot.sentence}")
     return shot

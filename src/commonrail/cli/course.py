@@ -72,9 +72,9 @@ def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solu
     engine, step, precision = settings
     solution = simulate(injector, point, engine.value, step, precision=precision.value)
     if solution.status.failed:
-        raise SimulationError(f"{injector.name}: {solution.status.sentence}")
+        raise SimulationError(f"{injector.name}: {solution.sentence}")
     if solution.status is Status.STILL_INJECTING:
-        say(f"commonrail: {solution.status.sentence}")
+        say(f"commonrail: {solution.sentence}")
     return solution
 
 
@@ -100,7 +100,7 @@ def figures(run: Run) -> list[tuple[str, str]]:
         ("greatest rate", f"{r['peak_rate'] * 1e6:.2f} mm3/ms"),
         ("greatest needle lift", f"{r['greatest_lift'] * 1e6:.1f} um"),
         ("reference density", f"{s.reference_density:.1f} kg/m3"),
-        ("status", f"{s.status.name}: {s.status.sentence}"),
+        ("status", f"{s.status.name}: {s.sentence}"),
         ("mass balance", f"{s.balance:.1e} of the injected mass, of 1 mg if that is more"),
         ("engine", f"{s.engine}, {run.precision.value}, {run.seconds:.2f} s with loading or compiling"),
         ("injector", f"{run.injector.title} ({run.injector.variant.label})"),
@@ -133,7 +133,7 @@ def record(run: Run) -> dict[str, Any]:
         "time_step": None if s.engine == EngineChoice.REFERENCE.value else run.time_step,
         "precision": run.precision.value,
         "status": s.status.name,
-        "message": s.status.sentence,
+        "message": s.sentence,
         "injected_volume": _finite(s.injected_volume),
         "injected_mass": _finite(s.injected_mass),
         "returned_volume": _finite(s.returned_volume),

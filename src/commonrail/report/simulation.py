@@ -73,7 +73,7 @@ def simulation_figure(solutions: Solution | Mapping[str, Solution], title: str =
     for name, solution in named.items():
         instance(solution, Solution, f'solution "{name}" of the solutions')
     figure = course_figure(named)
-    statuses = [f"{f'{name}: ' if name else ''}{s.status.sentence}" for name, s in named.items()]
+    statuses = [f"{f'{name}: ' if name else ''}{s.sentence}" for name, s in named.items()]
     return render(
         "simulation.html",
         title=title or "Simulation",
