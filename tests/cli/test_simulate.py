@@ -143,6 +143,13 @@ def test_bad_input_ends_with_2_and_one_sentence(command: Command, arguments: tup
     assert words in done.sentence
 
 
+def test_a_step_that_is_too_long_names_one_that_would_do(command: Command) -> None:
+    base = ("simulate", "virtual-lino-2016", "--rail-pressure", "160MPa", "--energising-time", "700us")
+    done = command(*base, "--time-step", "3us")
+    assert done.status == 4
+    assert done.sentence.endswith("A step of 2 us would do.")
+
+
 def test_single_precision_can_be_asked(command: Command) -> None:
     record, own = command(*SIMULATE, "--precision", "f32", "--json").record, solution()
     assert record["precision"] == "f32"

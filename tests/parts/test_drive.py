@@ -146,3 +146,14 @@ def test_pwm_compares_the_current_where_the_step_begins_and_ends() -> None:
     at_rest = drive.pwm(still, COIL, drive.State(1.0), ON, solenoid.circuit(COIL, PER_AMPERE * below, GAP), DT)
     opening = drive.pwm(still, COIL, drive.State(1.0), ON, solenoid.circuit(COIL, PER_AMPERE * below, GAP, -0.4e-6), DT)
     assert (at_rest.conducting, opening.conducting) == (1.0, 0.0)
+
+
+@pytest.mark.parametrize(("conducting", "band", "closing"), [(1.0, 5.0, 0.4e-6), (0.0, 30.0, -0.4e-6)])
+def test_pwm_that_begins_beyond_its_limit_switches_at_once(conducting: float, band: float, closing: float) -> None:
+    """10 A, the band far below or above, and a moving gap that takes the current towards it."""
+    moved = P._replace(peak_current=band, supply_voltage=1.0, quench_voltage=1.0)
+    now = solenoid.circuit(COIL, PER_AMPERE * 10.0, GAP, closing)
+    found = drive.pwm(moved, COIL, drive.State(conducting), ON, now, DT)
+    other = drive.pwm(moved, COIL, drive.State(1.0 - conducting), ON, now, DT)
+    assert found.conducting == other.conducting == 1.0 - conducting
+    assert found.flux_rate == pytest.approx(other.flux_rate, rel=1e-12)

@@ -43,17 +43,19 @@ def mean_overlap(depth: float, move: float) -> float:
 def contact_over_step(
     depth: float, speed: float, outer: float, per_mass: float, law: tuple[float, float], dt: float
 ) -> Contact:
-    """Contact force of a single mass that a leapfrog step of fourth order needs in place of `contact`.
+    """Contact force of a single mass over a leapfrog step: third order while bodies touch, where `contact` is second.
 
     Leapfrog changes the velocity from t − dt/2 to t + dt/2 by the mean of the force under the weight 1 − |s|, s from
-    −1 to 1 being time in steps; up to fourth order that is F + dt²/12 F″. The overlap is averaged along the path, so
+    −1 to 1 being time in steps; up to dt⁴ that is F + dt²/12 F″. The overlap is averaged along the path, so
     that touching and parting may fall anywhere inside a step, and the rest follows from δ̈ and
     m δ⃛ = −k δ̇ − k β (δ̇² + δ δ̈):
 
         elastic force  k δ̄ + (k + c²/m) dt²/12 δ̈,      c = k β δ̄
         damping        c (1 + (k + k β δ̇) dt²/(12 m)) + k β dt²/4 δ̈
 
-    the damping being applied to the mean of the velocities before and after the step, which is δ̇ + dt²/6 δ⃛.
+    the damping being applied to the mean of the velocities before and after the step, which is δ̇ + dt²/6 δ⃛. In these
+    small terms δ̇ is that of half a step before, and the rate of the other forces is left out: hence third order. A step
+    in which bodies touch or part remains second order, with an error some seven times smaller (`mean_overlap`).
 
     Parameters
     ----------

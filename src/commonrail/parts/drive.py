@@ -13,6 +13,9 @@ from commonrail.parts import solenoid
 from commonrail.parts.furniture import Annotated, Domain, Q
 
 
+TINY = 1e-30  # a change of current that may be divided by [A]
+
+
 class Parameters(NamedTuple):
     """Current profile of the output stage."""
 
@@ -108,7 +111,8 @@ def relaxed(rate: Rate, dt: float) -> float:
     """Mean over the step of dφ/dt [V] while the flux relaxes and the gap goes on closing.
 
     With y = dt · decay: (r + y/6 r_end)/(1 + 2y/3 + y²/6), `relaxation` for a gap at rest. A rate that changes linearly
-    by 2 (r_end − r) adds (r_end − r) (2 (1 − e^(−y)(1 + y))/y² − (1 − e^(−y))/y) ≈ (r_end − r) (y/6)/(1 + y/2 + y²/6).
+    by 2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 + …), here
+    (r_end − r) (y/6)/(1 + 2y/3 + y²/6): over the same denominator, and as 1/y for large y.
     """
     return risen(rate, dt) / damped(rate, dt)
 
@@ -208,13 +212,14 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     first = now.current + now.drift
     change = dt * risen(trial, dt) * per_damped * now.slope - 2.0 * now.drift
     after = first + change
-    energised = plan.on > 0.0
-    crossed = energised and (after > limit if conducting else after < limit)
-    before = clamp((limit - first) / change, 0.0, 1.0) if crossed else 1.0
+    crossed = after > limit if conducting else after < limit
+    # way to the limit, negative where the step begins beyond it: a band that has moved, whichever way the current goes
+    left = limit - first if conducting else first - limit
+    before = clamp(left / max(abs(change), TINY), 0.0, 1.0) if crossed else 1.0
     other = pwm_voltage(p, 0.0 if conducting else 1.0)
     live = during(plan.on, applied(c, before * voltage + (1.0 - before) * other, now))
     off = during(1.0 - plan.on, switched_off(p, c, now))
-    flag = (turned(s.conducting) if crossed else s.conducting) if energised else 2.0
+    flag = (turned(s.conducting) if crossed else s.conducting) if plan.on > 0.0 else 2.0
     return Change(risen(live, dt) * per_damped + relaxed(off, dt), flag)
 
 

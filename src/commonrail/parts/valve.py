@@ -82,7 +82,7 @@ def forces(c: Coefficients, lift: float, pull: float, seat_pressure: float) -> t
 
 @physics
 def forces_over_step(c: Coefficients, s: State, pull: float, seat_pressure: float, dt: float) -> tuple[float, float]:
-    """`forces` as a leapfrog step of fourth order needs them: the contact that is nearer averaged over the step."""
+    """`forces` as a leapfrog step needs them: the contact that is nearer averaged over the step."""
     middle = 0.5 * c.lift
     side = s.lift - middle
     way = 1.0 if side > 0.0 else -1.0  # to the stop, or to the seat
