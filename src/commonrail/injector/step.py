@@ -147,9 +147,7 @@ def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, way: Way, re
 
 
 @physics
-def _not_past_accumulation(
-    here: Contents, upstream: float, density: float, mass: float, volume: float
-) -> float:
+def _not_past_accumulation(here: Contents, upstream: float, density: float, mass: float, volume: float) -> float:
     """A SAC that draws near to the pressure of the accumulation volume stops at it, from either side.
 
     The linearised root of Eq. (4) carries a drop of pressure that is four times its balance to the other side of the

@@ -12,7 +12,6 @@ from commonrail.compile import physics, reciprocals
 from commonrail.parts import solenoid
 from commonrail.parts.furniture import Annotated, Domain, Q
 
-
 TINY = 1e-30  # a change of current that may be divided by [A]
 
 
