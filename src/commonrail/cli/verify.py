@@ -38,8 +38,9 @@ def verify(
     """
     from commonrail.analysis.verification import verify as run_checks
     from commonrail.files.injector_file import load_injector
+    from commonrail.files.outside_figures import load_outside
 
-    checks = run_checks(load_injector(injector), progress=say, quick=quick)
+    checks = run_checks(load_injector(injector), progress=say, quick=quick, outside=load_outside())
     failed = [check.name for check in checks if not check.passed]
     if json:
         records = [_record(check) for check in checks]

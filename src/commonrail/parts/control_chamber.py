@@ -21,7 +21,7 @@ class Parameters(NamedTuple):
     z_hole_diameter: Annotated[float, Q("m", "diameter of the Z-hole (inlet throttle)", usual=(0.03e-3, 1.5e-3))]
     z_hole_discharge: Annotated[float, Q("1", "discharge coefficient of the Z-hole", Domain.COEFFICIENT, 0.78)]
     z_hole_contraction: Annotated[
-        float, Q("1", "contraction coefficient of the cavitating Z-hole", Domain.COEFFICIENT, 0.85)
+        float, Q("1", "contraction coefficient of the cavitating Z-hole", Domain.POSITIVE, 0.85)
     ]
     z_hole_from_inlet: Annotated[
         float,
@@ -37,7 +37,7 @@ class Parameters(NamedTuple):
         float, Q("1", "discharge coefficient of the A-hole, not cavitating", Domain.COEFFICIENT, 0.82)
     ]
     a_hole_contraction: Annotated[
-        float, Q("1", "contraction coefficient of the cavitating A-hole", Domain.COEFFICIENT, 0.62)
+        float, Q("1", "contraction coefficient of the cavitating A-hole", Domain.POSITIVE, 0.62)
     ]
     transition_reynolds: Annotated[
         float, Q("1", "Reynolds number at which viscous and inertial loss of a hole are equal", Domain.POSITIVE, 10.0)

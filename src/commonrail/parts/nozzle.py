@@ -22,7 +22,7 @@ class Parameters(NamedTuple):
     hole_diameter: Annotated[float, Q("m", "diameter of a nozzle hole", usual=(0.03e-3, 1.5e-3))]
     discharge_transition: Annotated[float, Q("1", "c_d(z0) of Eq. (9)", Domain.COEFFICIENT)]
     discharge_maximum: Annotated[float, Q("1", "c_d(zM) of Eq. (9)", Domain.COEFFICIENT)]
-    contraction: Annotated[float, Q("1", "contraction coefficient of a cavitating hole", Domain.COEFFICIENT, 0.85)]
+    contraction: Annotated[float, Q("1", "contraction coefficient of a cavitating hole", Domain.POSITIVE, 0.85)]
     lift_maximum_slope: Annotated[float, Q("m/Pa", "K1 of zM = K1 p_CR + K2", Domain.ANY, usual=(-1e-10, 1e-10))]
     lift_maximum_offset: Annotated[float, Q("m", "K2 of zM = K1 p_CR + K2", Domain.ANY, usual=(-2e-3, 2e-3))]
     lift_transition_slope: Annotated[float, Q("m/Pa", "K3 of z0 = K3 p_CR + K4", Domain.ANY, usual=(-1e-10, 1e-10))]
