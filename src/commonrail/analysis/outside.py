@@ -7,6 +7,7 @@ would judge that program.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -88,13 +89,13 @@ ENGINES: dict[str, Callable[[Run], Gaps]] = {"lanes": by_lanes, "reference": by_
 
 
 def gaps(run: Run, solution: Solution) -> Gaps:
-    """How far a solution is from a run."""
+    """How far a solution is from a run; NaN where it has failed."""
+    sound = math.nan if solution.status.failed else 1.0
     rate = None
     if run.rate is not None:
-        rate = 100.0 * float(np.sum(np.abs(solution.rate - run.rate)) / np.sum(np.abs(run.rate)))
-    return Gaps(
-        100.0 * (solution.injected_volume / run.volume - 1.0), rate, 1e6 * (solution.opening - run.opening)
-    )
+        rate = sound * 100.0 * float(np.sum(np.abs(solution.rate - run.rate)) / np.sum(np.abs(run.rate)))
+    volume, opening = solution.injected_volume / run.volume - 1.0, solution.opening - run.opening
+    return Gaps(sound * 100.0 * volume, rate, sound * 1e6 * opening)
 
 
 def against_outside(outside: Outside, pool: Executor) -> list[Check]:

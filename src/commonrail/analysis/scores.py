@@ -31,7 +31,7 @@ MAP = ((60e6, 250e-6), (100e6, 250e-6), (100e6, 700e-6), (160e6, 700e-6))  # rai
 
 def objective_and_scores(injector: Injector) -> list[Check]:
     """J of the search against Σ weight · J of the reported scores, at the fuel's own and at another temperature."""
-    data = [_curve(injector), _map(injector)]
+    data: list[Data] = [_curve(injector), _map(injector)]
     low, high = injector.fuel.temperature_range
     names = [*PAPER_OPTIMUM, FUEL_TEMPERATURE]
     checks = []
@@ -73,6 +73,4 @@ def _map(injector: Injector) -> QuantityData:
     batch = simulate_batch(injector.with_values(PAPER_OPTIMUM), points, time_step=STEP)
     by_mass = np.array([np.nan, np.nan, 800.0, 800.0])
     none = np.zeros(len(points), bool)
-    return QuantityData(
-        "map", Role.FIT, points, batch.injected_volume[0], 1e-10, 0.02, none, 50.0, *LABELS, by_mass
-    )
+    return QuantityData("map", Role.FIT, points, batch.injected_volume[0], 1e-10, 0.02, none, 50.0, *LABELS, by_mass)

@@ -25,17 +25,21 @@ from commonrail.engine.lanes import Precision
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.solution import Solution
-from commonrail.engine.status import OK
 from commonrail.injector.definition import Injector
 
 INTERVAL = 3e-6  # of a rate meter's samples [s]
 # A batch ends once a valve train is at rest: what a relaxing SAC dribbles after that was 1e-5 mm³ at the most [mm³].
 BATCH = 1e-4
+INJECTS = 1e-12  # more than this is an injection [m³]
+HOLES, SHIFT = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter"), 5e-4  # moved by that share
 UNITS = {"rate, L1": "%", "volume": "%", "opening": "us", "closing": "us"}  # of the fields of `Course`
 
 
 class Difference(NamedTuple):
-    """Lanes less reference: rate (L1) and volume [%], opening and closing [us]; NaN where one has failed."""
+    """Lanes less reference: rate (L1) and volume [%], opening and closing [us].
+
+    NaN where one has failed, they ended otherwise than each other, or nothing was injected.
+    """
 
     rate: float
     volume: float
@@ -56,6 +60,9 @@ class Compared(NamedTuple):
         Injected by the fast engine, less that [m³]; NaN where one has failed.
     batch : float
         Injected by `simulate_batch`, less that of `simulate` [m³]; NaN where one has failed.
+    sensitivity : float
+        Change of the injected volume [%] per 1 % of the Z- or A-hole's diameter, whichever is larger; NaN where the
+        limits are those of a course.
     """
 
     double: Difference
@@ -63,6 +70,7 @@ class Compared(NamedTuple):
     volume: float
     gap: float
     batch: float
+    sensitivity: float
 
 
 def compare(task: Task) -> Compared:
@@ -82,25 +90,40 @@ def compare(task: Task) -> Compared:
         reference.injected_volume,
         _sound(double, reference) * (double.injected_volume - reference.injected_volume),
         _sound(double) * float(batch.injected_volume[0, 0]) - double.injected_volume,
+        _sensitivity(task),
     )
 
 
 def _sound(*solutions: Solution) -> float:
-    """1, or NaN if one of them did not end well."""
-    return 1.0 if all(solution.status == OK for solution in solutions) else math.nan
+    """1, or NaN if one of them failed or they ended otherwise than each other."""
+    status = solutions[0].status
+    same = all(solution.status is status for solution in solutions)
+    return math.nan if status.failed or not same else 1.0
+
+
+def _sensitivity(task: Task) -> float:
+    if isinstance(task.limits, Course):
+        return math.nan
+    own = np.array([task.injector.values[name] for name in HOLES])
+    shifts = SHIFT * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    volume = simulate_batch(task.injector, [task.point], HOLES, own * (1.0 + shifts), threads=1).injected_volume[:, 0]
+    moved = np.abs(volume[::2] - volume[1::2])
+    return float(np.max(moved) / np.sum(volume) / SHIFT * 2.0) if np.sum(volume) > 0.0 else 0.0
 
 
 def difference(fast: Solution, reference: Solution) -> Difference:
     """How far a solution lies from the reference, both with samples at the same bounds."""
     samples = min(len(fast.mass_rate), len(reference.mass_rate))
     level = float(np.sum(np.abs(reference.mass_rate)))
+    if not level > 0.0:
+        return Difference(math.nan, math.nan, math.nan, math.nan)
+    sound = _sound(fast, reference)
     gap = np.abs(fast.mass_rate[:samples] - reference.mass_rate[:samples])
-    per_cent = 100.0 * _sound(fast, reference) / level if level > 0.0 else math.nan
     return Difference(
-        per_cent * float(np.sum(gap)),
-        100.0 * (fast.injected_mass / reference.injected_mass - 1.0) if reference.injected_mass else math.nan,
-        1e6 * (fast.opening - reference.opening),
-        1e6 * (fast.closing - reference.closing),
+        sound * 100.0 * float(np.sum(gap)) / level,
+        sound * 100.0 * (fast.injected_mass / reference.injected_mass - 1.0),
+        sound * 1e6 * (fast.opening - reference.opening),
+        sound * 1e6 * (fast.closing - reference.closing),
     )
 
 
@@ -184,9 +207,11 @@ def _volumes(group: str, limit: Volume, members: Sequence[tuple[Task, Compared]]
     shares = np.array([100.0 * abs(one.gap) / limit.of(one.volume) for _, one in members])
     k = int(np.argmax(shares))  # a NaN counts as the largest
     task, worst = members[k]
+    some = sum(one.volume > INJECTS for _, one in members)
     detail = (
-        f"share of {limit.text}, median {np.median(shares):.2g} %, {len(shares)} simulations; worst "
-        f"{1e9 * abs(worst.gap):.2g} of {1e9 * worst.volume:.4g} mm3{_where(task)}"
+        f"share of {limit.text}, median {np.median(shares):.2g} %, {len(shares)} simulations, of which {some} inject; "
+        f"worst {1e9 * abs(worst.gap):.2g} of {1e9 * worst.volume:.4g} mm3{_where(task)}, where 1 % of a hole's "
+        f"diameter moves {worst.sensitivity:.0f} %"
     )
     return check(f"{group}: volume", shares[k], 100.0, "% of its limit", detail)
 

@@ -46,7 +46,7 @@ def verify(
         records = [_record(check) for check in checks]
         print_json({"kind": "verification", "passed": not failed, "checks": records})
     else:
-        print_rows(("", "check", "value", "limit", "unit", "what it compares"), _rows(checks))
+        print_rows(("", "check", "value", "limit", "unit", "margin", "what it compares"), _rows(checks))
     if failed:
         say(f"commonrail: {len(failed)} of {len(checks)} checks failed: {', '.join(failed)}.")
         raise typer.Exit(FAILED)
@@ -54,7 +54,8 @@ def verify(
 
 
 def _record(check: Check) -> dict[str, Any]:
-    return check._asdict() | {"value": check.value if math.isfinite(check.value) else None}
+    figures = {"value": check.value, "margin": check.margin}
+    return check._asdict() | {name: figure if math.isfinite(figure) else None for name, figure in figures.items()}
 
 
 def _rows(checks: Sequence[Check]) -> list[tuple[str, ...]]:
@@ -65,6 +66,7 @@ def _rows(checks: Sequence[Check]) -> list[tuple[str, ...]]:
             f"{check.value:.3g}",
             f"{check.limit:.3g}",
             check.unit,
+            f"{100.0 * check.margin:.0f} %",
             check.detail,
         )
         for check in checks
