@@ -1,4 +1,4 @@
-"""commonrail verify: check the simulation against closed forms and against itself."""
+"""commonrail verify: check the simulation against itself, closed forms and figures from outside."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def verify(
 ) -> None:
     """Run the verification study.
 
-    The fast engine against the reference, and both against closed forms. The exit status is 1 if a
-    check fails.
+    The fast engine against the reference, and both against closed forms and a program outside the
+    project; each check has its limit and its margin. The exit status is 1 if a check fails.
 
     \b
     Example:
