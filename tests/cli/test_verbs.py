@@ -97,9 +97,10 @@ GOOD, BAD = check("a", 0.1, 0.2, "%", "why"), check("b", math.nan, 0.2, "%", "wh
 def patch_checks(monkeypatch: pytest.MonkeyPatch, *checks: Any) -> None:
     """Let the verification study find these."""
 
-    def verify(_injector: object, progress: Any, quick: bool) -> list[Any]:
+    def verify(_injector: object, progress: Any, quick: bool, outside: Any) -> list[Any]:
         progress("comparing")
         assert quick
+        assert len(outside.runs) == 11
         return list(checks)
 
     monkeypatch.setattr("commonrail.analysis.verification.verify", verify)
@@ -126,3 +127,5 @@ def test_verify_as_json_has_null_for_what_is_not_finite(command: Command, monkey
     record = command("verify", "--quick", "--json").record
     assert record["passed"] is False
     assert [c["value"] for c in record["checks"]] == [0.1, None]
+    assert [c["limit"] for c in record["checks"]] == [0.2, 0.2]
+    assert [c["margin"] for c in record["checks"]] == [0.5, None]

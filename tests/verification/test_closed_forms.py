@@ -23,3 +23,8 @@ def test_a_check_that_cannot_be_computed_fails() -> None:
     assert check("", -0.1, 0.1, "%", "").passed
     assert not check("", -0.11, 0.1, "%", "").passed
     assert not check("", float("nan"), 0.1, "%", "").passed
+
+
+def test_a_margin_is_the_share_of_the_limit_that_is_left() -> None:
+    assert check("", -0.25, 1.0, "%", "").margin == 0.75
+    assert check("", 2.0, 1.0, "%", "").margin == -1.0

@@ -43,6 +43,11 @@ class Check(NamedTuple):
     passed: bool
     detail: str
 
+    @property
+    def margin(self) -> float:
+        """Share of the limit that is left [1]; negative beyond it."""
+        return 1.0 - abs(self.value) / self.limit
+
 
 def check(name: str, value: float, limit: float, unit: str, detail: str) -> Check:
     """A check that passes if |value| ≤ limit; NaN does not."""

@@ -1,55 +1,45 @@
 """Does the code solve the equations it states? Every claim as a check with its figure and its limit.
 
-The fast engine against the reference, which shares its laws but none of its scheme, and both against closed
-forms (`commonrail.analysis.closed_forms`). Nothing here says that the equations describe a given injector.
+The fast engine against the reference, which shares its laws but none of its scheme, at the points of
+`verification_cases`; its batches against its single simulations; the objective against the reported scores
+(`commonrail.analysis.scores`); all against closed forms (`commonrail.analysis.closed_forms`) and against the figures of
+a program outside the project (`commonrail.analysis.outside`). Nothing here says that the equations describe a given
+injector.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis import closed_forms
 from commonrail.analysis.closed_forms import Check, check
-from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
+from commonrail.analysis.outside import Outside, against_outside
+from commonrail.analysis.scores import objective_and_scores
+from commonrail.analysis.verification_cases import Course, Task, Volume, comparisons
 from commonrail.engine.lanes import Precision
-from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.reference import simulate_reference
-from commonrail.engine.simulate import simulate
+from commonrail.engine.reference import Resolution, simulate_reference
+from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.solution import Solution
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body, Boundary, Drive, Variant
 
-Floats = NDArray[np.float64]
-
-PRESSURES = (40e6, 80e6, 120e6, 160e6, 180e6)  # [Pa]
-ENERGISING = 700e-6  # [s], as in the paper
-HORIZON = 1.9e-3  # the needle has closed by then at all of them [s]
 INTERVAL = 3e-6  # of a rate meter's samples [s]
-CANDIDATES, BOX, SEED = 50, 0.6, 20160401  # random stiffnesses within ± 60 % at 160 MPa
-
-# limits of a step of 1 us: L1 of the rate and volume [%], instants [us]
-LIMITS = {"rate, L1": (0.1, "%"), "volume": (0.05, "%"), "opening": (0.5, "us"), "closing": (0.5, "us")}
-SINGLE = "f32"  # group of the lanes in single precision: its rounding is far below the step's error
-ROOM = {"rigid body": 2.0}  # times the limits: one mass meets its seat at full speed, no chain softens the blow
-
-
-class Task(NamedTuple):
-    """One comparison of the two engines."""
-
-    group: str
-    injector: Injector
-    point: OperatingPoint
-    precision: Precision = Precision.F64
+# A batch ends once a valve train is at rest: what a relaxing SAC dribbles after that was 1e-5 mm³ at the most [mm³].
+BATCH = 1e-4
+INJECTS = 1e-12  # more than this is an injection [m³]
+HOLES, SHIFT = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter"), 5e-4  # moved by that share
+UNITS = {"rate, L1": "%", "volume": "%", "opening": "us", "closing": "us"}  # of the fields of `Course`
 
 
 class Difference(NamedTuple):
-    """Lanes less reference: rate (L1) and volume [%], opening and closing [us]."""
+    """Lanes less reference: rate (L1) and volume [%], opening and closing [us].
+
+    NaN where one has failed, they ended otherwise than each other, or nothing was injected.
+    """
 
     rate: float
     volume: float
@@ -57,43 +47,84 @@ class Difference(NamedTuple):
     closing: float
 
 
-def compare(task: Task) -> Difference:
+class Compared(NamedTuple):
+    """What a task found.
+
+    Attributes
+    ----------
+    double, single : Difference
+        Of a single simulation in f64, and in f32 if it was asked for.
+    volume : float
+        Injected by the reference [m³].
+    gap : float
+        Injected by the fast engine, less that [m³]; NaN where one has failed.
+    batch : float
+        Injected by `simulate_batch`, less that of `simulate` [m³]; NaN where one has failed.
+    sensitivity : float
+        Change of the injected volume [%] per 1 % of the Z- or A-hole's diameter, whichever is larger; NaN where the
+        limits are those of a course.
+    """
+
+    double: Difference
+    single: Difference | None
+    volume: float
+    gap: float
+    batch: float
+    sensitivity: float
+
+
+def compare(task: Task) -> Compared:
     """Run both engines and tell how far apart they are.
 
     The rate's L1 is Σ|lanes − reference|/Σ|reference| over samples of `INTERVAL`, as a rate meter takes them.
     """
-    reference = simulate_reference(task.injector, task.point, INTERVAL)
-    fast = simulate(task.injector, task.point, sample_interval=INTERVAL, precision=task.precision)
-    return difference(fast, reference)
+    injector, point = task.injector, task.point
+    method = cast(Literal["lsoda", "explicit"], task.method)
+    reference = simulate_reference(injector, point, INTERVAL, Resolution(method=method))
+    double = simulate(injector, point, sample_interval=INTERVAL)
+    single = simulate(injector, point, sample_interval=INTERVAL, precision=Precision.F32) if task.single else None
+    batch = simulate_batch(injector, [point], threads=1)
+    return Compared(
+        difference(double, reference),
+        difference(single, reference) if single else None,
+        reference.injected_volume,
+        _sound(double, reference) * (double.injected_volume - reference.injected_volume),
+        _sound(double) * float(batch.injected_volume[0, 0]) - double.injected_volume,
+        _sensitivity(task),
+    )
+
+
+def _sound(*solutions: Solution) -> float:
+    """1, or NaN if one of them failed or they ended otherwise than each other."""
+    status = solutions[0].status
+    same = all(solution.status is status for solution in solutions)
+    return math.nan if status.failed or not same else 1.0
+
+
+def _sensitivity(task: Task) -> float:
+    if isinstance(task.limits, Course):
+        return math.nan
+    own = np.array([task.injector.values[name] for name in HOLES])
+    shifts = SHIFT * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    volume = simulate_batch(task.injector, [task.point], HOLES, own * (1.0 + shifts), threads=1).injected_volume[:, 0]
+    moved = np.abs(volume[::2] - volume[1::2])
+    return float(np.max(moved) / np.sum(volume) / SHIFT * 2.0) if np.sum(volume) > 0.0 else 0.0
 
 
 def difference(fast: Solution, reference: Solution) -> Difference:
     """How far a solution lies from the reference, both with samples at the same bounds."""
     samples = min(len(fast.mass_rate), len(reference.mass_rate))
+    level = float(np.sum(np.abs(reference.mass_rate)))
+    if not level > 0.0:
+        return Difference(math.nan, math.nan, math.nan, math.nan)
+    sound = _sound(fast, reference)
     gap = np.abs(fast.mass_rate[:samples] - reference.mass_rate[:samples])
     return Difference(
-        100.0 * float(np.sum(gap) / np.sum(np.abs(reference.mass_rate))),
-        100.0 * (fast.injected_mass / reference.injected_mass - 1.0),
-        1e6 * (fast.opening - reference.opening),
-        1e6 * (fast.closing - reference.closing),
+        sound * 100.0 * float(np.sum(gap)) / level,
+        sound * 100.0 * (fast.injected_mass / reference.injected_mass - 1.0),
+        sound * 1e6 * (fast.opening - reference.opening),
+        sound * 1e6 * (fast.closing - reference.closing),
     )
-
-
-def comparisons(injector: Injector, quick: bool = False) -> list[Task]:
-    """The comparisons of the study: named sets of stiffness, other wirings, single precision, random stiffnesses."""
-    stiffnesses: dict[str, dict[str, float]] = {"injector as given": {}, "paper's optimal stiffness": PAPER_OPTIMUM}
-    pressures, at = ((80e6, 160e6), "80 and 160 MPa") if quick else (PRESSURES, "40 to 180 MPa")
-    tasks = [
-        Task(f"{name}, {at}", injector.with_values(values), _point(pressure))
-        for name, values in stiffnesses.items()
-        for pressure in pressures
-    ]
-    wirings = {"rigid body": injector.variant._replace(body=Body.RIGID), "rail volume": _at_a_volume(injector)}
-    tasks += [Task(f"{name}, 160 MPa", replace(injector, variant=v), _point(160e6)) for name, v in wirings.items()]
-    tasks += [Task(f"{SINGLE}, {at}", injector, _point(pressure), Precision.F32) for pressure in pressures]
-    count = 4 if quick else CANDIDATES
-    group = f"{count} random stiffnesses within ± {100 * BOX:.0f} %, 160 MPa"
-    return tasks + [Task(group, injector.with_values(values), _point(160e6)) for values in _random(injector, count)]
 
 
 def verify(
@@ -101,8 +132,9 @@ def verify(
     progress: Callable[[str], None] | None = None,
     processes: int | None = None,
     quick: bool = False,
+    outside: Outside | None = None,
 ) -> list[Check]:
-    """Check the fast engine against the reference and both against closed forms.
+    """Check the fast engine against the reference and both against what is known otherwise.
 
     Parameters
     ----------
@@ -114,48 +146,89 @@ def verify(
         Processes for the reference runs; all usable processors by default.
     quick : bool
         Fewer pressures and candidates.
+    outside : Outside, optional
+        Figures of a program outside the project.
 
     Returns
     -------
     list of Check
-        The worst figure of each group of comparisons, then the closed forms.
+        The worst figure of each group of comparisons, batches, scores, figures from outside, closed forms.
     """
     tell = progress or (lambda text: None)
     tasks = comparisons(injector, quick)
     tell(f"comparing the engines: {len(tasks)} simulations by the reference")
-    found: dict[str, list[Difference]] = {}
+    found: list[Compared] = []
     with ProcessPoolExecutor(processes) as pool:
         for k, (task, one) in enumerate(zip(tasks, pool.map(compare, tasks), strict=True)):
-            found.setdefault(task.group, []).append(one)
+            found.append(one)
             tell(f"{k + 1} of {len(tasks)}: {task.group}")
-    checks = [line for group, differences in found.items() for line in _worst(group, differences)]
+        checks = judged(tasks, found)
+        tell("objective against scores")
+        checks += objective_and_scores(injector)
+        if outside is not None:
+            tell(f"figures from outside: {len(outside.runs)} runs")
+            checks += against_outside(outside, pool)
     for form in closed_forms.ALL:
         tell(form.__name__.replace("_", " "))
         checks += form(injector)
     return checks
 
 
-def _worst(group: str, differences: Sequence[Difference]) -> Iterator[Check]:
-    room = max((times for name, times in ROOM.items() if group.startswith(name)), default=1.0)
-    for (name, (limit, unit)), values in zip(LIMITS.items(), zip(*differences, strict=True), strict=True):
+def judged(tasks: Sequence[Task], found: Sequence[Compared]) -> list[Check]:
+    """The worst figures of each group, in the order in which the groups appear, then of the batches."""
+    groups: dict[str, list[tuple[Task, Compared]]] = {}
+    for task, one in zip(tasks, found, strict=True):
+        groups.setdefault(task.group, []).append((task, one))
+    single: dict[str, list[Difference]] = {}
+    for task, one in zip(tasks, found, strict=True):
+        if one.single is not None:
+            single.setdefault(task.single, []).append(one.single)
+    checks: list[Check] = []
+    for group, members in groups.items():
+        limits = members[0][0].limits
+        if isinstance(limits, Course):
+            checks += _courses(group, limits, [one.double for _, one in members])
+        else:
+            checks.append(_volumes(group, limits, members))
+    for group, differences in single.items():
+        checks += _courses(group, Course(), differences)
+    return [*checks, _batches(tasks, found)]
+
+
+def _courses(group: str, limits: Course, differences: Sequence[Difference]) -> Iterator[Check]:
+    for (name, unit), limit, values in zip(UNITS.items(), limits, zip(*differences, strict=True), strict=True):
         size = np.abs(values)
         worst = float(np.max(size))  # NaN, where a needle did not close, fails
         detail = f"lanes at 1 us against the reference, median {np.median(size):.2g} {unit}, {len(size)} simulations"
-        yield check(f"{group}: {name}", worst, room * limit, unit, detail)
+        yield check(f"{group}: {name}", worst, limit, unit, detail)
 
 
-def _point(rail_pressure: float) -> OperatingPoint:
-    return OperatingPoint(rail_pressure, ENERGISING, horizon=HORIZON)
+def _volumes(group: str, limit: Volume, members: Sequence[tuple[Task, Compared]]) -> Check:
+    shares = np.array([100.0 * abs(one.gap) / limit.of(one.volume) for _, one in members])
+    k = int(np.argmax(shares))  # a NaN counts as the largest
+    task, worst = members[k]
+    some = sum(one.volume > INJECTS for _, one in members)
+    detail = (
+        f"share of {limit.text}, median {np.median(shares):.2g} %, {len(shares)} simulations, of which {some} inject; "
+        f"worst {1e9 * abs(worst.gap):.2g} of {1e9 * worst.volume:.4g} mm3{_where(task)}, where 1 % of a hole's "
+        f"diameter moves {worst.sensitivity:.0f} %"
+    )
+    return check(f"{group}: volume", shares[k], 100.0, "% of its limit", detail)
 
 
-def _at_a_volume(injector: Injector) -> Variant:
-    return injector.variant._replace(boundary=Boundary.VOLUME, drive=Drive.REGULATED)
+def _where(task: Task) -> str:
+    pressure = task.point.at_start(task.point.rail_pressure) * 1e-6
+    return f" at {pressure:.0f} MPa, {task.injector.variant.drive.value} drive"
 
 
-def _random(injector: Injector, count: int) -> Iterator[dict[str, float]]:
-    rng = np.random.default_rng(SEED)
-    for factors in rng.uniform(1.0 - BOX, 1.0 + BOX, (count, len(PAPER_OPTIMUM))):
-        yield {k: injector.values[k] * float(x) for k, x in zip(PAPER_OPTIMUM, factors, strict=True)}
+def _batches(tasks: Sequence[Task], found: Sequence[Compared]) -> Check:
+    gaps = np.array([1e9 * abs(one.batch) for one in found])
+    k = int(np.argmax(gaps))
+    detail = (
+        f"injected volume, early stop, {len(gaps)} simulations, worst: {tasks[k].group}; limit: what a SAC gives after "
+        "its needle and valve have come to rest"
+    )
+    return check("simulate_batch against simulate", gaps[k], BATCH, "mm3", detail)
 
 
-__all__ = ["Check", "Difference", "Task", "compare", "comparisons", "difference", "verify"]
+__all__ = ["Check", "Compared", "Difference", "Task", "compare", "comparisons", "difference", "judged", "verify"]

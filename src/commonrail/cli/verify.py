@@ -1,4 +1,4 @@
-"""commonrail verify: check the simulation against closed forms and against itself."""
+"""commonrail verify: check the simulation against itself, closed forms and figures from outside."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def verify(
 ) -> None:
     """Run the verification study.
 
-    The fast engine against the reference, and both against closed forms. The exit status is 1 if a
-    check fails.
+    The fast engine against the reference, and both against closed forms and a program outside the
+    project; each check has its limit and its margin. The exit status is 1 if a check fails.
 
     \b
     Example:
@@ -38,14 +38,15 @@ def verify(
     """
     from commonrail.analysis.verification import verify as run_checks
     from commonrail.files.injector_file import load_injector
+    from commonrail.files.outside_figures import load_outside
 
-    checks = run_checks(load_injector(injector), progress=say, quick=quick)
+    checks = run_checks(load_injector(injector), progress=say, quick=quick, outside=load_outside())
     failed = [check.name for check in checks if not check.passed]
     if json:
         records = [_record(check) for check in checks]
         print_json({"kind": "verification", "passed": not failed, "checks": records})
     else:
-        print_rows(("", "check", "value", "limit", "unit", "what it compares"), _rows(checks))
+        print_rows(("", "check", "value", "limit", "unit", "margin", "what it compares"), _rows(checks))
     if failed:
         say(f"commonrail: {len(failed)} of {len(checks)} checks failed: {', '.join(failed)}.")
         raise typer.Exit(FAILED)
@@ -53,7 +54,8 @@ def verify(
 
 
 def _record(check: Check) -> dict[str, Any]:
-    return check._asdict() | {"value": check.value if math.isfinite(check.value) else None}
+    figures = {"value": check.value, "margin": check.margin}
+    return check._asdict() | {name: figure if math.isfinite(figure) else None for name, figure in figures.items()}
 
 
 def _rows(checks: Sequence[Check]) -> list[tuple[str, ...]]:
@@ -64,6 +66,7 @@ def _rows(checks: Sequence[Check]) -> list[tuple[str, ...]]:
             f"{check.value:.3g}",
             f"{check.limit:.3g}",
             check.unit,
+            f"{100.0 * check.margin:.0f} %",
             check.detail,
         )
         for check in checks
