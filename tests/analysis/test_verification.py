@@ -15,6 +15,7 @@ from commonrail.analysis.verification_cases import (
     DWELLS,
     HORIZON,
     INJECTORS,
+    PAIR,
     SHORT,
     SHORT_AT,
     SHORT_TIMES,
@@ -66,11 +67,20 @@ def test_a_volume_is_judged_by_the_larger_of_a_share_and_a_quantity(pwm: Injecto
     limit = Volume(0.003, 1e-11)
     assert limit.of(1e-9) == 1e-11
     assert limit.of(100e-9) == pytest.approx(3e-10)
-    small = Task("short", pwm, POINT, SHORT)
+    small = Task("short", pwm, POINT, PAIR)
     found = [seen(volume=1e-9, gap=5e-12), seen(volume=100e-9, gap=-6e-11), seen(volume=0.0, gap=0.0)]
     worst = judged([small] * 3, found)[0]
     assert (worst.value, worst.limit) == (pytest.approx(50.0), 100.0)
-    assert "of which 2 inject; worst 0.005 of 1 mm3 at 160 MPa, pwm drive" in worst.detail
+    assert "of which 2 inject; here 0.005 of 1 mm3 at 160 MPa, pwm drive" in worst.detail
+
+
+def test_nine_of_ten_short_injections_keep_the_first_limit_and_all_the_second(pwm: Injector) -> None:
+    small = Task("short", pwm, POINT, SHORT)
+    good, far, beyond = (seen(volume=1e-9, gap=gap) for gap in (5e-12, 2e-11, 4e-11))
+    for found, passed in (([*[good] * 9, far], (True, True)), ([*[good] * 8, far, far], (False, True))):
+        assert tuple(c.passed for c in judged([small] * 10, found)[:2]) == passed
+    assert [c.passed for c in judged([small] * 10, [*[good] * 9, beyond])[:2]] == [True, False]
+    assert [c.passed for c in judged([small] * 10, [*[good] * 9, seen(gap=math.nan)])[:2]] == [True, False]
 
 
 @pytest.mark.parametrize("spoilt", [seen(gap=math.nan), seen(volume=math.nan)])

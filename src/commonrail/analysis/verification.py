@@ -189,7 +189,7 @@ def judged(tasks: Sequence[Task], found: Sequence[Compared]) -> list[Check]:
         if isinstance(limits, Course):
             checks += _courses(group, limits, [one.double for _, one in members])
         else:
-            checks.append(_volumes(group, limits, members))
+            checks += [_volumes(group, limit, members) for limit in limits]
     for group, differences in single.items():
         checks += _courses(group, Course(), differences)
     return [*checks, _batches(tasks, found)]
@@ -205,15 +205,18 @@ def _courses(group: str, limits: Course, differences: Sequence[Difference]) -> I
 
 def _volumes(group: str, limit: Volume, members: Sequence[tuple[Task, Compared]]) -> Check:
     shares = np.array([100.0 * abs(one.gap) / limit.of(one.volume) for _, one in members])
-    k = int(np.argmax(shares))  # a NaN counts as the largest
+    shares = np.where(np.isnan(shares), np.inf, shares)
+    # the largest of those that must keep the limit
+    k = int(np.argsort(shares)[math.ceil(limit.share * len(shares)) - 1])
     task, worst = members[k]
     some = sum(one.volume > INJECTS for _, one in members)
     detail = (
         f"share of {limit.text}, median {np.median(shares):.2g} %, {len(shares)} simulations, of which {some} inject; "
-        f"worst {1e9 * abs(worst.gap):.2g} of {1e9 * worst.volume:.4g} mm3{_where(task)}, where 1 % of a hole's "
+        f"here {1e9 * abs(worst.gap):.2g} of {1e9 * worst.volume:.4g} mm3{_where(task)}, where 1 % of a hole's "
         f"diameter moves {worst.sensitivity:.0f} %"
     )
-    return check(f"{group}: volume", shares[k], 100.0, "% of its limit", detail)
+    of = "volume" if limit.share == 1.0 else f"volume of {100.0 * limit.share:g} % of them"
+    return check(f"{group}: {of}", float(shares[k]), 100.0, "% of its limit", detail)
 
 
 def _where(task: Task) -> str:

@@ -157,8 +157,8 @@ def simulate(
         np.diff(injected) / np.diff(time),
         injected,
         read_channels(injector, point, names, time, rows),
-        float(injected[-1]),
-        float(rows[-1, names.index("books.returned")]),
+        float(trace[0, -1, names.index("nozzle.injected"), 0]),  # at the horizon, which a sample need not meet
+        float(trace[0, -1, names.index("books.returned"), 0]),
         point.start + time_step * float(outcome.opening[0, 0]),
         point.start + time_step * float(outcome.closing[0, 0]),
         point.start + time_step * float(outcome.first_closing[0, 0]),
