@@ -16,7 +16,7 @@ def longest_for_all(injector: Injector, space: Space) -> float:
     """Longest step [s] that every candidate within the bounds bears, at any pressure of the fuel's range."""
     lower, upper = (dict(zip(space.names, bound.tolist(), strict=True)) for bound in (space.lower, space.upper))
     corner = stiffest_corner(injector.values, lower, upper)
-    return longest(injector.variant.body, corner, medium_of(injector, injector.fuel.pressure_range[1]))
+    return longest(injector.variant, corner, medium_of(injector, injector.fuel.pressure_range[1]))
 
 
 def step_for_all(injector: Injector, space: Space) -> float:

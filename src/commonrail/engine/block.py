@@ -8,6 +8,7 @@ written. How many lanes there are, and in which precision, is a choice of the ma
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -72,6 +73,7 @@ class Rows(NamedTuple):
     rested: int
     seen: int
     done: int
+    touch: int
     delays: int
     end: int
     injected: int
@@ -108,11 +110,11 @@ def make_rows(variant: Variant, lanes: int) -> Rows:
     )
     single = [note + i for i in range(6)]
     crossings = [note + i for i in range(6, 12)]
-    rested, seen, done = note + 12, note + 13, note + 14
-    delays, end = note + 15, note + 21  # whole steps and rest, for each wave
+    rested, seen, done, touch = note + 12, note + 13, note + 14, note + 15
+    delays, end = note + 16, note + 22  # whole steps and rest, for each wave
     state_rows = [state + wired.state.row(name) for name in looked_at]
     delay_rows = [wired.coefficients.row(name) for name in ("delays.feed", "delays.back")]
-    groups = [lanes, state, leaving, leaving + 3, *single, *crossings, rested, seen, done, delays, end]
+    groups = [lanes, state, leaving, leaving + 3, *single, *crossings, rested, seen, done, touch, delays, end]
     return Rows._make(groups + state_rows + delay_rows)
 
 
@@ -159,6 +161,7 @@ def make_begin(variant: Variant, rows: Rows) -> Callable[..., Any]:
             store_state(work, rows.state, rows.lanes, lane, state_at_rest(c, setting, body, motion(body)))
             for row in range(rows.leaving, rows.end):
                 work[at(rows, row, lane)] = 0.0
+            work[at(rows, rows.touch, lane)] = longest_touch(c) / setting.dt
             rests = work[at(rows, rows.tip, lane)] < 0.0 and work[at(rows, rows.valve_lift, lane)] < 0.0
             out[lane, CLOSED_AT_START] = 1.0 if rests else 0.0
             work[at(rows, rows.leaving, lane)] = work[at(rows, rows.store_pressure, lane)]
@@ -179,6 +182,14 @@ def make_begin(variant: Variant, rows: Rows) -> Callable[..., Any]:
         return alike
 
     return begin  # type: ignore[no-any-return]
+
+
+@physics
+def longest_touch(c):  # type: ignore[no-untyped-def]
+    """Longest time [s] for which needle or valve may touch its seat and yet leave it again: a period on its contact."""
+    needle = c.plunger_needle.total_mass / c.needle_seat.contact_stiffness
+    shutter = 1.0 / (c.valve.per_mass * c.valve.contact_stiffness)
+    return 2.0 * math.pi * math.sqrt(max(needle, shutter))
 
 
 @physics
@@ -321,12 +332,13 @@ def sample(work, rows, part, width, target, weight, first):  # type: ignore[no-u
 
 
 @physics
-def look(work, rows, cylinder, quiet, patience, out):  # type: ignore[no-untyped-def]
+def look(work, rows, cylinder, quiet, patience, every, out):  # type: ignore[no-untyped-def]
     """Take the figures of lanes that have ended; true once every lane has.
 
     A lane ends when it has failed or, where there is a `patience`, when needle and valve have rested for that many
-    looks: what its neighbours do after that does not touch its figures. A needle that has closed on a valve still in
-    motion, or on a chamber that has not refilled, may open again.
+    looks, one in `every` steps, and for longer than a bouncing one touches its seat: what its neighbours do after that
+    does not touch its figures. A needle that has closed on a valve still in motion, or on a chamber that has not
+    refilled, may open again.
     """
     ended = 0
     for lane in range(rows.lanes):
@@ -338,7 +350,8 @@ def look(work, rows, cylinder, quiet, patience, out):  # type: ignore[no-untyped
             rests = needle_rests(work, rows, lane, cylinder) and work[at(rows, rows.valve_lift, lane)] <= 0.0 and shut
             still = quiet and rests and gain <= DRIBBLE[0] + DRIBBLE[1] * mass
             work[at(rows, rows.rested, lane)] = work[at(rows, rows.rested, lane)] + 1.0 if still else 0.0
-            over = patience > 0 and work[at(rows, rows.rested, lane)] > patience
+            rested = work[at(rows, rows.rested, lane)]
+            over = patience > 0 and rested > patience and rested * every > work[at(rows, rows.touch, lane)]
             if over or not is_sound(work, rows, lane):
                 report(work, rows, lane, cylinder, out)
                 work[at(rows, rows.done, lane)] = 1.0
@@ -449,7 +462,7 @@ def make_loop(variant: Variant, vector: Vector) -> Callable[..., Any]:
                 if trace.shape[0] > 0:
                     record(work, rows, trace[block, k + 1])
                 if k % look_every == look_every - 1:  # noqa: SIM102
-                    if look(work, rows, u.cylinder, k >= quiet[point], patience, out[block]):
+                    if look(work, rows, u.cylinder, k >= quiet[point], patience, look_every, out[block]):
                         break
             report_rest(work, rows, real(inputs[point, steps[point] - 1, 1]), out[block])
         exchange_rounding(mode, KEEP_NONE)

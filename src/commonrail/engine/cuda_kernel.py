@@ -110,7 +110,7 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
                 bound += 1
             keep(work, rows, trace, thread, k + 1)
             if k % look_every == look_every - 1:  # noqa: SIM102
-                if look(work, rows, u.cylinder, k >= quiet[point], patience, figures):
+                if look(work, rows, u.cylinder, k >= quiet[point], patience, look_every, figures):
                     break
         report_rest(work, rows, inputs[point, steps[point] - 1, 1], figures)
 

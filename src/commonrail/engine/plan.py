@@ -253,9 +253,22 @@ def _inputs(injector: Injector, point: OperatingPoint, dt: float, steps: int) ->
         columns[:, 4:] = -1.0
         return columns
     current = np.maximum(np.searchsorted(starts, begin + dt * (1.0 - 1e-9), side="left") - 1, 0)
-    columns[:, 4] = begin - starts[current]
+    columns[:, 4] = begin - starts[current] + _still_on(starts, ends, current, begin, dt)
     columns[:, 5] = begin - ends[current]
     return columns
+
+
+def _still_on(starts: Floats, ends: Floats, current: NDArray[np.intp], begin: Floats, dt: float) -> Floats:
+    """Time [s] in each step for which an energising before the current one still lasts.
+
+    A step that sees one energising end and the next begin is energised for as long as both together: the next counts
+    as begun so much earlier.
+    """
+    lasting = np.zeros(len(begin))
+    for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
+        on = np.minimum(end, begin + dt) - np.maximum(start, begin)
+        lasting += np.where(i < current, np.maximum(on, 0.0), 0.0)
+    return lasting
 
 
 def _drive(injector: Injector, point: OperatingPoint) -> Course:

@@ -43,6 +43,7 @@ from commonrail.injector.variants import Variant
 Floats = NDArray[np.float64]
 
 TIME_STEPS = Limits(1e-9, 1e-4, (50e-9, 10e-6), ("us", "ns"))
+BACKFLOW = 1e-7  # largest mass that a SAC takes back from the cylinder [kg]; more is an injector that has run empty
 DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail verify`
 
 
@@ -151,7 +152,8 @@ def simulate(
     names = lanes.trace_paths(injector.variant)
     time: Floats = np.asarray(point.start + time_step * stride * np.arange(len(rows)), float)
     injected = rows[:, names.index("nozzle.injected")]
-    status = _status(outcome, too_long(injector, (), theta, prepared.medium, time_step), 1)[0, 0]
+    beyond = _beyond(injector, (), theta, prepared, outcome, time_step)
+    reached = float(np.nan_to_num(outcome.greatest_lift[0, 0]))
     return Solution(
         time,
         np.diff(injected) / np.diff(time),
@@ -163,10 +165,10 @@ def simulate(
         point.start + time_step * float(outcome.closing[0, 0]),
         point.start + time_step * float(outcome.first_closing[0, 0]),
         reference_density(injector, point),
-        Status(int(status)),
+        Status(int(_status(outcome, beyond)[0, 0])),
         engine.value,
         relative_balance(injector, point, names, trace[0, :, :, 0], time_step),
-        longest_step(injector, theta[0], prepared.medium),
+        longest_step(injector, theta[0], prepared.medium, reached),
     )
 
 
@@ -346,8 +348,7 @@ def _simulate(injector: Injector, names: Sequence[str], candidates: Floats, how:
     varies = FUEL_TEMPERATURE in names
     densities = plan.reference_densities(injector, points, names, candidates) if varies else prepared.densities
     outcome = _run(job, injector.variant, how, densities)
-    beyond = too_long(injector, names, theta, prepared.medium, how.time_step)
-    status = _status(outcome, beyond, len(points))
+    status = _status(outcome, _beyond(injector, names, theta, prepared, outcome, how.time_step))
     status[~inside] = Status.OUTSIDE_DOMAIN
 
     failed = which_failed(status)
@@ -383,18 +384,27 @@ def check_step(time_step: Quantity) -> float:
     return amount(time_step, "s", "time step", TIME_STEPS)
 
 
-def _status(outcome: Outcome, beyond: NDArray[np.bool_], points: int) -> NDArray[np.int64]:
-    """Status (candidates, points); `beyond` (candidates,) tells for which candidates the step is too long."""
+def _beyond(
+    injector: Injector, names: Sequence[str], theta: Floats, prepared: Prepared, outcome: Outcome, time_step: float
+) -> NDArray[np.bool_]:
+    """Candidates and points (candidates, points) for which the step is too long, at the lifts that were reached."""
+    lifts = np.nan_to_num(plan.by_candidate(outcome.greatest_lift, len(theta), len(prepared.points)))
+    return np.stack([too_long(injector, names, theta, prepared.medium, time_step, lift) for lift in lifts.T], axis=1)
+
+
+def _status(outcome: Outcome, beyond: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Status (candidates, points); `beyond` (candidates, points) tells where the step is too long."""
 
     def table(figures: Floats) -> Floats:
-        return plan.by_candidate(figures, len(beyond), points)
+        return plan.by_candidate(figures, *beyond.shape)
 
-    status = np.full((len(beyond), points), OK)
+    status = np.full(beyond.shape, OK)
     status[table(outcome.closed_at_end) == 0.0] = STILL_INJECTING
     bad = table(outcome.sound) == 0.0
     if bad.any():
         finite = np.isfinite(table(outcome.injected))
         status[bad] = np.where(finite[bad], Status.RAN_AWAY, Status.NOT_FINITE)
+    status[table(outcome.injected) < -BACKFLOW] = Status.NOT_FINITE
     # whatever came out: beyond the limit a plausible figure may be far off
     status[beyond] = Status.STEP_UNSTABLE
     status[table(outcome.closed_at_start) == 0.0] = Status.NOT_CLOSED_AT_START

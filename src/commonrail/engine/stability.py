@@ -3,7 +3,8 @@
 Leapfrog with dampers at the extrapolated velocity (3 v_{n−1/2} − v_{n−3/2})/2 is stable for M z̈ + C ż + K z = 0 as long
 as 4 M − dt² K − 4 dt C is positive definite: there the fastest mode, of period 2 dt, begins to grow. The needle chain
 is judged in contact with seat and stop and pressed on by the fuel enclosed in its chambers, whose stiffness is
-K_f A²/V each. The matrix has three diagonals: its pivots decide.
+K_f A²/V each. The matrix has three diagonals: its pivots decide. A volume that is drawn on before its own pressure
+answers must hold more than a wave draws from it in a step.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from commonrail.flow.wave import pipe_area
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
-from commonrail.injector.variants import Body
+from commonrail.injector.variants import Body, Boundary, Variant
 
 __all__ = ["Medium", "bears", "longest", "longest_step", "medium_of", "stiffest_corner", "too_long"]
 
@@ -26,6 +27,9 @@ Values = Mapping[str, Any]
 # Largest ω dt of the valve on its seat or stop: leapfrog's correction of fourth order needs it well below one. The
 # contact's damping counts at this speed of impact [m/s].
 RESOLVED, IMPACT = 0.5, 1.0
+# Share of the accumulation volume that a wave may draw through the seat's bore in a step: with a SAC as large as the
+# volume itself the flow through the seat begins to alternate at about one.
+DRAWN = 0.5
 _DIGITS = 60  # halvings of the interval in which the longest step is sought
 
 # Parameters that shorten the longest step as they grow, and as they shrink.
@@ -39,6 +43,7 @@ SHORTENS = (
     "plunger_needle.stem_diameter",
     "needle_seat.contact_stiffness",
     "needle_seat.diameter",
+    "feed_pipe.diameter",
     "valve.contact_stiffness",
     "valve.contact_damping",
 )
@@ -50,6 +55,7 @@ LENGTHENS = (
     "valve.mass",
     "feed_pipe.length",
     "return_line.length",
+    "rail.volume",
 )
 
 
@@ -78,12 +84,12 @@ def medium_of(injector: Injector, rail_pressure: float, return_pressure: float =
     )
 
 
-def bears(body: Body, values: Values, medium: Medium, dt: float) -> Any:
+def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
     """True where a step is short enough.
 
     Parameters
     ----------
-    body : Body
+    variant : Variant
     values : mapping of str to float or (n,)
         SI values of `SHORTENS` and `LENGTHENS` by dotted name.
     medium : Medium
@@ -95,8 +101,9 @@ def bears(body: Body, values: Values, medium: Medium, dt: float) -> Any:
     bool or (n,) bool
         NaN anywhere counts as too long.
     """
-    moves = _chain_bears if body is Body.FLEXIBLE else _rigid_bears
-    return moves(values, medium, dt) & _valve_bears(values, dt) & _waves_bear(values, medium, dt)
+    moves = _chain_bears if variant.body is Body.FLEXIBLE else _rigid_bears
+    fluid = _waves_bear(values, medium, dt) & _volumes_bear(variant.boundary, values, medium, dt)
+    return moves(values, medium, dt) & _valve_bears(values, dt) & fluid
 
 
 def _chain_bears(values: Values, medium: Medium, dt: float) -> Any:
@@ -159,7 +166,22 @@ def _waves_bear(values: Values, medium: Medium, dt: float) -> Any:
     return (feed >= medium.speed * dt) & ((line == 0.0) | (2.0 * line >= medium.return_speed * dt))
 
 
-def longest_step(injector: Injector, theta: Floats, medium: Medium) -> float:
+def _volumes_bear(boundary: Boundary, values: Values, medium: Medium, dt: float) -> Any:
+    way = medium.speed * dt
+    seat = way * pipe_area(values["needle_seat.diameter"]) <= DRAWN * values["accumulation.volume"]
+    if boundary is not Boundary.VOLUME:
+        return seat
+    return seat & (way * pipe_area(values["feed_pipe.diameter"]) <= values["rail.volume"])
+
+
+def room_left(values: Values, lift: Any) -> Any:
+    """Control chamber [m³] that a plunger risen by `lift` [m], at most to its stop, leaves; never quite nothing."""
+    risen = np.clip(lift, 0.0, values["plunger_needle.stop_lift"])
+    taken = pipe_area(values["plunger_needle.plunger_diameter"]) * risen
+    return np.maximum(values["control_chamber.volume"] - taken, 1e-30)
+
+
+def longest_step(injector: Injector, theta: Floats, medium: Medium, lift: float = 0.0) -> float:
     """Longest step [s] that a candidate bears, 0 if none does.
 
     Parameters
@@ -168,26 +190,31 @@ def longest_step(injector: Injector, theta: Floats, medium: Medium) -> float:
     theta : (parameters, …)
         Flat parameter vector of one candidate.
     medium : Medium
+    lift : float
+        As in `too_long`.
     """
-    return longest(injector.variant.body, dict(zip(parameter_paths(), theta.tolist(), strict=False)), medium)
+    values = dict(zip(parameter_paths(), theta.tolist(), strict=False))
+    return longest(injector.variant, values | {"control_chamber.volume": float(room_left(values, lift))}, medium)
 
 
-def longest(body: Body, values: Values, medium: Medium) -> float:
+def longest(variant: Variant, values: Values, medium: Medium) -> float:
     """Longest step [s] for an injector's values by dotted name, 0 if none is short enough."""
     with np.errstate(all="ignore"):
         try:
-            if not bears(body, values, medium, 1e-15):
+            if not bears(variant, values, medium, 1e-15):
                 return 0.0
         except (OverflowError, ZeroDivisionError):
             return 0.0
         low, high = 1e-15, 1.0
         for _ in range(_DIGITS):
             middle = (low * high) ** 0.5
-            low, high = (middle, high) if bears(body, values, medium, middle) else (low, middle)
+            low, high = (middle, high) if bears(variant, values, medium, middle) else (low, middle)
     return low
 
 
-def too_long(injector: Injector, names: Sequence[str], theta: Floats, medium: Medium, dt: float) -> NDArray[np.bool_]:
+def too_long(
+    injector: Injector, names: Sequence[str], theta: Floats, medium: Medium, dt: float, lift: Floats | float = 0.0
+) -> NDArray[np.bool_]:
     """Candidates (n,) for which a step is too long.
 
     Parameters
@@ -200,6 +227,9 @@ def too_long(injector: Injector, names: Sequence[str], theta: Floats, medium: Me
     medium : Medium
     dt : float
         [s].
+    lift : float or (n,)
+        Greatest lift of the needle [m]: the plunger takes as much from the control chamber, and a chamber that is
+        nearly gone is a stiff spring.
     """
     paths = parameter_paths()
     columns = {name: paths.index(name) for name in (*SHORTENS, *LENGTHENS)}
@@ -209,11 +239,13 @@ def too_long(injector: Injector, names: Sequence[str], theta: Floats, medium: Me
     corner = values | {
         name: theta[:, columns[name]].max() if name in SHORTENS else theta[:, columns[name]].min() for name in varied
     }
+    everything = dict(zip(paths, theta.T, strict=False))
+    left = np.broadcast_to(room_left(everything, lift), len(theta))
     with np.errstate(all="ignore"):
-        if bears(injector.variant.body, corner, medium, dt):
+        if bears(injector.variant, corner | {"control_chamber.volume": left.min()}, medium, dt):
             return np.zeros(len(theta), bool)
-        each = values | {name: theta[:, columns[name]] for name in varied}
-        return ~np.broadcast_to(bears(injector.variant.body, each, medium, dt), len(theta))
+        each = values | {name: theta[:, columns[name]] for name in varied} | {"control_chamber.volume": left}
+        return ~np.broadcast_to(bears(injector.variant, each, medium, dt), len(theta))
 
 
 def stiffest_corner(values: Mapping[str, float], lower: Mapping[str, float], upper: Mapping[str, float]) -> Values:

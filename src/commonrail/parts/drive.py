@@ -12,7 +12,7 @@ from commonrail.compile import physics, reciprocals
 from commonrail.parts import solenoid
 from commonrail.parts.furniture import Annotated, Domain, Q
 
-TINY = 1e-30  # a change of current that may be divided by [A]
+TINY = 1e-12  # current [A], or current by a volt over a step [A/V], that is none
 
 
 class Parameters(NamedTuple):
@@ -197,7 +197,8 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
 
     `now` has the gap of mid-step; the armature's motion is taken off both ends, so that the current is compared with
     its limit where the step begins and where energising or the step ends. The instant at which it meets the limit is
-    interpolated between them, and the voltage averaged.
+    interpolated between them, and the voltage averaged. Where the rest of the step would carry the current past the
+    other limit too, it switches in turn there: on the average it stays at that limit.
     """
     plan = supply.schedule
     in_peak = plan.peak >= 0.5 * plan.on
@@ -207,7 +208,7 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     voltage = pwm_voltage(p, s.conducting)
     limit = mean + half_band if conducting else mean - half_band
     trial = during(plan.on, applied(c, voltage, now))
-    per_damped = 1.0 / damped(trial, dt)
+    per_damped, per_gain = reciprocals(damped(trial, dt), max(dt * plan.on * c.per_turn * now.slope, TINY))
     first = now.current + now.drift
     change = dt * risen(trial, dt) * per_damped * now.slope - 2.0 * now.drift
     after = first + change
@@ -216,7 +217,9 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     left = limit - first if conducting else first - limit
     before = clamp(left / max(abs(change), TINY), 0.0, 1.0) if crossed else 1.0
     other = pwm_voltage(p, 0.0 if conducting else 1.0)
-    live = during(plan.on, applied(c, before * voltage + (1.0 - before) * other, now))
+    hold, room = c.resistance * limit, 2.0 * half_band * per_gain
+    swing = clamp((1.0 - before) * (other - hold), -room, room)
+    live = during(plan.on, applied(c, before * voltage + (1.0 - before) * hold + swing, now))
     off = during(1.0 - plan.on, switched_off(p, c, now))
     flag = (turned(s.conducting) if crossed else s.conducting) if plan.on > 0.0 else 2.0
     return Change(risen(live, dt) * per_damped + relaxed(off, dt), flag)
