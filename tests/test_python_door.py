@@ -212,6 +212,7 @@ def test_a_wrong_argument_is_refused_by_name(call: Callable[..., object], name: 
 def test_what_is_no_study_is_refused(value: Any, study: cr.Study, tmp_path: Path) -> None:
     for call in (
         lambda: cr.calibrate(value),
+        lambda: cr.check_study(value),
         lambda: cr.calibrate_into(tmp_path / "run", value),
         lambda: cr.validate(value, INJECTOR),
         lambda: cr.compare({"a": INJECTOR}, value),
@@ -229,6 +230,7 @@ def test_settings_of_a_run_are_refused_before_anything_is_written(study: cr.Stud
     for threads in NO_COUNT:
         for call in (
             lambda how=threads: cr.calibrate(study, threads=how),
+            lambda how=threads: cr.check_study(study, how),
             lambda how=threads: cr.calibrate_into(into, study, threads=how),
             lambda how=threads: cr.resume(into, threads=how),
             lambda how=threads: cr.validate(study, INJECTOR, how),
@@ -239,6 +241,9 @@ def test_settings_of_a_run_are_refused_before_anything_is_written(study: cr.Stud
     for value in (0, 1.5, "four", [], object()):
         refused(lambda how=value: cr.calibrate(study, workers=how), "workers")
         refused(lambda how=value: cr.calibrate(study, progress=how), "progress")
+        refused(lambda how=value: cr.calibrate(study, warn=how), "warn")
+        refused(lambda how=value: cr.calibrate(study, strict=how), "strict")
+        refused(lambda how=value: cr.calibrate_into(into, study, strict=how), "strict")
         refused(lambda how=value: cr.calibrate(study, checkpoint=how), "checkpoint")
         refused(lambda how=value: cr.calibrate_into(into, study, workers=how), "workers")
         refused(lambda how=value: cr.calibrate_into(into, study, listener=how), "listener")
@@ -351,6 +356,8 @@ def test_quantity_data_of_wrong_parts_are_refused(changed: dict[str, Any], word:
         (lambda: cr.OperatingPoint(1600, 7e-4), '1600 Pa was read; if 1600 bar is meant, write "1600 bar"'),
         (lambda: cr.OperatingPoint(160e6, 700), '700 s was read; if 700 us is meant, write "700 us"'),
         (lambda: cr.OperatingPoint(160e6, 0.7), '0.7 s was read; if 0.7 ms is meant, write "0.7 ms"'),
+        (lambda: cr.check_study("study.toml"), 'commonrail.load_study("study.toml")'),
+        (lambda: cr.OperatingPoint(160e6, -5e-6), "between 0 s and 100 ms, and -5 us was read"),
         (lambda: one(time_step=1), '1 s was read; if 1 us is meant, write "1 us"'),
         (
             lambda: batch(names=["plunger_needle.k11"]),

@@ -142,7 +142,8 @@ def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     if limits.low <= found <= limits.high:
         return found
     low, high = to_text(limits.low, unit), to_text(limits.high, unit)
-    read = f"{found:.6g} {unit.removesuffix('1')}".rstrip()
+    # a number in SI units is repeated as it was written, a tiny one with a prefix
+    read = f"{found:.6g} {unit.removesuffix('1')}".rstrip() if abs(found) >= 1e-4 else to_text(found, unit)
     raise ConfigurationError(
         f"The {what} must lie between {low} and {high}, and {read} was read{_meant(found, limits)}."
     )

@@ -299,6 +299,14 @@ def test_a_fit_that_barely_moved(pwm: Injector, fall: float, odd: int) -> None:
     assert codes(fitted(pwm, data, simulated, start=fall * j)) == ["moved"] * odd
 
 
+def test_a_fall_that_rounds_to_nothing_is_not_called_one(pwm: Injector) -> None:
+    data, simulated = curve(pulse() + NOISE), pulse(length=1.1e-3)
+    j = curve_j(simulated, data)
+    sentences = [fitted(pwm, data, simulated, start=fall * j)[0].sentence for fall in (1.0 + 1e-9, 1.009)]
+    assert f"J is {j:.4g} at the start and at the end: the free parameters" in sentences[0]
+    assert "J fell only from" in sentences[1]
+
+
 def test_good_start_values_need_not_move(pwm: Injector) -> None:
     data, simulated = curve(pulse() + NOISE), pulse(length=1.02e-3)
     assert fitted(pwm, data, simulated, start=curve_j(simulated, data)) == ()

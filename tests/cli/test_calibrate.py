@@ -89,6 +89,9 @@ def test_the_last_line_counts_the_warnings(command: Command, study: Path, tmp_pa
     done = command("calibrate", study, "--out", tmp_path / "run")
     assert done.status == 0
     assert done.out.endswith(f"report: {tmp_path / 'run' / 'report.html'} (3 warnings at its top)\n")
+    assert done.out.startswith("SYNTHETIC: ")
+    parameters = done.out.partition("\nParameters\n")[2]
+    assert "control_chamber.z_hole_diameter" in parameters
 
 
 def test_the_report_can_be_made_again(command: Command, finished: dict[str, Any]) -> None:
@@ -196,6 +199,13 @@ def test_validate_says_what_it_needs(command: Command, study: Path, options: tup
     done = command("validate", study, *options)
     assert (done.status, done.out) == (2, "")
     assert words in done.sentence
+
+
+def test_report_says_which_command_makes_a_fleet_s(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "fleet.json").write_text("{}", encoding="utf-8")
+    done = command("report", tmp_path)
+    assert done.status == 2
+    assert f"`commonrail fleet FLEET --out {tmp_path}`" in done.sentence
 
 
 def test_report_refuses_what_is_no_run_folder(command: Command, tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def test_warnings_stand_on_top_of_the_page(write_run: WriteRun) -> None:
     sentence = "EVI 160 MPa: the data come 35 us later than the simulation."
     warning = {"code": "shift", "subject": "EVI 160 MPa", "sentence": sentence}
     page = page_of(write_run(map_record() | {"warnings": [warning]}))
-    assert page.count("div", **{"class": "banner"}) == 1
+    assert page.count("div", **{"class": "banner warning"}) == 1
     assert page.text.index("Implausible") < page.text.index(sentence) < page.text.index("fitted to")
 
 

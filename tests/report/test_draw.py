@@ -50,3 +50,12 @@ def test_a_logarithmic_axis_writes_its_numbers_in_full() -> None:
     series = Series("", "best", (0.0, 1.0), (2000.0, 170.0))
     axis = draw(Figure("", "", "", (Panel("", (series,), logarithmic=True),)), 300).layout.yaxis
     assert {200, 500, 1000, 2000} <= set(axis.tickvals)
+
+
+def test_a_constant_line_has_an_axis_that_is_wider_than_its_rounding() -> None:
+    constant = Series("", "best", (0.0, 1.0), (10830.5, 10830.5 * (1.0 + 1e-15)))
+    falling = Series("", "best", (0.0, 1.0), (10830.5, 10830.0))
+    low, high = draw(Figure("", "", "", (Panel("", (constant,)),)), 300).layout.yaxis.range
+    assert low < 10300.0
+    assert high > 11300.0
+    assert draw(Figure("", "", "", (Panel("", (falling,)),)), 300).layout.yaxis.range is None

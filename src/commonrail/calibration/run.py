@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.arguments import function, instance, thread_count
+from commonrail.arguments import flag, function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.interrupt import held_interrupts
 from commonrail.calibration.optimisers import Counts
@@ -121,6 +121,8 @@ def calibrate(
     instance(study, Study, "study")
     threads = thread_count(threads)
     function(progress, "progress")
+    function(warn, "warn")
+    strict = flag(strict, "strict")
     if workers is not None:
         instance(workers, Workers, "workers")
     if checkpoint is not None:
@@ -139,8 +141,14 @@ def check_study(study: Study, threads: int | None = None) -> tuple[Finding, ...]
     """Warnings about a study that `calibrate` would give before its search: units, signs, times, ranges.
 
     Every data set is simulated once with the start values.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, such as a path in place of a study.
     """
-    return _start(study, threads)[1]
+    instance(study, Study, "study")
+    return _start(study, thread_count(threads))[1]
 
 
 def _start(

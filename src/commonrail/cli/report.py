@@ -9,6 +9,7 @@ import typer
 
 from commonrail.cli.console import print_json
 from commonrail.cli.options import Json
+from commonrail.errors import InputError
 
 __all__ = ["report"]
 
@@ -26,8 +27,13 @@ def report(
     Example:
       commonrail report runs/paper-1
     """
+    from commonrail.fleet.results import RECORD
     from commonrail.report.build import write_report
 
+    if (run / RECORD).is_file():
+        raise InputError(
+            f"{run}: this is the folder of a fleet; `commonrail fleet FLEET --out {run}` makes its report."
+        )
     path = write_report(run)
     if json:
         print_json({"kind": "report", "report": str(path)})

@@ -102,6 +102,7 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
     StudyError
         If `strict` and the run has given a warning; its files are written.
     """
+    from commonrail.report.parameters import parameter_table
     from commonrail.report.tables import tables_of
 
     warnings = outcome.record["warnings"]
@@ -109,7 +110,9 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
         print_json({"kind": "calibration", **places, "result": outcome.record})
     else:
-        for table in tables_of(outcome.record["data"]):
+        if outcome.record["synthetic"]:
+            typer.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
+        for table in (*tables_of(outcome.record["data"]), parameter_table(outcome.record["parameters"])):
             print_table(table)
         typer.echo(f"report: {outcome.report}{_mention(warnings)}")
     if outcome.interrupted:

@@ -16,6 +16,7 @@ from commonrail.report.chart import Band, Boxes, Figure, Panel, Series
 __all__ = ["draw", "figure_html", "plotly_script"]
 
 INK, SOFT, GRID = "#1d2733", "#586472", "#e3e7eb"
+ROUNDING = 1e-9  # of the largest value; differences of sums of doubles stay below
 FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
 
 # Told apart in grey by dash and width, and by the colour-blind (Okabe and Ito's palette).
@@ -187,8 +188,18 @@ def _log_ticks(panel: Panel) -> list[float]:
     return [digit * 10.0**decade for decade in decades for digit in (1, 2, 5)]
 
 
+def _around_a_constant(panel: Panel) -> dict[str, list[float]]:
+    """Range about lines that are constant but for rounding: plotly would span the rounding, and write no ticks."""
+    values = [v for series in panel.series for v in series.y if v is not None]
+    if panel.bands or panel.boxes or not values:
+        return {}
+    size = max(abs(v) for v in values)
+    constant = size > 0.0 and max(values) - min(values) <= ROUNDING * size
+    return {"range": [min(values) - 0.05 * size, max(values) + 0.05 * size]} if constant else {}
+
+
 def _y_axis(panel: Panel) -> dict[str, Any]:
-    ticks = {"tickvals": _log_ticks(panel)} if panel.logarithmic else {}
+    ticks = {"tickvals": _log_ticks(panel)} if panel.logarithmic else _around_a_constant(panel)
     return {
         **ticks,
         "title": {"text": _plain(panel.y_title), "standoff": 6},

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from commonrail.report.record import Record, number
+from commonrail.report.tables import Cell, Table
 from commonrail.report.text import MISSING, quantity, signed, significant
 
-__all__ = ["ParameterRow", "parameter_rows"]
+__all__ = ["ParameterRow", "parameter_rows", "parameter_table"]
 
 MARKS = {
     "M": "measured",
@@ -16,6 +17,16 @@ MARKS = {
     "F": "fitted or derived",
     "E": "engineering estimate",
 }
+_COLUMNS = (
+    "parameter",
+    "what the data say",
+    "start",
+    "calibrated",
+    "standard error",
+    "change, %",
+    "bounds",
+    "at a bound",
+)
 
 
 @dataclass(frozen=True)
@@ -59,6 +70,24 @@ class ParameterRow:
 def parameter_rows(parameters: Sequence[Record]) -> list[ParameterRow]:
     """Rows of the table of parameters, in the order of the study."""
     return [_row(p) for p in parameters]
+
+
+def parameter_table(parameters: Sequence[Record]) -> Table:
+    """Calibrated parameters for the terminal: what the report sets with bars."""
+    rows = [
+        (r.name, r.verdict, r.start, r.best, r.error or MISSING, r.change, f"{r.lower} to {r.upper}", _bound(r))
+        for r in parameter_rows(parameters)
+    ]
+    return Table(
+        "Parameters",
+        _COLUMNS,
+        tuple(tuple(Cell(text) for text in row) for row in rows),
+        texts=2,
+    )
+
+
+def _bound(row: ParameterRow) -> str:
+    return "yes" if row.at_bound else "no"
 
 
 def _row(p: Record) -> ParameterRow:

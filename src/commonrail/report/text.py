@@ -33,9 +33,12 @@ def fixed(value: Any, decimals: int, scale: float = 1.0) -> str:
 
 
 def significant(value: Any, digits: int = 4, scale: float = 1.0) -> str:
-    """Number times `scale` with so many significant digits."""
+    """Number times `scale` with so many significant digits, without an exponent from 1 to a million."""
     found = number(value)
-    return MISSING if found is None else f"{found * scale:.{digits}g}"
+    if found is None:
+        return MISSING
+    rounded = f"{found * scale:.{digits}g}"
+    return f"{float(rounded):.0f}" if "e+" in rounded and abs(float(rounded)) < 1e6 else rounded
 
 
 def signed(value: Any, decimals: int) -> str:

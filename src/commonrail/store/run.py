@@ -94,6 +94,7 @@ def calibrate_into(
     """
     path = file_path(folder, "folder")
     instance(study, Study, "study")
+    strict = flag(strict, "strict")
     threads = _check_how(threads, workers, listener)
     with _begun(path, study) as (journal, own):
         return _run(journal, own, None, listener, threads=threads, workers=workers, strict=strict)

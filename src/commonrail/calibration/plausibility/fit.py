@@ -147,10 +147,16 @@ def _moved(fit: Fit) -> Iterator[Finding]:
     yield found(
         "moved",
         fit.study.title,
-        f"J fell only from {fit.start_cost:.4g} to {fit.cost:.4g}, by less than {100.0 * limits.BARELY:g} %: the free "
-        "parameters cannot explain the data; check the data's units and operating point, and free parameters that "
-        "they depend on.",
+        f"{_fall(fit)}: the free parameters cannot explain the data; check the data's units and operating point, and "
+        "free parameters that they depend on.",
     )
+
+
+def _fall(fit: Fit) -> str:
+    start, end = f"{fit.start_cost:.4g}", f"{fit.cost:.4g}"
+    if start == end:
+        return f"J is {start} at the start and at the end"
+    return f"J fell only from {start} to {end}, by less than {100.0 * limits.BARELY:g} %"
 
 
 def _at_bounds(fit: Fit) -> Iterator[Finding]:
