@@ -69,7 +69,7 @@ def test_a_rigid_body_only_feels_its_contacts(rigid: Injector) -> None:
     mass = sum(drawn(rigid)[0])
     stiff = p.plunger_needle.stop_stiffness + p.needle_seat.contact_stiffness
     slow = rigid.with_values({"valve.mass": 1.0})  # the valve's own limit out of the way
-    limit = 2 * np.sqrt(mass / stiff)
+    limit = 0.7 * np.sqrt(mass / stiff)  # a third of what is stable, for its accuracy
     assert longest_step(slow, own_vector(slow), EMPTY) == pytest.approx(limit, rel=1e-10)
 
 
@@ -78,7 +78,7 @@ def test_enclosed_fuel_presses_as_a_spring(rigid: Injector) -> None:
     small = rigid.with_values({"control_chamber.volume": 1e-12})
     medium = Medium(2.2e9, 0.0, 0.0)
     spring = 2.2e9 * (np.pi / 4 * 4.3e-3**2) ** 2 / 1e-12
-    limit = 2 * np.sqrt(sum(drawn(rigid)[0]) / spring)
+    limit = 0.7 * np.sqrt(sum(drawn(rigid)[0]) / spring)
     assert longest_step(small, own_vector(small), medium) == pytest.approx(limit, rel=0.01)  # contacts: 0.1 % of it
 
 

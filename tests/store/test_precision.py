@@ -26,8 +26,8 @@ def single(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     folder = tmp_path_factory.mktemp("single")
     study = write_small(folder / "small")
     text = study.read_text(encoding="utf-8")
-    assert text.count('time_step = "1 us"') == 1
-    study.write_text(text.replace('time_step = "1 us"', 'time_step = "1 us"\nprecision = "f32"'), encoding="utf-8")
+    assert text.count('time_step = "auto"') == 1
+    study.write_text(text.replace('time_step = "auto"', 'time_step = "1 us"\nprecision = "f32"'), encoding="utf-8")
     calibrate_into(folder / "run", load_study(study), threads=1)
     return Whole(study, folder / "run")
 

@@ -252,7 +252,7 @@ def test_a_search_without_any_simulation_leaves_nothing(tmp_path: Path, study_fi
 
 
 def test_a_search_in_which_all_fail_says_why_and_stays(tmp_path: Path, study_file: Path) -> None:
-    text = study_file.read_text(encoding="utf-8").replace('time_step = "1 us"', 'time_step = "20 us"')
+    text = study_file.read_text(encoding="utf-8").replace('time_step = "auto"', 'time_step = "20 us"')
     assert "20 us" in text
     study_file.write_text(text, encoding="utf-8")
     study = load_study(study_file)

@@ -165,7 +165,7 @@ def simulate(
         point.start + time_step * float(outcome.closing[0, 0]),
         point.start + time_step * float(outcome.first_closing[0, 0]),
         reference_density(injector, point),
-        Status(int(_status(outcome, beyond)[0, 0])),
+        Status(int(_status(outcome, beyond, 1)[0, 0])),
         engine.value,
         relative_balance(injector, point, names, trace[0, :, :, 0], time_step),
         longest_step(injector, theta[0], prepared.medium, reached),
@@ -348,7 +348,8 @@ def _simulate(injector: Injector, names: Sequence[str], candidates: Floats, how:
     varies = FUEL_TEMPERATURE in names
     densities = plan.reference_densities(injector, points, names, candidates) if varies else prepared.densities
     outcome = _run(job, injector.variant, how, densities)
-    status = _status(outcome, _beyond(injector, names, theta, prepared, outcome, how.time_step))
+    beyond = _beyond(injector, names, theta, prepared, outcome, how.time_step)
+    status = _status(outcome, beyond, len(points))
     status[~inside] = Status.OUTSIDE_DOMAIN
 
     failed = which_failed(status)
@@ -387,18 +388,18 @@ def check_step(time_step: Quantity) -> float:
 def _beyond(
     injector: Injector, names: Sequence[str], theta: Floats, prepared: Prepared, outcome: Outcome, time_step: float
 ) -> NDArray[np.bool_]:
-    """Candidates and points (candidates, points) for which the step is too long, at the lifts that were reached."""
+    """Candidates (n,) for which the step is too long at the greatest lift that they reached."""
     lifts = np.nan_to_num(plan.by_candidate(outcome.greatest_lift, len(theta), len(prepared.points)))
-    return np.stack([too_long(injector, names, theta, prepared.medium, time_step, lift) for lift in lifts.T], axis=1)
+    return too_long(injector, names, theta, prepared.medium, time_step, lifts.max(axis=1))
 
 
-def _status(outcome: Outcome, beyond: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Status (candidates, points); `beyond` (candidates, points) tells where the step is too long."""
+def _status(outcome: Outcome, beyond: NDArray[np.bool_], points: int) -> NDArray[np.int64]:
+    """Status (candidates, points); `beyond` (candidates,) tells for which candidates the step is too long."""
 
     def table(figures: Floats) -> Floats:
-        return plan.by_candidate(figures, *beyond.shape)
+        return plan.by_candidate(figures, len(beyond), points)
 
-    status = np.full(beyond.shape, OK)
+    status = np.full((len(beyond), points), OK)
     status[table(outcome.closed_at_end) == 0.0] = STILL_INJECTING
     bad = table(outcome.sound) == 0.0
     if bad.any():

@@ -26,7 +26,8 @@ Values = Mapping[str, Any]
 
 # Largest ω dt of the valve on its seat or stop: leapfrog's correction of fourth order needs it well below one. The
 # contact's damping counts at this speed of impact [m/s].
-RESOLVED, IMPACT = 0.5, 1.0
+RESOLVED, IMPACT = 0.35, 1.0
+RIGID = 0.7  # largest ω dt of one rigid mass on its seat and stop: of second order, and all its energy in that mode
 # Share of the accumulation volume that a wave may draw through the seat's bore in a step: with a SAC as large as the
 # volume itself the flow through the seat begins to alternate at about one.
 DRAWN = 0.5
@@ -136,7 +137,7 @@ def _chain_bears(values: Values, medium: Medium, dt: float) -> Any:
 def _rigid_bears(values: Values, medium: Medium, dt: float) -> Any:
     mass = sum(values[f"plunger_needle.m{i}"] for i in range(1, 8))
     contact = values["plunger_needle.stop_stiffness"] + values["needle_seat.contact_stiffness"]
-    return dt * dt * (contact + sum(_pressed(values, medium))) < 4.0 * mass
+    return dt * dt * (contact + sum(_pressed(values, medium))) < RIGID * RIGID * mass
 
 
 def _pressed(values: Values, medium: Medium) -> tuple[Any, Any, Any]:
