@@ -162,7 +162,7 @@ def _best(action: Callable[[], Any], runs: int) -> float:
 
 
 class Times(NamedTuple):
-    """What was measured of a step: seconds of the run, of a step without waiting (None: not measured), clock [Hz]."""
+    """Measurements of a step: seconds of the run, of a step without waiting (None: not measured), clock [Hz]."""
 
     run: float
     without_waiting: float | None

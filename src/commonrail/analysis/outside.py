@@ -56,7 +56,7 @@ class Run:
 
     @property
     def short(self) -> bool:
-        """Whether the limits of short injections hold."""
+        """True where the limits of short injections hold."""
         return self.point.pulses[0].duration <= SHORT
 
 
@@ -89,7 +89,7 @@ ENGINES: dict[str, Callable[[Run], Gaps]] = {"lanes": by_lanes, "reference": by_
 
 
 def gaps(run: Run, solution: Solution) -> Gaps:
-    """How far a solution is from a run; NaN where it has failed."""
+    """Distances of a solution from a run; NaN where it has failed."""
     sound = math.nan if solution.status.failed else 1.0
     rate = None
     if run.rate is not None:

@@ -48,7 +48,7 @@ class Difference(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """What a task found.
+    """Outcome of a task.
 
     Attributes
     ----------

@@ -113,7 +113,7 @@ class Parameter:
         return (value - self.lower) / (self.upper - self.lower)
 
     def is_at_bound(self, value: float) -> bool:
-        """Whether a value has ended at a bound."""
+        """True for a value that has ended at a bound."""
         position = self.position(value)
         return bool(min(position, 1.0 - position) < NEAR)
 

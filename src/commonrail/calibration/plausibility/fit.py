@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 
 class Fit(NamedTuple):
-    """What a search found: best values [SI], objective of start and best, scores of the best on every data set."""
+    """Result of a search: best values [SI], objective of start and best, scores of the best on every data set."""
 
     study: Study
     best: Mapping[str, float]
@@ -41,7 +41,7 @@ class Change(NamedTuple):
 
     @property
     def halves(self) -> bool:
-        """Whether it brings J below half."""
+        """True if it brings J below half."""
         return self.after < limits.HALF * self.before
 
 
