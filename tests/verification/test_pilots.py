@@ -142,10 +142,11 @@ def test_whatever_ends_ok_is_right() -> None:
 
 @pytest.mark.slow
 def test_of_2000_random_injectors_whatever_ends_ok_is_right() -> None:
-    share = distances(CASES, 4, 1600)
+    share = distances(CASES, 4, 2200)
     print(len(share), "OK, beyond:", np.sum(share > 1.0), "worst:", share.max())
     assert len(share) > 2000
-    assert np.mean(share > 1.0) <= 0.005
+    # 0.45 % of 1556: needles that bounce open again, and small quantities
+    assert np.mean(share > 1.0) <= 0.01
     assert share.max() < 8.0
 
 
