@@ -58,8 +58,8 @@ def test_it_agrees_with_lsoda(
     assert marched.closing == pytest.approx(solved.closing, abs=5e-9)
     for channel, values in solved.channels.items():
         # two samples may fall beside a switching or the fading of the lift's memory (0.1 us); at two or three more
-        # LSODA may miss the SAC's pressure by some 0.5 MPa where it changes its method, as the march at a quarter of its
-        # step tells (kernels without fused products)
+        # LSODA may miss the SAC's pressure by some 0.5 MPa where it changes its method, as the march at a quarter of
+        # its step tells (kernels without fused products)
         apart = np.sort(np.abs(marched.channels[channel] - values))[-5]
         assert apart <= 1e-3 * np.ptp(values) + 1e-6 * np.max(np.abs(values)), channel
 
