@@ -194,7 +194,7 @@ def search(bench: Bench, data: RateData, settings: EvolutionSettings, seed: int 
 
 
 class _Model(NamedTuple):
-    """What is searched: free parameters, and how plunger and needle move."""
+    """Subject of a search: free parameters, and how plunger and needle move."""
 
     space: Space
     body: Body

@@ -58,7 +58,7 @@ def _best_configuration(f: Figures) -> Claim:
 
 
 def _compared(means: Floats, at: int) -> tuple[Verdict, str]:
-    """Whether row `at` of (configurations, seeds) is the lowest, by tests over the seeds."""
+    """True if row `at` of (configurations, seeds) is the lowest, by tests over the seeds."""
     if means.shape[1] < 2 or not np.isfinite(means).all():
         return OPEN, "too few seeds with a number for a test"
     p = float(friedmanchisquare(*means).pvalue)

@@ -52,7 +52,7 @@ def _index(symbol: str) -> int:
 
 
 def _pinned(f: Figures, symbols: Sequence[str]) -> bool:
-    """Whether the data say anything of these stiffnesses by themselves in most of the seeds."""
+    """True if the data say anything of these stiffnesses by themselves in most of the seeds."""
     return all(f.verdicts(_index(s)).get("pinned down", 0) > 0.5 * len(f.seeds) for s in symbols)
 
 
@@ -78,7 +78,7 @@ class _Group(NamedTuple):
         return f"{all_of}{relation} {100.0 * self.limit:.1f} % from theory, {self.origin}"
 
     def true(self, change: Floats) -> Bools:
-        """Whether changes (..., 7) satisfy the claim."""
+        """True where changes (..., 7) satisfy the claim."""
         own = np.abs(change[..., [_index(s) for s in self.symbols]])
         return np.asarray(np.all((own > self.limit) == self.beyond, axis=-1))
 
