@@ -14,6 +14,7 @@ import hashlib
 import inspect
 import os
 import platform
+import sqlite3
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -149,6 +150,7 @@ def exchange_rounding(typing: Any, bits: Any, kept: Any) -> Any:
 FLUSH_TINY = np.int32(0x8040)
 KEEP_ALL, KEEP_NONE = np.int32(-1), np.int32(0)
 CACHE_LINE = 64  # [bytes]
+LONGEST_WAIT = 120.0  # for another process that compiles the same kernel [s]
 
 
 @intrinsic
@@ -224,7 +226,7 @@ def kernel(
         if compiled.signatures:
             return compiled(*arguments)
         with _FIRST_CALL, compiler_choices(), contextlib.ExitStack() as told:
-            compiled._cache.missed = lambda: told.enter_context(compiling())
+            compiled._cache.told = told
             return compiled(*arguments)
 
     run.compiled = compiled  # type: ignore[attr-defined]
@@ -304,10 +306,22 @@ def _private_temporary() -> str:
 class _NoCache(NullCache):  # type: ignore[misc]
     """No place to keep anything: every run compiles, and says so."""
 
-    missed: Callable[[], Any] = staticmethod(lambda: None)
+    told: contextlib.ExitStack
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        self.missed()
+        self.told.enter_context(compiling())
+
+
+@contextlib.contextmanager
+def _turn(path: Path) -> Iterator[None]:
+    """A turn at compiling one kernel: processes that start together compile it once, and the others wait for it.
+
+    The lock is the operating system's, by way of SQLite, and ends with its process. Who cannot get it compiles too.
+    """
+    with contextlib.closing(sqlite3.connect(path, isolation_level=None, timeout=LONGEST_WAIT)) as lock:
+        with contextlib.suppress(sqlite3.Error):
+            lock.execute("BEGIN EXCLUSIVE")
+        yield
 
 
 def _kernel_cache(loop: Callable[..., Any], name: str, laws: tuple[Callable[..., Any], ...]) -> Any:
@@ -315,6 +329,8 @@ def _kernel_cache(loop: Callable[..., Any], name: str, laws: tuple[Callable[...,
     if folder is None:
         return _NoCache()
     stamp = _physics_stamp() + "".join(_law_stamp(law) for law in laws)
+    own = hashlib.sha256((name + stamp).encode()).hexdigest()[:12]
+    turn = folder / f"{own}.lock"
 
     class Locator(_CacheLocator):
         def get_cache_path(self) -> str:
@@ -324,7 +340,7 @@ def _kernel_cache(loop: Callable[..., Any], name: str, laws: tuple[Callable[...,
             return stamp
 
         def get_disambiguator(self) -> str:
-            return hashlib.sha256((name + stamp).encode()).hexdigest()[:12]
+            return own
 
         @classmethod
         def from_function(cls, py_func: Any, py_file: str) -> Any:
@@ -335,15 +351,21 @@ def _kernel_cache(loop: Callable[..., Any], name: str, laws: tuple[Callable[...,
 
     class KernelCache(Cache):
         _impl_class = Impl
-        missed: Callable[[], Any] = staticmethod(lambda: None)
+        told: contextlib.ExitStack  # until the kernel is there
 
         def load_overload(self, sig: Any, target_context: Any) -> Any:
-            found = None
-            with contextlib.suppress(Exception):  # a damaged file: compile anew and write over it
-                found = super().load_overload(sig, target_context)
+            found = self._kept(sig, target_context)
             if found is None:
-                self.missed()
+                self.told.enter_context(compiling())
+                with contextlib.suppress(sqlite3.Error):  # a full disk: go on without a turn
+                    self.told.enter_context(_turn(turn))
+                found = self._kept(sig, target_context)
             return found
+
+        def _kept(self, sig: Any, target_context: Any) -> Any:
+            with contextlib.suppress(Exception):  # a damaged file: compile anew and write over it
+                return super().load_overload(sig, target_context)
+            return None
 
         def save_overload(self, sig: Any, data: Any) -> None:
             with contextlib.suppress(Exception):  # a full disk: go on without a cache
