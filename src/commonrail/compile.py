@@ -1,24 +1,17 @@
-"""How physics becomes machine code: the only file that names Numba flags.
+"""Compilation of the physics to machine code: the only file that names Numba flags.
 
 `physics` decorates every small scalar law. With the JIT off (``NUMBA_DISABLE_JIT=1``) it returns the
 plain Python function, so debuggers, coverage and dimensional tests see ordinary code.
-`kernel` compiles an outer loop and keeps its machine code on disk under a stamp of *all* physics
-sources: editing any law recompiles, which Numba's own cache (one file at a time) would miss.
+`kernel` compiles an outer loop and keeps its machine code on disk (`kernel_cache`).
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
-import inspect
-import os
 import platform
-import sqlite3
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from types import CellType, FunctionType
 from typing import Any, TypeVar
 
@@ -26,10 +19,9 @@ import numba
 import numpy as np
 from llvmlite import ir as llvm_ir
 from numba.core import cgutils, types
-from numba.core.caching import Cache, CompileResultCacheImpl, NullCache, _CacheLocator
 from numba.extending import intrinsic, overload
 
-from commonrail.notice import compiling
+from commonrail.kernel_cache import KernelCache
 
 # No "nnan"/"ninf": a candidate that blows up must be seen to be non-finite.
 _FASTMATH = {"nsz", "arcp", "contract", "reassoc"}
@@ -40,7 +32,6 @@ _INLINED = {
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
 }
-_PHYSICS_ROOMS = ("fuel", "flow", "parts", "injector", "engine")
 
 
 _Law = TypeVar("_Law", bound=Callable[..., Any])
@@ -150,7 +141,6 @@ def exchange_rounding(typing: Any, bits: Any, kept: Any) -> Any:
 FLUSH_TINY = np.int32(0x8040)
 KEEP_ALL, KEEP_NONE = np.int32(-1), np.int32(0)
 CACHE_LINE = 64  # [bytes]
-LONGEST_WAIT = 120.0  # for another process that compiles the same kernel [s]
 
 
 @intrinsic
@@ -219,14 +209,14 @@ def kernel(
         return loop
     source = loop if real is np.float64 else in_single(loop)
     compiled = numba.njit(source, nogil=True, fastmath=_FASTMATH, error_model="numpy")
-    compiled._cache = _kernel_cache(source, name, laws)
+    compiled._cache = KernelCache(name, laws)
 
     @functools.wraps(loop)
     def run(*arguments: Any) -> Any:
         if compiled.signatures:
             return compiled(*arguments)
-        with _FIRST_CALL, compiler_choices(), contextlib.ExitStack() as told:
-            compiled._cache.told = told
+        with _FIRST_CALL, compiler_choices(), contextlib.ExitStack() as waiting:
+            compiled._cache.waiting = waiting
             return compiled(*arguments)
 
     run.compiled = compiled  # type: ignore[attr-defined]
@@ -270,114 +260,3 @@ def has_registers_of_512_bits() -> bool:
     if named is None:
         return bool(llvm.get_host_cpu_features().get("avx512vl", False))
     return "+avx512vl" in named.split(",")
-
-
-@functools.cache
-def _physics_stamp() -> str:
-    root = Path(__file__).parent
-    digest = hashlib.sha256(numba.__version__.encode())
-    sources = [Path(__file__)] + [p for r in _PHYSICS_ROOMS for p in sorted((root / r).glob("*.py"))]
-    for source in sources:
-        digest.update(source.name.encode() + source.read_bytes())
-    return digest.hexdigest()[:20]
-
-
-@functools.cache
-def cache_folder() -> Path | None:
-    """Folder of compiled kernels, or None where no place is writable (then every run compiles)."""
-    import platformdirs
-
-    for place in (Path(platformdirs.user_cache_dir("commonrail", False)), Path(_private_temporary())):
-        folder = place / f"kernels-{_physics_stamp()}"
-        try:
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            tempfile.TemporaryFile(dir=folder).close()
-        except OSError:
-            continue
-        return folder
-    return None
-
-
-def _private_temporary() -> str:
-    user = os.getuid() if hasattr(os, "getuid") else "user"
-    return os.path.join(tempfile.gettempdir(), f"commonrail-{user}")
-
-
-class _NoCache(NullCache):  # type: ignore[misc]
-    """No place to keep anything: every run compiles, and says so."""
-
-    told: contextlib.ExitStack
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        self.told.enter_context(compiling())
-
-
-@contextlib.contextmanager
-def _turn(path: Path) -> Iterator[None]:
-    """A turn at compiling one kernel: processes that start together compile it once, and the others wait for it.
-
-    The lock is the operating system's, by way of SQLite, and ends with its process. Who cannot get it compiles too.
-    """
-    with contextlib.closing(sqlite3.connect(path, isolation_level=None, timeout=LONGEST_WAIT)) as lock:
-        with contextlib.suppress(sqlite3.Error):
-            lock.execute("BEGIN EXCLUSIVE")
-        yield
-
-
-def _kernel_cache(loop: Callable[..., Any], name: str, laws: tuple[Callable[..., Any], ...]) -> Any:
-    folder = cache_folder()
-    if folder is None:
-        return _NoCache()
-    stamp = _physics_stamp() + "".join(_law_stamp(law) for law in laws)
-    own = hashlib.sha256((name + stamp).encode()).hexdigest()[:12]
-    turn = folder / f"{own}.lock"
-
-    class Locator(_CacheLocator):
-        def get_cache_path(self) -> str:
-            return str(folder)
-
-        def get_source_stamp(self) -> str:
-            return stamp
-
-        def get_disambiguator(self) -> str:
-            return own
-
-        @classmethod
-        def from_function(cls, py_func: Any, py_file: str) -> Any:
-            return cls()
-
-    class Impl(CompileResultCacheImpl):
-        _locator_classes = (Locator,)
-
-    class KernelCache(Cache):
-        _impl_class = Impl
-        told: contextlib.ExitStack  # until the kernel is there
-
-        def load_overload(self, sig: Any, target_context: Any) -> Any:
-            found = self._kept(sig, target_context)
-            if found is None:
-                self.told.enter_context(compiling())
-                with contextlib.suppress(sqlite3.Error):  # a full disk: go on without a turn
-                    self.told.enter_context(_turn(turn))
-                found = self._kept(sig, target_context)
-            return found
-
-        def _kept(self, sig: Any, target_context: Any) -> Any:
-            with contextlib.suppress(Exception):  # a damaged file: compile anew and write over it
-                return super().load_overload(sig, target_context)
-            return None
-
-        def save_overload(self, sig: Any, data: Any) -> None:
-            with contextlib.suppress(Exception):  # a full disk: go on without a cache
-                super().save_overload(sig, data)
-
-        def _index_key(self, sig: Any, codegen: Any) -> Any:
-            # the closure's cells (dispatchers) have no stable hash: the name stands for them
-            return (sig, codegen.magic_tuple(), name)
-
-    return KernelCache(loop)
-
-
-def _law_stamp(law: Callable[..., Any]) -> str:
-    source = inspect.getsource(getattr(law, "py_func", law))
-    return hashlib.sha256(source.encode()).hexdigest()[:8]

@@ -1,16 +1,23 @@
-"""Who is told that a simulation is being compiled: it takes some ten seconds, once on a machine."""
+"""Listeners to what happens far below: a simulation that is compiled, some ten seconds once on a machine, and notes."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
-__all__ = ["Listener", "compiling", "tell_of_compiling"]
+__all__ = ["Listener", "compiling", "note", "tell_notes", "tell_of_compiling"]
 
 Listener = Callable[[], AbstractContextManager[Any]]
 
+
+def _warn(text: str) -> None:
+    warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
 _listener: Listener = nullcontext
+_note: Callable[[str], None] = _warn
 
 
 def tell_of_compiling(listener: Listener) -> Listener:
@@ -23,3 +30,14 @@ def tell_of_compiling(listener: Listener) -> Listener:
 def compiling() -> AbstractContextManager[Any]:
     """The context to compile in."""
     return _listener()
+
+
+def tell_notes(listener: Callable[[str], None]) -> None:
+    """Have notes given to a function instead of raised as warnings."""
+    global _note
+    _note = listener
+
+
+def note(text: str) -> None:
+    """Say one sentence that changes no result but should be known."""
+    _note(text)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from commonrail import compile as compiling
+from commonrail import kernel_cache
 from commonrail.bench.child import run_child
 from commonrail.bench.doctor import OK, Fact, cache_facts, extra_facts, kernel_facts, self_check, usable
 
@@ -29,7 +29,7 @@ def facts_of(*answers: dict[str, Any]) -> list[Fact]:
     return list(kernel_facts(lambda: next(given)))
 
 
-@pytest.mark.skipif(compiling.cache_folder() is None, reason="no place for compiled simulations is writable here")
+@pytest.mark.skipif(kernel_cache.cache_folder() is None, reason="no place for compiled simulations can be used here")
 def test_a_second_process_loads_what_the_first_has_compiled() -> None:
     first, second = (json.loads(run_child("commonrail.bench.kernel_probe", [], 300.0).stdout) for _ in range(2))
     assert first["compiled"]
@@ -47,22 +47,23 @@ def test_a_cache_that_cannot_be_written_is_told() -> None:
 def test_the_cache_falls_back_where_its_usual_place_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "commonrail").touch()  # even root cannot make a folder below a file
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    compiling.cache_folder.cache_clear()
+    kernel_cache.cache_folder.cache_clear()
     try:
         first = next(iter(cache_facts()))
     finally:
-        compiling.cache_folder.cache_clear()
-    assert f"{tmp_path / 'commonrail'} is not writable" in first.verdict
+        kernel_cache.cache_folder.cache_clear()
+    assert f"{tmp_path / 'commonrail'} cannot be used" in first.verdict
 
 
 def test_kernels_are_counted(tmp_path: Path) -> None:
     folder = tmp_path / "kernels-1"
     folder.mkdir()
     (tmp_path / "kernels-0").mkdir()
-    (folder / "a.nbc").write_bytes(bytes(1_500_000))
-    (folder / "a.nbi").write_bytes(b"index")
+    (folder / "a.kernel").write_bytes(bytes(1_500_000))
+    (folder / "a.lock").write_bytes(b"")
     facts = {fact.name: fact for fact in cache_facts(lambda: folder)}
     assert facts["kernels in it"].value == "1, 1.5 MB"
+    assert facts["kernels in it"].verdict.startswith("1 of them differ from what was written")
     assert facts["other caches"].value == "1 folders"
 
 

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from commonrail import compile as laws
+from commonrail import kernel_cache
 from commonrail.engine import lanes, plan
 from commonrail.engine.lanes import Precision
 from commonrail.engine.operating_point import OperatingPoint
@@ -36,5 +37,5 @@ def assembly(precision: Precision) -> str:
 
 
 if __name__ == "__main__":
-    laws.cache_folder = lambda: None  # type: ignore[assignment]  # machine code from the cache has no text
+    kernel_cache.cache_folder = lambda: None  # type: ignore[assignment]  # machine code from the cache has no text
     Path(sys.argv[2]).write_text(assembly(Precision(sys.argv[1])), encoding="utf-8")

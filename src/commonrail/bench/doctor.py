@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from commonrail import compile as compiling
+from commonrail import kernel_cache
 from commonrail.bench.child import reason, run_child
 from commonrail.bench.machine import busy, instruction_sets, load, processor, version
 from commonrail.engine.lanes import VECTORS
@@ -77,23 +77,23 @@ def machine_facts() -> Iterator[Fact]:
 
 
 def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fact]:
-    """Where compiled simulations are kept, and what is there."""
-    import platformdirs
-
-    usual = Path(platformdirs.user_cache_dir("commonrail", False))
-    found = (folder or compiling.cache_folder)()
+    """Folder of compiled simulations, what is there, and whether it is whole."""
+    usual = kernel_cache.places()[0]
+    found = (folder or kernel_cache.cache_folder)()
     if found is None:
         cure = (
-            f"No place for compiled simulations is writable, so every run compiles anew: make {usual} writable, "
-            "or name another place in XDG_CACHE_HOME."
+            f"No place for compiled simulations is writable and private, so every run compiles anew: make {usual} "
+            "writable for you alone, or name another place in XDG_CACHE_HOME."
         )
         yield Fact("kernel cache", "none", cure)
         return
-    fallen_back = f"{usual} is not writable and this place may be emptied at any time: make that one writable."
+    fallen_back = f"{usual} cannot be used and this place may be emptied at any time: make that one yours alone."
     yield Fact("kernel cache", str(found), OK if found.parent == usual else fallen_back)
-    files = [path for path in found.glob("*.nbc") if path.is_file()]
-    size = sum(path.stat().st_size for path in files)
-    yield Fact("kernels in it", f"{len(files)}, {size / 1e6:.1f} MB")
+    files = list(found.glob(f"*{kernel_cache.ENDING}"))
+    damaged = len(kernel_cache.damaged(found))
+    size = sum(path.lstat().st_size for path in files)
+    renewed = f"{damaged} of them differ from what was written and are compiled anew when they are used."
+    yield Fact("kernels in it", f"{len(files)}, {size / 1e6:.1f} MB", renewed if damaged else OK)
     old = sum(path.name != found.name for path in found.parent.glob("kernels-*"))
     if old:
         cure = (

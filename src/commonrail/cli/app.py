@@ -12,7 +12,7 @@ from commonrail.cli.bench import bench
 from commonrail.cli.calibrate import calibrate
 from commonrail.cli.catalogue import catalogue
 from commonrail.cli.compare import compare
-from commonrail.cli.console import compiling
+from commonrail.cli.console import compiling, say
 from commonrail.cli.doctor import doctor
 from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
@@ -25,7 +25,7 @@ from commonrail.cli.simulate import simulate
 from commonrail.cli.validate import validate
 from commonrail.cli.verify import verify
 from commonrail.cli.virtual_bench import virtual_bench
-from commonrail.notice import tell_of_compiling
+from commonrail.notice import tell_notes, tell_of_compiling
 
 __all__ = ["app", "main"]
 
@@ -90,6 +90,7 @@ def main() -> None:
     """Run the command."""
     _open_standard_streams()
     tell_of_compiling(compiling)
+    tell_notes(say)
     app(prog_name="commonrail")
 
 

@@ -1,0 +1,258 @@
+"""Cache of compiled kernels on disk: files of this user alone, each with a digest that is compared before it is loaded.
+
+A kernel is kept under a stamp of all physics sources: editing any law recompiles, which Numba's own cache (one file at
+a time) would miss. What Numba makes of a kernel is pickled, so nobody else may be able to write here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import inspect
+import os
+import pickle
+import platform
+import sqlite3
+import stat
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+from numba.core.caching import _Cache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+from commonrail.notice import compiling, note
+
+__all__ = ["KernelCache", "cache_folder", "damaged", "objection", "places"]
+
+LONGEST_WAIT = 120.0  # for another process that compiles the same kernel [s]
+ENDING = ".kernel"
+_HEADER = b"commonrail kernel 1\n"
+_DIGEST = hashlib.sha256().digest_size  # [bytes]
+# A link is not followed and a pipe not waited for; flags that a system lacks are 0.
+_GUARDED = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+_PHYSICS_ROOMS = ("fuel", "flow", "parts", "injector", "engine")
+
+
+class KernelCache(_Cache):  # type: ignore[misc]
+    """Cache of one kernel, in the form that Numba's dispatchers use.
+
+    Parameters
+    ----------
+    name : str
+        Distinguishes this kernel from others of the same source line: its dispatchers have no stable hash.
+    laws : tuple of functions
+        Functions from outside the package that the kernel calls: their source joins the stamp.
+
+    Attributes
+    ----------
+    waiting : ExitStack
+        Holds, until the kernel is compiled, what shall last so long.
+    """
+
+    def __init__(self, name: str, laws: tuple[Callable[..., Any], ...] = ()) -> None:
+        self._key = (name, _physics_stamp(), *map(_source, laws))
+        self._folder = cache_folder()
+        self.waiting = contextlib.ExitStack()
+
+    @property
+    def cache_path(self) -> str:
+        """Folder of the cache, as Numba asks for it."""
+        return str(self._folder)
+
+    def enable(self) -> None:
+        """Nothing to do: the cache is always used."""
+
+    def disable(self) -> None:
+        """Nothing to do: the cache is always used."""
+
+    def flush(self) -> None:
+        """Nothing to do: an edited law has a stamp of its own."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the kernel for these argument types, or None where it has to be compiled."""
+        target_context.refresh()
+        path = self._path(sig, target_context.codegen())
+        found = _load(path, target_context)
+        if found is None:
+            self.waiting.enter_context(compiling())
+            if path is not None:
+                self.waiting.enter_context(_turn(path.with_suffix(".lock")))
+                found = _load(path, target_context)
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled kernel; without room for it the next process compiles anew."""
+        path = self._path(sig, data.codegen)
+        if path is not None:
+            with contextlib.suppress(OSError, pickle.PicklingError):
+                _write(path, dumps(data._reduce()))
+
+    def _path(self, sig: Any, codegen: Any) -> Path | None:
+        if self._folder is None:
+            return None
+        key = repr((self._key, str(sig), codegen.magic_tuple()))
+        return self._folder / (hashlib.sha256(key.encode()).hexdigest()[:24] + ENDING)
+
+
+def _load(path: Path | None, target_context: Any) -> Any:
+    payload, fault = (None, "") if path is None else _read(path)
+    if fault:
+        note(f"{path}: {fault}; this simulation is compiled anew.")
+    if payload is None:
+        return None
+    with contextlib.suppress(Exception):  # Numba of another build: compile anew and write over it
+        return CompileResult._rebuild(target_context, *pickle.loads(payload))
+    return None
+
+
+def _read(path: Path) -> tuple[bytes | None, str]:
+    """Payload of a file, None where there is none or it must not be loaded, and what is wrong with it."""
+    try:
+        handle = os.open(path, os.O_RDONLY | _GUARDED)
+        with open(handle, "rb") as file:
+            fault = _objection(os.fstat(handle), stat.S_ISREG, "a file")
+            content = b"" if fault else file.read()
+    except FileNotFoundError:
+        return None, ""
+    except OSError as error:
+        return None, error.strerror or "cannot be read"
+    if fault:
+        return None, fault
+    payload = content[len(_HEADER) + _DIGEST :]
+    if content != _sealed(payload):
+        return None, "is damaged"
+    return payload, ""
+
+
+def _sealed(payload: bytes) -> bytes:
+    return _HEADER + hashlib.sha256(payload).digest() + payload
+
+
+def _write(path: Path, payload: bytes) -> None:
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".")
+    try:
+        with open(handle, "wb") as file:
+            file.write(_sealed(payload))
+        os.replace(name, path)
+    except OSError:
+        os.unlink(name)
+        raise
+
+
+def damaged(folder: Path) -> list[Path]:
+    """Return the kernels of a folder that would not be loaded."""
+    return [path for path in sorted(folder.glob(f"*{ENDING}")) if _read(path)[0] is None]
+
+
+@contextlib.contextmanager
+def _turn(path: Path) -> Iterator[None]:
+    """A turn at compiling one kernel: processes that start together compile it once, and the others wait for it.
+
+    The lock is the operating system's, by way of SQLite, and ends with its process. A process that cannot get it
+    compiles too.
+    """
+    with contextlib.ExitStack() as held:
+        with contextlib.suppress(sqlite3.Error):  # a full disk
+            lock = held.enter_context(
+                contextlib.closing(sqlite3.connect(path, isolation_level=None, timeout=LONGEST_WAIT))
+            )
+            lock.execute("BEGIN EXCLUSIVE")
+        yield
+
+
+@functools.cache
+def cache_folder() -> Path | None:
+    """Folder of compiled kernels, or None where no place is safe and writable (then every process compiles).
+
+    A place that others can write to is refused with a note: who can write a kernel can run code here.
+    """
+    for place in places():
+        folder = place / f"kernels-{_physics_stamp()[:20]}"
+        try:
+            place.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            for level in (place, folder):
+                level.mkdir(mode=0o700, exist_ok=True)
+            fault = objection(folder)
+            if fault:
+                note(f"No compiled simulations are kept in {folder}: {fault}.")
+                continue
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError:
+            continue
+        return folder
+    return None
+
+
+def places() -> tuple[Path, Path]:
+    """The user's cache folder, and a folder for temporary files where that one cannot be used."""
+    import platformdirs
+
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    return (
+        Path(platformdirs.user_cache_dir("commonrail", False)),
+        Path(tempfile.gettempdir()) / f"commonrail-{user}",
+    )
+
+
+def objection(folder: Path) -> str:
+    """Reason why others could put files into a folder, or "" where they cannot.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder and the one that holds it have to be this user's, real, and without write permission for group or
+        others. Every level above may be written by this user and root alone, or lets nobody touch what is not theirs
+        (sticky bit, as for temporary files).
+    """
+    if not hasattr(os, "getuid"):
+        return ""  # on Windows a user's profile is closed to others by its access list
+    for level in (folder, folder.parent):
+        fault = _objection(os.lstat(level), stat.S_ISDIR, "a folder")
+        if fault:
+            return f"{level} {fault}"
+    above = folder.parent.parent.resolve()
+    for level in (above, *above.parents):
+        found = os.stat(level)
+        if found.st_uid not in (0, os.getuid()):
+            return f"{level} belongs to another user"
+        if _is_open(found) and not found.st_mode & stat.S_ISVTX:
+            return f"{level} may be written by others"
+    return ""
+
+
+def _is_open(found: os.stat_result) -> bool:
+    """Whether others than the owner may write; the group of the same number as the user is the user's own."""
+    group = found.st_mode & stat.S_IWGRP and found.st_gid not in (0, os.getuid())
+    return bool(group or found.st_mode & stat.S_IWOTH)
+
+
+def _objection(found: os.stat_result, is_kind: Callable[[int], bool], kind: str) -> str:
+    if not is_kind(found.st_mode):
+        return f"is not {kind}"
+    if not hasattr(os, "getuid"):
+        return ""
+    if found.st_uid != os.getuid():
+        return "belongs to another user"
+    if _is_open(found):
+        return "may be written by others (chmod go-w makes it private)"
+    return ""
+
+
+@functools.cache
+def _physics_stamp() -> str:
+    root = Path(__file__).parent
+    digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {platform.python_version()}".encode())
+    sources = [root / "compile.py"] + [p for r in _PHYSICS_ROOMS for p in sorted((root / r).glob("*.py"))]
+    for source in sources:
+        digest.update(source.name.encode() + source.read_bytes())
+    return digest.hexdigest()
+
+
+def _source(law: Callable[..., Any]) -> str:
+    return hashlib.sha256(inspect.getsource(getattr(law, "py_func", law)).encode()).hexdigest()

@@ -1,0 +1,166 @@
+"""The cache of kernels: nobody else's files, nothing damaged, and each kernel compiled by one process at a time."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import stat
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from commonrail import kernel_cache
+
+POSIX = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes of files are POSIX's")
+
+PLAIN = """
+from commonrail.compile import kernel
+
+def double(x):
+    return 2.0 * x
+
+run = kernel(double, "a kernel of a test")
+print(run(21.0), sum(run.compiled.stats.cache_hits.values()))
+"""
+
+
+def answer(cache: Path) -> tuple[list[str], str]:
+    """What a process prints that uses a kernel, and what it says besides."""
+    script = cache / "script.py"
+    script.write_text(PLAIN, encoding="utf-8")
+    environment = os.environ | {"XDG_CACHE_HOME": str(cache)}
+    done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=True)
+    return done.stdout.split(), done.stderr
+
+
+def kept(cache: Path) -> Path:
+    (path,) = cache.glob("commonrail/kernels-*/*.kernel")
+    return path
+
+
+@pytest.mark.parametrize("place", [0, 25, 200, 0.5, -1])
+def test_a_kernel_with_a_flipped_bit_is_compiled_anew_once_with_a_note(tmp_path: Path, place: float) -> None:
+    assert answer(tmp_path) == (["42.0", "0"], "")
+    content = bytearray(kept(tmp_path).read_bytes())
+    content[int(place * len(content)) if 0 < place < 1 else int(place)] ^= 4
+    kept(tmp_path).write_bytes(content)
+    said, noted = answer(tmp_path)
+    assert said == ["42.0", "0"]
+    assert "is damaged; this simulation is compiled anew" in noted
+    assert answer(tmp_path) == (["42.0", "1"], "")
+
+
+def test_no_flipped_bit_and_no_lost_end_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.kernel"
+    kernel_cache._write(path, bytes(range(256)) * 4)
+    assert kernel_cache._read(path) == (bytes(range(256)) * 4, "")
+    whole = path.read_bytes()
+    rng = np.random.default_rng(1)
+    for position in rng.integers(0, 8 * len(whole), 2000).tolist():
+        spoilt = bytearray(whole)
+        spoilt[position // 8] ^= 1 << position % 8
+        path.write_bytes(spoilt)
+        assert kernel_cache._read(path) == (None, "is damaged")
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        assert kernel_cache._read(path)[0] is None
+    assert kernel_cache.damaged(tmp_path) == [path]
+
+
+@POSIX
+def test_neither_a_link_nor_a_pipe_nor_a_file_that_others_may_write_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.kernel"
+    kernel_cache._write(path, b"payload")
+    link = tmp_path / "b.kernel"
+    link.symlink_to(path)
+    assert kernel_cache._read(link)[0] is None
+    os.mkfifo(tmp_path / "c.kernel")
+    assert kernel_cache._read(tmp_path / "c.kernel") == (None, "is not a file")
+    path.chmod(0o646)
+    assert kernel_cache._read(path)[1].startswith("may be written by others")
+
+
+@POSIX
+def test_a_folder_that_others_could_write_to_is_objected_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "open" / "commonrail" / "kernels-1"
+    folder.mkdir(mode=0o700, parents=True)
+    assert kernel_cache.objection(folder) == ""
+    for level in (folder, folder.parent):
+        level.chmod(0o757)
+        assert kernel_cache.objection(folder).startswith(f"{level} may be written by others")
+        level.chmod(0o700)
+    above = folder.parent.parent
+    above.chmod(0o777)
+    assert kernel_cache.objection(folder) == f"{above} may be written by others"
+    above.chmod(0o777 | stat.S_ISVTX)  # as for temporary files
+    assert kernel_cache.objection(folder) == ""
+    real = os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: real + 1)
+    assert kernel_cache.objection(folder) == f"{folder} belongs to another user"
+
+
+@POSIX
+def test_a_link_in_place_of_the_folder_is_objected_to(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere" / "kernels-1").mkdir(mode=0o700, parents=True)
+    (tmp_path / "commonrail").symlink_to(tmp_path / "elsewhere")
+    assert kernel_cache.objection(tmp_path / "commonrail" / "kernels-1") == (
+        f"{tmp_path / 'commonrail'} is not a folder"
+    )
+
+
+@POSIX
+def test_a_folder_that_somebody_else_could_write_to_is_left_with_a_note(tmp_path: Path) -> None:
+    (tmp_path / "commonrail").mkdir()
+    (tmp_path / "commonrail").chmod(0o777)
+    said, noted = answer(tmp_path)
+    assert said == ["42.0", "0"] or said == ["42.0", "1"]  # from the second place
+    assert f"No compiled simulations are kept in {tmp_path / 'commonrail'}" in noted
+    assert not list(tmp_path.glob("commonrail/*/*"))
+
+
+# Another process compiles the same kernel after this one has missed it and before it has its turn.
+OVERTAKEN = """
+import os, subprocess, sys
+from contextlib import contextmanager
+from commonrail.compile import kernel
+from commonrail.notice import tell_of_compiling
+
+@contextmanager
+def told():
+    if "OTHER" not in os.environ:
+        subprocess.run([sys.executable, __file__], env=os.environ | {"OTHER": "1"}, check=True)
+    yield
+
+tell_of_compiling(told)
+
+def double(x):
+    return 2.0 * x
+
+run = kernel(double, "a kernel of a test")
+run(1.0)
+print("OTHER" in os.environ, sum(run.compiled.stats.cache_hits.values()), flush=True)
+"""
+
+
+def test_a_kernel_that_another_process_has_just_compiled_is_taken_from_it(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(OVERTAKEN, encoding="utf-8")
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "0", "False", "1"]
+
+
+def test_one_process_has_the_turn_and_who_cannot_wait_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "kernel.lock"
+    with kernel_cache._turn(path), closing(sqlite3.connect(path, isolation_level=None, timeout=0.0)) as other:
+        with pytest.raises(sqlite3.OperationalError, match="locked"):
+            other.execute("BEGIN EXCLUSIVE")
+        monkeypatch.setattr(kernel_cache, "LONGEST_WAIT", 0.0)
+        with kernel_cache._turn(path):
+            pass
+    with closing(sqlite3.connect(path, isolation_level=None, timeout=0.0)) as other:
+        other.execute("BEGIN EXCLUSIVE")
