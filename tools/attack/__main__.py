@@ -1,0 +1,39 @@
+"""Run the attacks and print which promises held: ``python -m tools.attack [--short] [WORD ...]``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from tools.attack import cache
+from tools.attack.base import ATTACKS, Attack
+
+__all__ = ["cache", "main", "verdict"]
+
+
+def main() -> None:
+    """Run the attacks whose name holds all the words; exit status 1 if any fell."""
+    parser = argparse.ArgumentParser(description="Attack what docs/reliability.md promises.")
+    parser.add_argument("words", nargs="*", help="only attacks whose name holds these words")
+    parser.add_argument("--short", action="store_true", help="few repetitions")
+    options = parser.parse_args()
+    chosen = [one for one in ATTACKS if all(word in one.name for word in options.words)]
+    fallen = 0
+    for one in chosen:
+        said = verdict(one, options.short)
+        fallen += said != ""
+        print(f"{'fell' if said else 'held'}  {one.name}{': ' * bool(said)}{said}", flush=True)
+    print(f"{len(chosen) - fallen} of {len(chosen)} held")
+    sys.exit(1 if fallen else 0)
+
+
+def verdict(one: Attack, short: bool) -> str:
+    """What fell, "" where the promise held."""
+    with tempfile.TemporaryDirectory(prefix="commonrail-attack-") as folder:
+        return one.run(Path(folder), one.few if short else one.times)
+
+
+if __name__ == "__main__":
+    main()
