@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from commonrail.arguments import file_path
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, InitialSampling
@@ -18,14 +20,14 @@ from commonrail.errors import ConfigurationError, nearest
 from commonrail.files.injector_file import load_injector
 from commonrail.files.place import Place, located
 from commonrail.files.reach import Reach
-from commonrail.files.study_context import StudyContext
 from commonrail.files.study_faults import read_model
 from commonrail.files.study_models import AUTO_STEP, MOST_CONSTRAINTS, ConstraintsModel, OptimiserModel, ParameterModel
+from commonrail.files.tables import Table, Units, read_columns
 from commonrail.files.text_file import noting_files
 from commonrail.files.toml_file import read_toml
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.kinds import KINDS, DataSet
-from commonrail.kinds.reading import DataModel
+from commonrail.kinds.reading import Context, DataModel
 from commonrail.parts.furniture import Q
 from commonrail.units import parse, to_text
 
@@ -73,7 +75,7 @@ def _study(file: Path) -> Study:
     injector = _injector(model.injector, reach, at / "injector")
     space = _space(model.parameter, model.constraints, injector, at)
     time_step = _time_step(model.time_step, injector, space, at / "time_step")
-    data = _data(model.data, StudyContext(injector, time_step, reach), at / "data")
+    data = _data(model.data, Context(injector, time_step, partial(_columns, reach), located), at / "data")
     return Study(
         model.title,
         injector,
@@ -100,7 +102,12 @@ def _injector(text: str, reach: Reach, at: Place) -> Injector:
         return load_injector(text, reach)
 
 
-def _data(models: Sequence[DataModel], context: StudyContext, at: Place) -> tuple[DataSet, ...]:
+def _columns(reach: Reach, file: str, at: Place, wanted: Mapping[str, Units], **how: Any) -> Table:
+    """Columns of a file that the block at a place names, if it lies where the study may look."""
+    return read_columns(reach.path(reach.file.parent, file, at / "file"), wanted, **how)
+
+
+def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[DataSet, ...]:
     _refuse_twice(models, at)
     found: list[DataSet] = []
     samples = 0

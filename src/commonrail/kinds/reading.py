@@ -6,10 +6,10 @@ The shapes say which keys there are and of which type each is; units are read la
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Protocol
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,28 +69,24 @@ class Columns(Protocol):
         """Place of a value, for messages."""
 
 
-class Context(Protocol):
-    """Surroundings in which a data set is read; time step in s."""
+class Context(NamedTuple):
+    """Surroundings in which a data set is read.
 
-    @property
-    def injector(self) -> Injector: ...
-    @property
-    def time_step(self) -> float: ...
+    Attributes
+    ----------
+    injector : Injector
+    time_step : float
+        [s].
+    columns : function
+        Of file, place of the block that names it, and what `files.tables.read_columns` takes besides a path.
+    located : function
+        Context manager that puts a place before the message of any error of the project raised inside.
+    """
 
-    def columns(
-        self,
-        file: str,
-        at: Place,
-        wanted: Mapping[str, str | tuple[str, ...]],
-        *,
-        stated: Mapping[str, str | None],
-        increasing: str = "",
-        least: int = LEAST_SAMPLES,
-    ) -> Columns:
-        """Named columns of a file that the block at `at` names; see `files.tables.read_columns`."""
-
-    def located(self, at: Place | str) -> AbstractContextManager[None]:
-        """Put the place before the message of any error of the project raised inside."""
+    injector: Injector
+    time_step: float
+    columns: Callable[..., Columns]
+    located: Callable[[Any], AbstractContextManager[None]]
 
 
 def mass_density(injector: Injector, unit: str, point: OperatingPoint) -> float:
