@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from commonrail.calibration import worker_pool as pool_module
 from commonrail.calibration import workers as module
-from commonrail.calibration.objective import Objective, of_role
-from commonrail.calibration.study import Role
+from commonrail.calibration.objective import Objective
 from commonrail.calibration.worker import pack, unpack
 from commonrail.calibration.worker_pool import USUAL, Limits, WorkerPool, how_it_ended
 from commonrail.calibration.workers import BLOCK, LONGEST, SHORTEST, Workers, cut
 from commonrail.errors import ConfigurationError, StudyError
 from commonrail.files.study_file import load_study
+from commonrail.kinds import Role, of_role
 from tests.calibration.misbehaving import Misbehaving
 from tests.waiting import PATIENCE, wait_until
 
@@ -172,7 +172,7 @@ def test_an_interrupted_population_leaves_no_answers_behind(
 
 
 def test_two_objectives_can_take_turns(two: Workers, objective: Objective, population: Floats, expected: bytes) -> None:
-    other = Objective(objective.injector, objective.names, objective.curves, 2e-6, threads=1)
+    other = Objective(objective.injector, objective.names, objective.data, 2e-6, threads=1)
     first, second = two.spread(objective), two.spread(other)
     for _ in range(2):
         assert first.costs(population).costs.tobytes() == expected
