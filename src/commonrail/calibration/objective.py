@@ -99,6 +99,11 @@ class Objective:
         """For workers, which prepare their simulations themselves."""
         return self.__dict__ | {"_prepared": {}}
 
+    @property
+    def injections(self) -> int:
+        """Single injections that a candidate takes."""
+        return len(self.curves) + sum(len(data.points) for data in self.maps)
+
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""
         total = np.zeros(len(values))

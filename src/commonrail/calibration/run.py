@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from commonrail.errors import SimulationError, StudyError
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body
 
-__all__ = ["Calibration", "Progress", "calibrate", "check_study", "score_all", "scores_of", "validate"]
+__all__ = ["Calibration", "Progress", "calibrate", "check_study", "score_all", "scores_of"]
 
 Scores = tuple[DataScore, ...]
 
@@ -181,9 +180,8 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
     status, reason = "finished", ""
     try:
         search.listeners.wish.heed()
-        search.evolve()
-        search.refine()
-        reason = search.optimiser.reason
+        search.run()
+        reason = search.reason
     except KeyboardInterrupt:
         status, reason = "interrupted", "stopped by the user"
     seconds = search.seconds
@@ -201,7 +199,7 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
         cost,
         float(search.objective.costs(study.space.reference[None, :]).costs[0]),
         tuple(search.history),
-        search.optimiser.counts,
+        search.counts,
         status,
         reason,
         scores_of(study, calibrated, threads, with_rigid=status == "finished", start=start),
@@ -251,26 +249,3 @@ def score_all(
 ) -> tuple[DataScore, ...]:
     """Score of one injector on each data set."""
     return tuple(score_data(d, injector, time_step, threads) for d in data)
-
-
-def validate(study: Study, injector: Injector, threads: int | None = None) -> list[dict[str, Any]]:
-    """Figures of an injector on all data of a study, as in ``result.json``'s "data" with the one label "best".
-
-    Parameters
-    ----------
-    study : Study
-    injector : Injector
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind, or the injector's drive does not fit the data.
-    """
-    instance(study, Study, "study")
-    instance(injector, Injector, "injector")
-    threads = thread_count(threads)
-    from commonrail.calibration.result import data_records
-
-    return data_records(study.data, {"best": score_all(study.data, injector, study.time_step, threads)})

@@ -7,9 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.arguments import file_path
-from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, InitialSampling
 from commonrail.calibration.parameter import Parameter, percent_bounds
-from commonrail.calibration.sampling import reference_start
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, QuantityData, RateData, Study
 from commonrail.calibration.time_step import step_for_all
@@ -25,7 +23,7 @@ from commonrail.files.study_models import (
     AUTO_STEP,
     MOST_CONSTRAINTS,
     ConstraintsModel,
-    OptimiserModel,
+    Optimisers,
     ParameterModel,
     QuantitiesModel,
     RateModel,
@@ -142,22 +140,14 @@ def _samples(data: RateData | QuantityData) -> int:
     return len(data.rate) + sum(len(c.time) for c in courses if isinstance(c, Trace))
 
 
-def _method(model: OptimiserModel, space: Space, at: Place) -> Method:
-    given = {
-        "members": model.members,
-        "generations": model.generations,
-        "crossover": model.crossover,
-        "factor": None if model.factor is None else (model.factor[0], model.factor[1]),
-        "treatment": model.treatment,
-        "initial": model.initial,
-        "redraws": model.redraws,
-    }
+def _method(stated: Optimisers, space: Space, at: Place) -> Method:
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in stated.settings.items()}
     with located(at):
-        settings = EvolutionSettings(**{k: v for k, v in given.items() if v is not None})  # type: ignore[arg-type]
-    if settings.initial is InitialSampling.REFERENCE:
-        with located(at / "initial"):
-            reference_start(space)
-    return Method(settings, model.polish, model.polish_iterations)
+        settings = stated.chosen.settings(**values)
+    for key, check in stated.chosen.checks.items():
+        with located(at / key):
+            check(settings, space)
+    return Method(settings, stated.polish, stated.polish_iterations)
 
 
 def _space(models: list[ParameterModel], constraints: ConstraintsModel, injector: Injector, at: Place) -> Space:

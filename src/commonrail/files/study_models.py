@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from dataclasses import fields
+from enum import Enum
+from functools import cache
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 from pydantic import (
     AfterValidator,
@@ -13,19 +16,20 @@ from pydantic import (
     Field,
     PlainValidator,
     Tag,
+    create_model,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
 
-from commonrail.calibration.optimisers.evolution_settings import MOST_GENERATIONS, MOST_MEMBERS, InitialSampling
-from commonrail.calibration.optimisers.treatments import Treatment
+from commonrail.calibration.optimisers import registry
+from commonrail.calibration.optimisers.registry import Registered
 from commonrail.engine.lanes import Precision
 from commonrail.errors import nearest_key
 
 __all__ = [
     "ConstraintsModel",
     "DeadTimesModel",
-    "OptimiserModel",
+    "Optimisers",
     "ParameterModel",
     "PulseModel",
     "QuantitiesModel",
@@ -195,18 +199,52 @@ class ConstraintsModel(_TableModel):
     linear: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
 
 
-class OptimiserModel(_TableModel):
-    """Settings of the optimiser; what is left out keeps the paper's value."""
+def _known_method(name: str) -> str:
+    names = [entry.name for entry in registry.REGISTERED]
+    if name not in names:
+        known = " or ".join(f'"{known}"' for known in names)
+        raise PydanticCustomError("kind", 'this must be {known}, not "{name}"', {"known": known, "name": name})
+    return name
 
-    members: int | None = Field(default=None, le=MOST_MEMBERS)
-    generations: int | None = Field(default=None, le=MOST_GENERATIONS)
-    crossover: float | None = None
-    factor: list[float] | None = Field(default=None, min_length=2, max_length=2)
-    treatment: Treatment | None = Field(default=None, strict=False)
-    initial: InitialSampling | None = Field(default=None, strict=False)
-    redraws: int | None = Field(default=None, le=1000)
-    polish: int = Field(default=0, ge=0, le=10_000)
-    polish_iterations: int = Field(default=30, ge=1, le=10_000)
+
+class Optimisers(NamedTuple):
+    """Table of the optimisers: the first one, its settings that are stated, and the refinements after it."""
+
+    chosen: Registered
+    settings: dict[str, Any]
+    polish: int
+    polish_iterations: int
+
+
+def _optimisers(table: Any) -> Optimisers:
+    name = table.get("method") if isinstance(table, Mapping) else None
+    chosen = next((entry for entry in registry.REGISTERED if entry.name == name), registry.REGISTERED[0])
+    stated = dict(_optimiser_model(chosen.settings).model_validate(table))  # type: ignore[arg-type]
+    polish = {key: stated.pop(key) for key in ("polish", "polish_iterations")}
+    kept = {f.name: stated[f.name] for f in fields(chosen.settings) if stated[f.name] is not None}
+    return Optimisers(chosen, kept, **polish)
+
+
+@cache
+def _optimiser_model(settings: type[Any]) -> type[_TableModel]:
+    """The table's keys: a key for each field of an optimiser's settings, and those that all have."""
+    types = get_type_hints(settings)
+    keys: dict[str, Any] = {
+        **{f.name: _setting(types[f.name], f.metadata.get("most")) for f in fields(settings)},
+        "polish": (int, Field(default=0, ge=0, le=10_000)),
+        "polish_iterations": (int, Field(default=30, ge=1, le=10_000)),
+        "method": (Annotated[str, AfterValidator(_known_method)] | None, None),
+    }
+    return create_model("OptimiserModel", __base__=_TableModel, **keys)
+
+
+def _setting(kind: Any, most: float | None) -> tuple[Any, Any]:
+    """Type and limits of a key, from those of a field of settings."""
+    if get_origin(kind) is tuple:
+        items = get_args(kind)
+        return list[items[0]] | None, Field(default=None, min_length=len(items), max_length=len(items))  # type: ignore[valid-type]
+    strict = not (isinstance(kind, type) and issubclass(kind, Enum))
+    return kind | None, Field(default=None, le=most, strict=strict)
 
 
 AUTO_STEP = "auto"  # short enough for every candidate within the bounds
@@ -226,4 +264,4 @@ class StudyModel(_TableModel):
     data: list[DataModel] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()
-    optimiser: OptimiserModel = OptimiserModel()
+    optimiser: Annotated[Optimisers, PlainValidator(_optimisers)] = Field(default_factory=lambda: _optimisers({}))

@@ -13,7 +13,7 @@ from commonrail.analysis.identifiability import identify
 from commonrail.arguments import file_path, flag, instance, thread_count, whole
 from commonrail.calibration.checkpoint import Checkpoint, CheckpointError
 from commonrail.calibration.interrupt import held_interrupts
-from commonrail.calibration.optimisers.evolution_settings import MOST_GENERATIONS
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
@@ -299,7 +299,7 @@ def _check_total(journal: Journal, more: int) -> None:
 
 
 def _extended(journal: Journal, study: Study, more: int) -> Study:
-    """The study with more generations; the journal goes back to the end of the evolution."""
+    """The study with more generations."""
     total = study.method.evolution.generations + more
     longer = _with_generations(study, total)
     facts = {"content": content_of(longer), "generations": str(total)}
@@ -309,7 +309,7 @@ def _extended(journal: Journal, study: Study, more: int) -> Study:
         facts["before"] = inputs[0].copy
         inputs[0] = inputs[0]._replace(copy=sha256(facts["study"].encode()))
         longer = replace(longer, text=facts["study"])
-    journal.describe(facts, inputs, forget_refinements=True)
+    journal.describe(facts, inputs)
     if inputs:
         write_text(journal.folder / STUDY, facts["study"])
         journal.describe({"before": ""})

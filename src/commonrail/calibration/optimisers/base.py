@@ -1,31 +1,60 @@
-"""What every optimiser offers: it proposes trials, is told their costs, and never simulates."""
+"""Protocol of the optimisers: each proposes trials, is told what became of them, and never simulates."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from enum import Enum
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.errors import StudyError
+from commonrail.calibration.space import Space
+from commonrail.errors import ConfigurationError, StudyError
 
-__all__ = ["Best", "Counts", "Optimiser", "Trials", "clean_costs"]
+__all__ = [
+    "MOST_GENERATIONS",
+    "Best",
+    "Counts",
+    "Optimiser",
+    "Settings",
+    "Trials",
+    "Wanted",
+    "check_origin",
+    "clean_costs",
+    "origin",
+    "restore_generator",
+]
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+MOST_GENERATIONS = 1_000_000  # far above what anybody calibrates; below what would fill the memory
+
+
+class Wanted(Enum):
+    """Answers that an optimiser asks for."""
+
+    COSTS = "costs"
+    """One for each trial (n,)."""
+
+    RESIDUALS = "residuals"
+    """One row for each trial (n, m)."""
+
+    COSTS_AGAIN = "costs again"
+    """Costs of points whose residuals were told before; their simulations are not counted twice."""
+
 
 class Trials(NamedTuple):
-    """Points (n, d) to be tried, SI, and which of them (n,) are to be simulated.
+    """Points (n, d) to be tried, SI, which of them (n,) are to be simulated, and what is asked of them.
 
-    A trial that the treatment of constraints rejects is not simulated; whatever cost is told for
-    it is ignored.
+    A trial that the treatment of constraints rejects is not simulated; whatever is told of it is ignored.
     """
 
     x: FloatArray
     simulate: BoolArray
+    wanted: Wanted = Wanted.COSTS
 
 
 class Best(NamedTuple):
@@ -52,19 +81,51 @@ class Counts:
         )
 
 
-class Optimiser(Protocol):
-    """A search as a conversation: `ask` for trials, simulate them elsewhere, `tell` their costs.
+class Settings(Protocol):
+    """Settings of an optimiser: a frozen dataclass whose fields are the keys of a study file."""
 
-    `ask` repeats itself until it is answered. `state` then describes the search as it was before
-    that `ask`, so that a search restored from it asks for the same trials, bit by bit.
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def members(self) -> int:
+        """Trials of a step."""
+        ...
+
+    @property
+    def generations(self) -> int:
+        """Steps after the first one; a finished search can be lengthened by more of them."""
+        ...
+
+
+class Optimiser(Protocol):
+    """A search as a conversation: `ask` for trials, simulate them elsewhere, `tell` what became of them.
+
+    `ask` repeats itself until it is answered. A step may take several questions; `steps` counts those that are done.
+    `state` describes the search as it was after the last of them, so that one restored from it asks for the same
+    trials, bit by bit. Nobody else looks into it.
     """
+
+    @property
+    def phase(self) -> str:
+        """What it does, in a word for the user."""
+        ...
+
+    @property
+    def steps(self) -> int:
+        """Steps done."""
+        ...
+
+    @property
+    def total(self) -> int:
+        """Steps wanted."""
+        ...
 
     def ask(self) -> Trials:
         """Return the next trials; raise StudyError once the search has finished."""
         ...
 
-    def tell(self, costs: ArrayLike) -> None:
-        """Take the costs (n,) of the trials asked for; a cost that is not finite never wins."""
+    def tell(self, answers: ArrayLike) -> None:
+        """Take what was asked for: costs (n,) or residuals (n, m); one that is not finite never wins."""
         ...
 
     @property
@@ -84,12 +145,12 @@ class Optimiser(Protocol):
 
     @property
     def population(self) -> FloatArray:
-        """The members (n, d) kept so far, SI; no rows before the first `tell`."""
+        """Points (n, d) from which another optimiser may go on, SI; no rows before the first step."""
         ...
 
     @property
     def costs(self) -> FloatArray:
-        """Costs (n,) of the members; +inf for failed or infeasible ones."""
+        """Costs (n,) of those points; +inf for failed or infeasible ones."""
         ...
 
     @property
@@ -98,12 +159,62 @@ class Optimiser(Protocol):
         ...
 
     def state(self) -> dict[str, Any]:
-        """Everything needed to go on later: arrays, numbers and the generator's state."""
+        """All that is needed to go on later: texts, numbers and arrays, in lists and mappings."""
         ...
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from `state`, given by a search with the same space and settings."""
+        """Go on from `state`, given by a search with the same space and settings, but for `generations`.
+
+        Raises
+        ------
+        ConfigurationError
+            If it is another search's.
+        """
         ...
+
+
+def origin(method: str, space: Space, **settings: Any) -> dict[str, Any]:
+    """What a state must share with the search that takes it up: optimiser, parameters, bounds and `settings`."""
+    return {
+        "method": method,
+        **settings,
+        "names": list(space.names),
+        "lower": space.lower.copy(),
+        "upper": space.upper.copy(),
+    }
+
+
+def check_origin(state: Mapping[str, Any], mine: Mapping[str, Any]) -> None:
+    """Refuse the state of another search.
+
+    Raises
+    ------
+    ConfigurationError
+        If it does not share `mine`.
+    """
+    for key, value in mine.items():
+        if key not in state or not np.array_equal(state[key], value):
+            raise ConfigurationError(
+                f"state: its {key} differs from this search's: restore it with the space and settings that it was "
+                "saved with"
+            )
+
+
+def restore_generator(rng: np.random.Generator, state: Mapping[str, Any]) -> None:
+    """Go on with the draws that a state kept under "rng".
+
+    Raises
+    ------
+    ConfigurationError
+        If it has none for this kind of generator.
+    """
+    try:
+        rng.bit_generator.state = state["rng"]
+    except (KeyError, TypeError, ValueError) as error:
+        kind = type(rng.bit_generator).__name__
+        raise ConfigurationError(
+            f"state: it holds no state for a {kind} generator, use the kind it was saved with"
+        ) from error
 
 
 def clean_costs(costs: ArrayLike, simulate: BoolArray) -> FloatArray:

@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.calibration.optimisers.base import Best, Counts, Trials, clean_costs
+from commonrail.calibration.optimisers.base import (
+    Best,
+    Counts,
+    Trials,
+    check_origin,
+    clean_costs,
+    origin,
+    restore_generator,
+)
 from commonrail.calibration.optimisers.evolution_settings import (
     EvolutionSettings,
     InitialSampling,
@@ -52,6 +60,8 @@ class DifferentialEvolution:
         many.
     """
 
+    phase = "evolution"
+
     def __init__(
         self,
         space: Space,
@@ -73,9 +83,14 @@ class DifferentialEvolution:
         self._pending: tuple[Treated, Mapping[str, Any]] | None = None
 
     @property
-    def generation(self) -> int:
-        """The generation to be asked for next, or to be told: 0 is the initial population."""
+    def steps(self) -> int:
+        """Generations told, the initial population included."""
         return self._generation
+
+    @property
+    def total(self) -> int:
+        """Generations wanted, the initial population included."""
+        return 1 + self.settings.generations
 
     @property
     def finished(self) -> bool:
@@ -129,7 +144,7 @@ class DifferentialEvolution:
         treated, _ = self._pending
         return Trials(treated.x.copy(), treated.simulate)
 
-    def tell(self, costs: ArrayLike) -> None:
+    def tell(self, answers: ArrayLike) -> None:
         """Take the costs (n,) of the generation asked for and select its survivors, Eq. (20).
 
         Raises
@@ -140,7 +155,7 @@ class DifferentialEvolution:
         if self._pending is None:
             raise StudyError("costs were told before any trials were asked for: ask first")
         trial, _ = self._pending
-        told = clean_costs(costs, trial.simulate)
+        told = clean_costs(answers, trial.simulate)
         self._counts = self._counts.plus(told, trial.simulate)
         if self._generation == 0:
             self._unit, self._costs, self._violations = trial.unit, told, trial.violation
@@ -190,7 +205,7 @@ class DifferentialEvolution:
         """The search as it was before any unanswered `ask`: arrays, numbers, generator's state."""
         now = self._rng.bit_generator.state
         return {
-            **self._identity(),
+            **self._origin(),
             "generation": self._generation,
             "unit": self._unit.copy(),
             "costs": self._costs.copy(),
@@ -207,19 +222,8 @@ class DifferentialEvolution:
         ConfigurationError
             If the state belongs to another method, space or settings, or another generator.
         """
-        for key, mine in self._identity().items():
-            if key not in state or not np.array_equal(state[key], mine):
-                raise ConfigurationError(
-                    f"state: its {key} differs from this search's: restore it with the space and "
-                    "settings that it was saved with"
-                )
-        try:
-            self._rng.bit_generator.state = state["rng"]
-        except (KeyError, TypeError, ValueError) as error:
-            kind = type(self._rng.bit_generator).__name__
-            raise ConfigurationError(
-                f"state: it holds no state for a {kind} generator, use the kind it was saved with"
-            ) from error
+        check_origin(state, self._origin())
+        restore_generator(self._rng, state)
         members, dimension = self.settings.members, self.space.dimension
         shapes = [np.shape(state[name]) for name in ("unit", "costs", "violations")]
         if shapes != [(members, dimension), (members,), (members,)] and state["generation"] > 0:
@@ -237,17 +241,11 @@ class DifferentialEvolution:
         if not all(isinstance(count, int) and count >= 0 for count in asdict(self._counts).values()):
             raise ConfigurationError("state: its counts are no whole numbers")
 
-    def _identity(self) -> dict[str, Any]:
-        """What a state must share with the search that takes it up; more generations may be wanted of that one."""
+    def _origin(self) -> dict[str, Any]:
+        """What a state must share with this search; more generations may be wanted of that one."""
         settings = asdict(self.settings)
         del settings["generations"]
-        return {
-            "method": "differential_evolution",
-            "settings": [str(value) for value in settings.values()],
-            "names": list(self.space.names),
-            "lower": self.space.lower.copy(),
-            "upper": self.space.upper.copy(),
-        }
+        return origin("differential_evolution", self.space, settings=[str(value) for value in settings.values()])
 
 
 def _check_start(space: Space, start: ArrayLike | None, members: int) -> FloatArray:
