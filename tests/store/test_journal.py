@@ -113,7 +113,7 @@ def test_refinements_of_schema_1_become_a_state_of_their_own(tmp_path: Path) -> 
     evolution, refinement = checkpoint.stages
     assert evolution.simulations < refinement.simulations == before[-1][2]
     state = refinement.state
-    assert (state["done"], state["cost"]) == (2, found.best)
+    assert (state["steps"], state["cost"]) == (2, found.best)
     assert state["best"].tobytes() == before[0][0]
     assert state["rng"]["bit_generator"] == "PCG64"
     assert rows(run, "SELECT trials FROM refinement ORDER BY number") == [(stop,) for stop, *_ in before]
@@ -193,7 +193,7 @@ def test_a_checkpoint_is_what_was_kept(whole: Whole) -> None:
     study = load_study(whole.study)
     result = timeless(whole.run)
     assert f'"injections": {found.stages[1].simulations},'.encode() in result
-    assert found.stages[1].state["done"] == REFINEMENTS
+    assert found.stages[1].state["steps"] == REFINEMENTS
     assert len(found.history) == 1 + study.method.evolution.generations
 
 

@@ -130,6 +130,7 @@ def _stages(journal: sqlite3.Connection) -> list[dict[str, Any]]:
     _check_digest(search, (*arrays, number_bytes([row[:3] for row in generations])))
     evolution = search["optimiser"] | dict(zip(("unit", "costs", "violations"), map(_array, arrays), strict=True))
     evolution["unit"] = evolution["unit"].reshape(-1, len(evolution["names"]))
+    evolution |= {"method": "differential evolution", "steps": evolution.pop("generation")}
     failures = {str(name): _count(count) for name, count in search["failures"].items()}
     stages = [_stage(evolution, failures, *generations[-1][3:])]
     ends = _ends(journal)
@@ -149,9 +150,10 @@ def _refinement(evolution: Mapping[str, Any], ends: list[_End], before: float) -
     x = _array(best.stop).reshape(len(evolution["names"]))
     improved = best.cost < before
     return {
-        "method": "refinement",
+        "method": "least-squares refinement",
         **{key: evolution[key] for key in ("names", "lower", "upper")},
-        "done": len(ends),
+        "steps": len(ends),
+        "counts": {},
         "best": x if improved else None,
         "cost": best.cost if improved else None,
         "rng": hops,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import Enum
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -13,19 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError, StudyError
 
-__all__ = [
-    "MOST_GENERATIONS",
-    "Best",
-    "Counts",
-    "Optimiser",
-    "Settings",
-    "Trials",
-    "Wanted",
-    "check_origin",
-    "clean_costs",
-    "origin",
-    "restore_generator",
-]
+__all__ = ["MOST_GENERATIONS", "Best", "Counts", "Optimiser", "Settings", "Trials", "Wanted"]
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -97,138 +86,177 @@ class Settings(Protocol):
         ...
 
 
-class Optimiser(Protocol):
+class Optimiser(ABC):
     """A search as a conversation: `ask` for trials, simulate them elsewhere, `tell` what became of them.
 
-    `ask` repeats itself until it is answered. A step may take several questions; `steps` counts those that are done.
-    `state` describes the search as it was after the last of them, so that one restored from it asks for the same
-    trials, bit by bit. Nobody else looks into it.
+    `ask` repeats itself until it is answered. A step may take several questions. `state` describes the search as it
+    was after the last step that is done, so that one restored from it asks for the same trials, bit by bit; nobody
+    else looks into it. Subclasses say what is proposed and kept.
+
+    Parameters
+    ----------
+    space : Space
+    rng : numpy.random.Generator
+        Source of every draw.
+
+    Attributes
+    ----------
+    method : str
+        Its name, in study files and states.
+    phase : str
+        What it does, in a word for the user.
+    steps : int
+        Steps done.
+    counts : Counts
+        Slots, simulations and failures of the trials whose costs were asked for.
     """
 
-    @property
-    def phase(self) -> str:
-        """What it does, in a word for the user."""
-        ...
+    method: ClassVar[str]
+    phase: ClassVar[str]
+
+    def __init__(self, space: Space, rng: np.random.Generator) -> None:
+        self.space, self._rng = space, rng
+        self.steps, self.counts = 0, Counts()
+        self._asked: Trials | None = None
+        self._begun: Mapping[str, Any] = {}  # state of the generator before the step under way
 
     @property
-    def steps(self) -> int:
-        """Steps done."""
-        ...
-
-    @property
+    @abstractmethod
     def total(self) -> int:
         """Steps wanted."""
-        ...
-
-    def ask(self) -> Trials:
-        """Return the next trials; raise StudyError once the search has finished."""
-        ...
-
-    def tell(self, answers: ArrayLike) -> None:
-        """Take what was asked for: costs (n,) or residuals (n, m); one that is not finite never wins."""
-        ...
 
     @property
     def finished(self) -> bool:
         """Whether the search has stopped."""
-        ...
+        return self.steps >= self.total
 
     @property
     def reason(self) -> str:
-        """Why it has stopped; empty while it has not."""
-        ...
+        """Why the search has stopped; empty while it has not."""
+        return self._ended if self.finished else ""
 
     @property
+    @abstractmethod
     def best(self) -> Best:
-        """The best feasible point so far."""
-        ...
+        """The best feasible point; one at +inf until a simulation has succeeded."""
 
     @property
+    @abstractmethod
     def population(self) -> FloatArray:
         """Points (n, d) from which another optimiser may go on, SI; no rows before the first step."""
-        ...
 
     @property
+    @abstractmethod
     def costs(self) -> FloatArray:
-        """Costs (n,) of those points; +inf for failed or infeasible ones."""
-        ...
+        """Costs (n,) of those points; +inf where the simulation failed or there was none."""
 
-    @property
-    def counts(self) -> Counts:
-        """Slots, simulations and failures so far."""
-        ...
+    def ask(self) -> Trials:
+        """Return the next trials, the same ones until they are answered.
+
+        Raises
+        ------
+        StudyError
+            If the search has finished.
+        """
+        if self.finished:
+            raise StudyError(f"the search has finished ({self.reason}): read its best member")
+        if self._asked is None:
+            self._begun = self._rng.bit_generator.state
+            self._asked = self._propose()
+        return self._asked._replace(x=self._asked.x.copy())
+
+    def tell(self, answers: ArrayLike) -> None:
+        """Take what was asked for: costs (n,) or residuals (n, m); one that is not finite never wins.
+
+        Raises
+        ------
+        StudyError
+            If nothing was asked for, or there is not one answer for each trial.
+        """
+        if self._asked is None:
+            raise StudyError("answers were told before any trials were asked for: ask first")
+        told = _checked(answers, self._asked)
+        if self._asked.wanted is Wanted.COSTS:
+            self.counts = self.counts.plus(told, self._asked.simulate)
+        self._asked = self._take(self._asked, told)
+        self.steps += self._asked is None
 
     def state(self) -> dict[str, Any]:
         """All that is needed to go on later: texts, numbers and arrays, in lists and mappings."""
-        ...
+        now = self._rng.bit_generator.state
+        return {
+            **self._origin(),
+            "steps": self.steps,
+            "counts": asdict(self.counts),
+            "rng": dict(now if self._asked is None else self._begun),
+            **self._kept(),
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from `state`, given by a search with the same space and settings, but for `generations`.
+        """Go on from a `state`; a step that was under way is begun anew.
 
         Raises
         ------
         ConfigurationError
-            If it is another search's.
+            If it belongs to another optimiser, space, generator or settings (more steps may be wanted), or is not
+            whole.
         """
-        ...
-
-
-def origin(method: str, space: Space, **settings: Any) -> dict[str, Any]:
-    """What a state must share with the search that takes it up: optimiser, parameters, bounds and `settings`."""
-    return {
-        "method": method,
-        **settings,
-        "names": list(space.names),
-        "lower": space.lower.copy(),
-        "upper": space.upper.copy(),
-    }
-
-
-def check_origin(state: Mapping[str, Any], mine: Mapping[str, Any]) -> None:
-    """Refuse the state of another search.
-
-    Raises
-    ------
-    ConfigurationError
-        If it does not share `mine`.
-    """
-    for key, value in mine.items():
-        if key not in state or not np.array_equal(state[key], value):
+        for key, mine in self._origin().items():
+            if key not in state or not np.array_equal(state[key], mine):
+                raise ConfigurationError(
+                    f"state: its {key} differs from this search's: restore it with the space and settings that it was "
+                    "saved with"
+                )
+        try:
+            self._rng.bit_generator.state = state["rng"]
+        except (KeyError, TypeError, ValueError) as error:
+            kind = type(self._rng.bit_generator).__name__
             raise ConfigurationError(
-                f"state: its {key} differs from this search's: restore it with the space and settings that it was "
-                "saved with"
-            )
+                f"state: it holds no state for a {kind} generator, use the kind it was saved with"
+            ) from error
+        if not all(isinstance(count, int) and count >= 0 for count in (state["steps"], *state["counts"].values())):
+            raise ConfigurationError("state: its counts are no whole numbers")
+        self.steps, self.counts, self._asked = state["steps"], Counts(**state["counts"]), None
+        self._restore(state)
+
+    def _origin(self) -> dict[str, Any]:
+        """What a state must share with the search that takes it up; subclasses may add to it."""
+        space = self.space
+        names = list(space.names)
+        return {"method": self.method, "names": names, "lower": space.lower.copy(), "upper": space.upper.copy()}
+
+    @property
+    @abstractmethod
+    def _ended(self) -> str:
+        """Why the search has stopped."""
+
+    @abstractmethod
+    def _propose(self) -> Trials:
+        """First trials of the next step."""
+
+    @abstractmethod
+    def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
+        """Take the answers, and return further trials of the same step, or None if it is done."""
+
+    @abstractmethod
+    def _kept(self) -> dict[str, Any]:
+        """Own part of `state`."""
+
+    @abstractmethod
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        """Take up what `_kept` returned; ConfigurationError if it is not whole."""
 
 
-def restore_generator(rng: np.random.Generator, state: Mapping[str, Any]) -> None:
-    """Go on with the draws that a state kept under "rng".
-
-    Raises
-    ------
-    ConfigurationError
-        If it has none for this kind of generator.
-    """
-    try:
-        rng.bit_generator.state = state["rng"]
-    except (KeyError, TypeError, ValueError) as error:
-        kind = type(rng.bit_generator).__name__
-        raise ConfigurationError(
-            f"state: it holds no state for a {kind} generator, use the kind it was saved with"
-        ) from error
-
-
-def clean_costs(costs: ArrayLike, simulate: BoolArray) -> FloatArray:
-    """Costs (n,) with +inf for trials not simulated and for costs that are not finite.
-
-    Raises
-    ------
-    StudyError
-        If there is not one cost for each trial.
-    """
-    told = np.asarray(costs, dtype=float)
-    if told.shape != simulate.shape:
+def _checked(answers: ArrayLike, trials: Trials) -> FloatArray:
+    """Residuals (n, m) as they are; costs (n,) with +inf for trials not simulated and those that are not finite."""
+    told = np.asarray(answers, dtype=float)
+    residuals = trials.wanted is Wanted.RESIDUALS
+    if told.ndim != 1 + residuals or len(told) != len(trials.x):
+        what, one = ("residuals", "row") if residuals else ("costs", "cost")
         raise StudyError(
-            f"costs: an array of shape {told.shape} was told for {len(simulate)} trials, expected "
-            "one cost for each trial in the order asked for"
+            f"{what}: an array of shape {told.shape} was told for {len(trials.x)} trials, expected one {one} for each "
+            "trial in the order asked for"
         )
-    return np.where(simulate & np.isfinite(told), told, np.inf)
+    if residuals:
+        return told
+    return np.where(trials.simulate & np.isfinite(told), told, np.inf)

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["REGISTERED", "Registered", "Stage", "registered", "row"]
 
-Check = Callable[[Any, Space], None]
 Stage = Callable[[Optimiser | None], Optimiser]
 """Begins an optimiser, given the one before it in the row."""
 
@@ -29,26 +28,26 @@ class Registered(NamedTuple):
 
     Attributes
     ----------
-    name : str
-        Key `method` of a study file's table [optimiser].
+    begin : type
+        The `Optimiser`, made of a space, a random generator and settings.
     settings : type
-        Its `Settings`. The fields are further keys of that table; their metadata may limit them ("most").
-    begin : callable
-        An `Optimiser` from a space, a random generator and settings.
+        Its `Settings`. The fields are keys of a study file's table [optimiser]; their metadata may limit them ("most").
     checks : mapping of str to callable
         By the key to blame, what raises a ConfigurationError if settings do not suit a space.
     """
 
-    name: str
+    begin: type[Any]
     settings: type[Any]
-    begin: Callable[[Space, np.random.Generator, Any], Optimiser]
-    checks: Mapping[str, Check] = MappingProxyType({})
+    checks: Mapping[str, Callable[[Any, Space], None]] = MappingProxyType({})
+
+    @property
+    def name(self) -> str:
+        """Key `method` of that table."""
+        return str(self.begin.method)
 
 
 # The first one is what a study without the key `method` means.
-REGISTERED = (
-    Registered("differential evolution", EvolutionSettings, DifferentialEvolution, {"initial": check_initial}),
-)
+REGISTERED = (Registered(DifferentialEvolution, EvolutionSettings, {"initial": check_initial}),)
 
 
 def registered(settings: object) -> Registered | None:
