@@ -218,8 +218,10 @@ class Optimisers(NamedTuple):
 
 def _optimisers(table: Any) -> Optimisers:
     name = table.get("method") if isinstance(table, Mapping) else None
-    chosen = next((entry for entry in registry.REGISTERED if entry.name == name), registry.REGISTERED[0])
-    stated = dict(_optimiser_model(chosen.settings).model_validate(table))  # type: ignore[arg-type]
+    known = [entry for entry in registry.REGISTERED if name in (entry.name, None)]
+    chosen = known[0] if known else registry.REGISTERED[0]
+    model = _optimiser_model(chosen.settings)  # type: ignore[arg-type]
+    stated = dict(model.model_validate(table if known else {"method": name}))  # an unknown one is its first fault
     polish = {key: stated.pop(key) for key in ("polish", "polish_iterations")}
     kept = {f.name: stated[f.name] for f in fields(chosen.settings) if stated[f.name] is not None}
     return Optimisers(chosen, kept, **polish)
