@@ -100,5 +100,13 @@ class Recorder(Protocol):
     """Keeps a search step by step; what it raises ends the search."""
 
     def step(self, step: Step, reached: Generation, after: Checkpoint) -> None:
-        """Take one step of the last of the checkpoint's stages, and what it has reached."""
+        """Take one step of the last of the checkpoint's stages.
+
+        Parameters
+        ----------
+        step : Step
+        reached : Generation
+            Objective after it.
+        after : Checkpoint
+        """
         ...

@@ -232,7 +232,14 @@ def scores_of(
 ) -> dict[str, Scores]:
     """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body.
 
-    `start` are the scores of the start values, if they are known.
+    Parameters
+    ----------
+    study : Study
+    calibrated : Injector
+    threads : int or None
+    with_rigid : bool
+    start : tuple of DataScore, optional
+        Of the start values, if they are known.
     """
     injectors = {"best": calibrated}
     if with_rigid and study.injector.variant.body is Body.FLEXIBLE and any(isinstance(d, RateData) for d in study.data):
@@ -247,5 +254,14 @@ def scores_of(
 def score_all(
     data: Sequence[RateData | QuantityData], injector: Injector, time_step: float, threads: int | None = None
 ) -> tuple[DataScore, ...]:
-    """Score of one injector on each data set."""
+    """Score of one injector on each data set.
+
+    Parameters
+    ----------
+    data : sequence of RateData or QuantityData
+    injector : Injector
+    time_step : float
+        [s].
+    threads : int, optional
+    """
     return tuple(score_data(d, injector, time_step, threads) for d in data)

@@ -36,6 +36,7 @@ __all__ = [
     "RateModel",
     "StudyModel",
     "TraceModel",
+    "read_optimisers",
 ]
 
 UNSTATED = "no source stated"
@@ -216,7 +217,8 @@ class Optimisers(NamedTuple):
     polish_iterations: int
 
 
-def _optimisers(table: Any) -> Optimisers:
+def read_optimisers(table: Any) -> Optimisers:
+    """The optimisers that a table states; a setting that is left out keeps its own default."""
     name = table.get("method") if isinstance(table, Mapping) else None
     known = [entry for entry in registry.REGISTERED if name in (entry.name, None)]
     chosen = known[0] if known else registry.REGISTERED[0]
@@ -240,13 +242,13 @@ def _optimiser_model(settings: type[Any]) -> type[_TableModel]:
     return create_model("OptimiserModel", __base__=_TableModel, **keys)
 
 
-def _setting(kind: Any, most: float | None) -> tuple[Any, Any]:
+def _setting(annotation: Any, most: float | None) -> tuple[Any, Any]:
     """Type and limits of a key, from those of a field of settings."""
-    if get_origin(kind) is tuple:
-        items = get_args(kind)
+    if get_origin(annotation) is tuple:
+        items = get_args(annotation)
         return list[items[0]] | None, Field(default=None, min_length=len(items), max_length=len(items))  # type: ignore[valid-type]
-    strict = not (isinstance(kind, type) and issubclass(kind, Enum))
-    return kind | None, Field(default=None, le=most, strict=strict)
+    strict = not (isinstance(annotation, type) and issubclass(annotation, Enum))
+    return annotation | None, Field(default=None, le=most, strict=strict)
 
 
 AUTO_STEP = "auto"  # short enough for every candidate within the bounds
@@ -266,4 +268,6 @@ class StudyModel(_TableModel):
     data: list[DataModel] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()
-    optimiser: Annotated[Optimisers, PlainValidator(_optimisers)] = Field(default_factory=lambda: _optimisers({}))
+    optimiser: Annotated[Optimisers, PlainValidator(read_optimisers)] = Field(
+        default_factory=lambda: read_optimisers({})
+    )

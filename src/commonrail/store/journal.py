@@ -130,7 +130,16 @@ class Journal(JournalFile):
             return {str(name): str(text) for name, text in json.loads(rows[0][0]).items()} if rows else {}
 
     def step(self, step: Step, reached: Generation, after: Checkpoint) -> None:
-        """Keep one step of an optimiser; what those after it have done is forgotten."""
+        """Keep one step of an optimiser; what those after it have done is forgotten.
+
+        Parameters
+        ----------
+        step : Step
+        reached : Generation
+            Objective after it.
+        after : Checkpoint
+            Its last stage is the optimiser's.
+        """
         stage, last = len(after.stages) - 1, after.stages[-1]
         packed = pack(last._asdict())
         told = (number_bytes(step.x), number_bytes(step.costs), step.statuses.astype("i1").tobytes())

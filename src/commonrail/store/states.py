@@ -67,7 +67,15 @@ def unpack(text: str, content: bytes) -> dict[str, Any]:
 
 
 def digest(text: str, arrays: bytes, history: Sequence[tuple[int, float, float]]) -> str:
-    """SHA-256 of what a search goes on from; SQLite does not notice a bit that has flipped on the disk."""
+    """SHA-256 of what a search goes on from; SQLite does not notice a bit that has flipped on the disk.
+
+    Parameters
+    ----------
+    text, arrays : str, bytes
+        A state, as `pack` returns it.
+    history : sequence of tuple
+        Number, best and mean of each generation.
+    """
     return sha256(b"".join((text.encode(), arrays, number_bytes(history))))
 
 

@@ -51,10 +51,10 @@ def conversation(solve: Callable[[Callable[[Floats], Floats]], Result]) -> Gener
     thread.start()
     try:
         while True:
-            kind, item = said.get()
-            if kind == "result":
+            event, item = said.get()
+            if event == "result":
                 return item  # type: ignore[no-any-return]
-            if kind == "error":
+            if event == "error":
                 raise item
             heard.put((yield item))
     finally:

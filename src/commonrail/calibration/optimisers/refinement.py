@@ -94,7 +94,7 @@ class Refinement(Optimiser):
         """First points of a refinement."""
         settings = replace(SOLVER, iterations=self.settings.iterations)
         start = self._starts[self.steps] if self.steps < len(self._starts) else self._near_best()
-        self._solving = conversation(lambda call: LeastSquares(self.space, call, settings).run(start)[0])
+        self._solving = conversation(lambda call: LeastSquares(self.space, call, settings).run(start))
         return _trials(next(self._solving), Wanted.RESIDUALS)
 
     def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
