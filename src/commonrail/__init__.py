@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from commonrail.analysis.truth import Truth
     from commonrail.calibration.comparison import Comparison, compare
     from commonrail.calibration.plausibility.finding import Finding
-    from commonrail.calibration.run import Calibration, Progress, calibrate, check_study, validate
+    from commonrail.calibration.result import validate
+    from commonrail.calibration.run import Calibration, Progress, calibrate, check_study
     from commonrail.calibration.study import Study
     from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
     from commonrail.engine.simulate import simulate, simulate_batch
@@ -50,7 +51,8 @@ _HOMES = {
     "analysis.truth": ("Truth",),
     "calibration.comparison": ("Comparison", "compare"),
     "calibration.plausibility.finding": ("Finding",),
-    "calibration.run": ("Calibration", "Progress", "calibrate", "check_study", "validate"),
+    "calibration.result": ("validate",),
+    "calibration.run": ("Calibration", "Progress", "calibrate", "check_study"),
     "calibration.study": ("Study",),
     "engine.operating_point": ("Energising", "OperatingPoint", "Trace"),
     "engine.simulate": ("simulate", "simulate_batch"),

@@ -11,7 +11,7 @@ from commonrail.calibration import Parameter, Space
 from commonrail.calibration.checkpoint import NOT_SIMULATED
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.calibration.optimisers import DifferentialEvolution, EvolutionSettings, InitialSampling, Treatment
-from commonrail.calibration.search import generations
+from commonrail.calibration.search import steps
 from commonrail.engine.status import Status
 
 SPACE = Space(
@@ -35,7 +35,7 @@ def test_every_trial_is_answered_in_its_place(treatment: Treatment, initial: Ini
     settings = EvolutionSettings(12, 8, treatment=treatment, initial=initial)
     optimiser = DifferentialEvolution(SPACE, np.random.default_rng(4), settings)
     some, seen = False, 0
-    for evolved in generations(optimiser, cast(Objective, Feasible())):
+    for evolved in steps(optimiser, cast(Objective, Feasible())):
         inside = SPACE.satisfies(evolved.x)
         some = some or not inside.all()
         seen += evolved.simulations

@@ -12,7 +12,7 @@ import pytest
 
 from commonrail.files.injector_values import read_room
 from commonrail.files.place import Place
-from commonrail.files.study_models import ConstraintsModel, OptimiserModel, ParameterModel
+from commonrail.files.study_models import ConstraintsModel, ParameterModel, read_optimisers
 from commonrail.files.tables import read_columns
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds.curves.reading import RateModel
@@ -39,7 +39,7 @@ def test_study_page() -> None:
     models = [ParameterModel.model_validate(parameter) for parameter in found["parameter"]]
     assert {model.name for model in models} <= set(parameter_quantities())
     ConstraintsModel.model_validate(found["constraints"][0])
-    assert OptimiserModel.model_validate(found["optimiser"][0]).members == 50
+    assert read_optimisers(found["optimiser"][0]).settings["members"] == 50
 
 
 def test_injector_page() -> None:

@@ -16,10 +16,11 @@ from commonrail.files.study_file import load_study
 from commonrail.store.journal import JOURNAL, Journal, read_about
 from commonrail.store.listing import list_runs
 from commonrail.store.run import Listener, calibrate_into, resume
-from commonrail.store.schema import SCHEMA
+from commonrail.store.run_schema import RUN
 from tests.store.conftest import GENERATIONS, REFINEMENTS, Stop, Whole, timeless
 
 OLD = Path(__file__).parent / "data"
+SCHEMA = RUN.version
 
 
 def rows(run: Path, text: str) -> list[tuple[object, ...]]:
@@ -67,7 +68,7 @@ def test_others_read_it_while_it_is_written(whole: Whole, tmp_path: Path) -> Non
 
 
 def test_a_read_only_folder_can_be_read(stopped: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
-    from commonrail.store import journal
+    from commonrail.store import journal_file
 
     run, opened = stopped(2), []
 
@@ -77,7 +78,7 @@ def test_a_read_only_folder_can_be_read(stopped: Stop, monkeypatch: pytest.Monke
             raise sqlite3.OperationalError("unable to open database file")
         return sqlite3.connect(address, **how)  # type: ignore[arg-type,call-overload]
 
-    monkeypatch.setattr(journal, "_connect", connect)
+    monkeypatch.setattr(journal_file, "_connect", connect)
     assert read_about(run)["title"]
     assert len(opened) == 2
 
@@ -94,8 +95,38 @@ def test_a_journal_of_every_schema_still_opens(whole: Whole, tmp_path: Path, sch
         assert journal.about["title"] == "My first calibration"
     assert checkpoint is not None
     assert [g.generation for g in checkpoint.history] == [0, 1, 2]
-    assert np.isfinite(checkpoint.evolution["costs"]).any()
+    assert np.isfinite(checkpoint.stages[0].state["costs"]).any()
     assert rows(run, "PRAGMA user_version") == [(SCHEMA,)]
+
+
+def test_refinements_of_schema_1_become_a_state_of_their_own(tmp_path: Path) -> None:
+    """Killed after the second of three refinements, of which the first was the better one."""
+    run = Path(shutil.copytree(OLD / "schema-1-refined", tmp_path / "run"))
+    before = rows(run, "SELECT stop, cost, simulations FROM refinement ORDER BY number")
+    (found,) = list_runs(tmp_path)
+    assert (found.state, found.generation, found.refinements) == ("stopped", 1 + GENERATIONS, 2)
+    assert found.best == min(cost for _, cost, _ in before)  # type: ignore[type-var]
+    assert rows(run, "PRAGMA user_version") == [(1,)]  # who only looks changes nothing
+    with Journal(run) as journal:
+        checkpoint = journal.checkpoint()
+    assert checkpoint is not None
+    evolution, refinement = checkpoint.stages
+    assert evolution.simulations < refinement.simulations == before[-1][2]
+    state = refinement.state
+    assert (state["steps"], state["cost"]) == (2, found.best)
+    assert state["best"].tobytes() == before[0][0]
+    assert state["rng"]["bit_generator"] == "PCG64"
+    assert rows(run, "SELECT trials FROM refinement ORDER BY number") == [(stop,) for stop, *_ in before]
+
+
+def test_a_flipped_bit_of_an_old_journal_is_noticed(tmp_path: Path) -> None:
+    run = Path(shutil.copytree(OLD / "schema-1-refined", tmp_path / "run"))
+    for table, column in (("refinement", "stop"), ("population", "members")):
+        with closing(sqlite3.connect(run / JOURNAL)) as connection, connection:
+            (numbers,) = connection.execute(f"SELECT {column} FROM {table}").fetchone()
+            connection.execute(f"UPDATE {table} SET {column} = ?", (bytes([numbers[0] ^ 1]) + numbers[1:],))
+        with pytest.raises(StudyError, match="the journal is damaged"):
+            Journal(run)
 
 
 def test_a_newer_schema_is_refused(whole: Whole, tmp_path: Path) -> None:
@@ -123,15 +154,13 @@ def test_tables_that_are_not_the_journal_s_are_refused(whole: Whole, tmp_path: P
 @pytest.mark.parametrize(
     "damage",
     [
-        "UPDATE population SET members = x'00'",
-        "UPDATE population SET costs = x'0000000000000000'",
-        "UPDATE population SET search = '{}'",
-        "UPDATE population SET search = '['",
-        "UPDATE population SET search = replace(search, 'PCG64', 'PCG65')",
-        "UPDATE refinement SET hops = 'null'",
-        "UPDATE refinement SET hops = '{}'",
-        "UPDATE refinement SET stop = x'01'",
-        "UPDATE refinement SET cost = 'low', stop = 3",
+        "UPDATE state SET arrays = x'00'",
+        "UPDATE state SET arrays = 3 WHERE stage = 1",
+        "UPDATE state SET search = '{}'",
+        "UPDATE state SET search = '['",
+        "UPDATE state SET search = replace(search, 'PCG64', 'PCG65') WHERE stage = 1",
+        "UPDATE state SET sha256 = 3 WHERE stage = 1",
+        "DELETE FROM state WHERE stage = 0",
         "DELETE FROM generation WHERE number = 2",
         "UPDATE generation SET best = 'good'",
         "DELETE FROM about WHERE name = 'generations'",
@@ -163,13 +192,13 @@ def test_a_checkpoint_is_what_was_kept(whole: Whole) -> None:
     assert found is not None
     study = load_study(whole.study)
     result = timeless(whole.run)
-    assert f'"injections": {found.simulations},'.encode() in result
-    assert found.refinements == REFINEMENTS
+    assert f'"injections": {found.stages[1].simulations},'.encode() in result
+    assert found.stages[1].state["steps"] == REFINEMENTS
     assert len(found.history) == 1 + study.method.evolution.generations
 
 
 def test_all_is_kept_whatever_the_size_of_the_numbers(whole: Whole) -> None:
     facts = timeless(whole.run).decode()
-    (text,) = rows(whole.run, "SELECT search FROM population")[0]
+    (text,) = rows(whole.run, "SELECT search FROM state")[0]
     assert '"state": ' in str(text)  # 128 bits of the generator, as a whole number
     assert "Infinity" not in facts

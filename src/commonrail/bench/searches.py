@@ -147,7 +147,7 @@ def reference_searches(count: int = MEASURED, clock: Callable[[], float] = CLOCK
     study = paper_study()
     for scalar in SCALARS:
         measured, seconds = _first_generation(study, scalar, count, clock)
-        simulations = study.method.evolution.slots
+        simulations = (1 + study.method.evolution.generations) * study.method.evolution.members
         whole = seconds / measured * simulations
         yield {
             "optimiser": f"differential_evolution on {scalar.name}",

@@ -1,9 +1,9 @@
-"""What a search tells of each step, so that it can be kept, and what it needs to go on from there."""
+"""Steps of a search as they are told, so that they can be kept, and the state from which it goes on."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from commonrail.calibration.optimisers import Optimiser
 from commonrail.errors import StudyError
 
-__all__ = ["Checkpoint", "CheckpointError", "Evolved", "Found", "Generation", "Recorder"]
+__all__ = ["Checkpoint", "CheckpointError", "Generation", "Recorder", "Stage", "Step"]
 
 Floats = NDArray[np.float64]
 
@@ -23,8 +23,8 @@ class CheckpointError(StudyError):
     """A checkpoint is damaged, or another search's."""
 
 
-class Evolved(NamedTuple):
-    """One generation of trials and what became of them.
+class Step(NamedTuple):
+    """One step of an optimiser: the trials whose costs it was told, and what became of them.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Evolved(NamedTuple):
     statuses : (n,) int8
         Values of `Status`; -1 for a trial that was not simulated.
     simulations : int
-        Single injections that it took.
+        Single injections that the step took.
     """
 
     x: Floats
@@ -45,7 +45,7 @@ class Evolved(NamedTuple):
 
 
 class Generation(NamedTuple):
-    """Objective after one generation: best so far, and mean of the population's finite ones."""
+    """Objective after a step: best so far, and mean of the population's finite ones."""
 
     generation: int
     best: float
@@ -59,11 +59,25 @@ class Generation(NamedTuple):
         return cls(generation, optimiser.best.cost, float(finite.mean()) if len(finite) else float("inf"))
 
 
-class Found(NamedTuple):
-    """A point (d,), SI, and its objective."""
+class Stage(NamedTuple):
+    """A search after the latest step of one of its optimisers.
 
-    x: Floats
-    cost: float
+    Attributes
+    ----------
+    state : mapping
+        `Optimiser.state`.
+    simulations : int
+        Single injections so far.
+    failures : mapping of str to int
+        Failed candidates of the first optimiser by the name of their status.
+    seconds : float
+        Time spent so far [s].
+    """
+
+    state: Mapping[str, Any]
+    simulations: int
+    failures: Mapping[str, int]
+    seconds: float
 
 
 @dataclass(frozen=True)
@@ -72,40 +86,27 @@ class Checkpoint:
 
     Attributes
     ----------
-    evolution : mapping
-        `DifferentialEvolution.state`.
+    stages : tuple of Stage
+        One for each optimiser that has begun, in the order in which they run.
     history : tuple of Generation
-    simulations : int
-        Single injections simulated.
-    failures : mapping of str to int
-        Failed candidates by the name of their status.
-    refinements : int
-        Refinements that are done.
-    refined : Found or None
-        The best of them, if it is better than the evolution's.
-    hops : mapping or None
-        State of the generator that draws the starts of refinements; None before the first.
-    seconds : float
-        Time spent [s].
+        Of the first one.
     """
 
-    evolution: Mapping[str, Any]
+    stages: tuple[Stage, ...]
     history: tuple[Generation, ...]
-    simulations: int = 0
-    failures: Mapping[str, int] = field(default_factory=dict)
-    refinements: int = 0
-    refined: Found | None = None
-    hops: Mapping[str, Any] | None = None
-    seconds: float = 0.0
 
 
 class Recorder(Protocol):
     """Keeps a search step by step; what it raises ends the search."""
 
-    def evolved(self, trials: Evolved, after: Checkpoint) -> None:
-        """Take one generation of the evolution."""
-        ...
+    def step(self, step: Step, reached: Generation, after: Checkpoint) -> None:
+        """Take one step of the last of the checkpoint's stages.
 
-    def refined(self, start: Floats, end: Found, after: Checkpoint) -> None:
-        """Take one refinement: where it began (d,) and ended."""
+        Parameters
+        ----------
+        step : Step
+        reached : Generation
+            Objective after it.
+        after : Checkpoint
+        """
         ...

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
+from commonrail.arguments import instance, thread_count
+from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.plausibility import Finding
-from commonrail.calibration.run import Calibration
-from commonrail.calibration.study import Method
+from commonrail.calibration.run import Calibration, score_all
+from commonrail.calibration.study import Method, Study
 from commonrail.display.text import number
-from commonrail.injector.definition import parameter_quantities
+from commonrail.injector.definition import Injector, parameter_quantities
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.records import LABELS
 
-__all__ = ["CLOCK", "SCHEMA", "data_records", "result_record", "software_record", "warning_records"]
+__all__ = ["CLOCK", "SCHEMA", "data_records", "result_record", "software_record", "validate", "warning_records"]
 
 SCHEMA = 1
 CLOCK = "clock"  # holds what depends on the clock; all else is the same whenever and however often a study is run
@@ -85,6 +86,27 @@ def software_record() -> dict[str, str]:
     return {"commonrail": packages.pop("commonrail"), "python": platform.python_version(), **packages}
 
 
+def validate(study: Study, injector: Injector, threads: int | None = None) -> list[dict[str, Any]]:
+    """Figures of an injector on all data of a study, as in ``result.json``'s "data" with the one label "best".
+
+    Parameters
+    ----------
+    study : Study
+    injector : Injector
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or the injector's drive does not fit the data.
+    """
+    instance(study, Study, "study")
+    instance(injector, Injector, "injector")
+    threads = thread_count(threads)
+    return data_records(study.data, {"best": score_all(study.data, injector, study.time_step, threads)})
+
+
 def data_records(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]]) -> list[dict[str, Any]]:
     """One record for each data set, with the figures of every label in `scores`."""
     return [
@@ -119,6 +141,8 @@ def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, 
 
 
 def _optimiser(method: Method) -> dict[str, Any]:
-    """Settings of the search, by the keys of a study file."""
-    settings = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(method.evolution).items()}
-    return {**settings, "polish": method.polish, "polish_iterations": method.polish_iterations}
+    """Settings of the search, by the keys of a study file; `method` only where that must name it."""
+    entry = registered(method.evolution)
+    named = {"method": entry.name} if entry and entry is not REGISTERED[0] else {}
+    settings = {name: list(v) if isinstance(v, tuple) else v for name, v in vars(method.evolution).items()}
+    return {**named, **settings, "polish": method.polish, "polish_iterations": method.polish_iterations}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from commonrail.injector.variants import Body
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.simulator import Simulator
 
-__all__ = ["Calibration", "Progress", "calibrate", "check_study", "score_all", "scores_of", "validate"]
+__all__ = ["Calibration", "Progress", "calibrate", "check_study", "score_all", "scores_of"]
 
 Scores = tuple[Score, ...]
 
@@ -182,9 +181,8 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
     status, reason = "finished", ""
     try:
         search.listeners.wish.heed()
-        search.evolve()
-        search.refine()
-        reason = search.optimiser.reason
+        search.run()
+        reason = search.reason
     except KeyboardInterrupt:
         status, reason = "interrupted", "stopped by the user"
     seconds = search.seconds
@@ -202,7 +200,7 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
         cost,
         float(search.objective.costs(study.space.reference[None, :]).costs[0]),
         tuple(search.history),
-        search.optimiser.counts,
+        search.counts,
         status,
         reason,
         scores_of(study, calibrated, threads, with_rigid=status == "finished", start=start),
@@ -235,7 +233,14 @@ def scores_of(
 ) -> dict[str, Scores]:
     """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body.
 
-    `start` are the scores of the start values, if they are known.
+    Parameters
+    ----------
+    study : Study
+    calibrated : Injector
+    threads : int or None
+    with_rigid : bool
+    start : tuple of DataScore, optional
+        Of the start values, if they are known.
     """
     injectors = {"best": calibrated}
     traces = any(d.bounds is not None for d in study.data)  # what a rigid body lacks is seen in a course in time
@@ -263,26 +268,3 @@ def score_all(
         All usable processors by default.
     """
     return tuple(d.score(Simulator(injector, (), time_step, threads)) for d in data)
-
-
-def validate(study: Study, injector: Injector, threads: int | None = None) -> list[dict[str, Any]]:
-    """Figures of an injector on all data of a study, as in ``result.json``'s "data" with the one label "best".
-
-    Parameters
-    ----------
-    study : Study
-    injector : Injector
-    threads : int, optional
-        All usable processors by default; the result does not depend on it.
-
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind, or the injector's drive does not fit the data.
-    """
-    instance(study, Study, "study")
-    instance(injector, Injector, "injector")
-    threads = thread_count(threads)
-    from commonrail.calibration.result import data_records
-
-    return data_records(study.data, {"best": score_all(study.data, injector, study.time_step, threads)})

@@ -1,4 +1,4 @@
-"""The search of a study: differential evolution, then refinements, each step told and kept as it is done."""
+"""The search of a study: its optimisers one after the other, each step told and kept as it is done."""
 
 from __future__ import annotations
 
@@ -15,31 +15,24 @@ from commonrail.calibration.checkpoint import (
     NOT_SIMULATED,
     Checkpoint,
     CheckpointError,
-    Evolved,
-    Found,
     Generation,
     Recorder,
+    Stage,
+    Step,
 )
 from commonrail.calibration.interrupt import Wish
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.optimisers import (
-    DifferentialEvolution,
-    LeastSquares,
-    LeastSquaresSettings,
-    Optimiser,
-    diverse_members,
-)
+from commonrail.calibration.optimisers import Best, Counts, Optimiser, Trials, Wanted
+from commonrail.calibration.optimisers.registry import row
 from commonrail.calibration.study import Study
 from commonrail.calibration.workers import Workers
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError, StudyError
 from commonrail.kinds import Role, of_role
 
-__all__ = ["Listeners", "Progress", "Search", "generations"]
+__all__ = ["Listeners", "Progress", "Search", "steps"]
 
 Floats = NDArray[np.float64]
-
-HOP = 0.06  # standard deviation of a hop away from the best, as a share of each range
 
 
 class Progress(NamedTuple):
@@ -62,21 +55,34 @@ class Listeners(NamedTuple):
     wish: Wish
 
 
-def generations(optimiser: Optimiser, objective: Objective) -> Iterator[Evolved]:
-    """Run a search to its end, and yield each generation once it has been answered."""
+def steps(optimiser: Optimiser, objective: Objective) -> Iterator[Step]:
+    """Run an optimiser to its end, and yield each step once it has been answered."""
+    simulations = 0
     while not optimiser.finished:
-        trials = optimiser.ask()
-        costs = np.full(len(trials.x), np.inf)
-        statuses = np.full(len(trials.x), NOT_SIMULATED, np.int8)
-        simulations = 0
-        if trials.simulate.all():
-            costs, statuses, simulations = objective.costs(trials.x)
-        elif trials.simulate.any():
-            scores = objective.costs(trials.x[trials.simulate])
-            costs[trials.simulate], statuses[trials.simulate] = scores.costs, scores.statuses
-            simulations = scores.simulations
-        optimiser.tell(costs)
-        yield Evolved(trials.x, costs, statuses, simulations)
+        done, trials = optimiser.steps, optimiser.ask()
+        if trials.wanted is Wanted.RESIDUALS:
+            optimiser.tell(objective.residuals(trials.x))
+            simulations += len(trials.x) * objective.injections
+            continue
+        step = _costs(trials, objective)
+        optimiser.tell(step.costs)
+        if trials.wanted is Wanted.COSTS:
+            simulations += step.simulations
+        if optimiser.steps > done:
+            yield step._replace(simulations=simulations)
+            simulations = 0
+
+
+def _costs(trials: Trials, objective: Objective) -> Step:
+    if trials.simulate.all():
+        return Step(trials.x, *objective.costs(trials.x))
+    costs = np.full(len(trials.x), np.inf)
+    statuses = np.full(len(trials.x), NOT_SIMULATED, np.int8)
+    simulations = 0
+    if trials.simulate.any():
+        scores = objective.costs(trials.x[trials.simulate])
+        costs[trials.simulate], statuses[trials.simulate], simulations = scores
+    return Step(trials.x, costs, statuses, simulations)
 
 
 class Search:
@@ -113,12 +119,12 @@ class Search:
             raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
         objective = Objective(study.injector, study.space.names, fit, study.time_step, threads, study.precision)
         self.objective = objective if workers is None else workers.spread(objective)
-        self.optimiser = DifferentialEvolution(study.space, np.random.default_rng(study.seed), study.method.evolution)
         self.history: list[Generation] = []
-        self.simulations = self.refinements = 0
+        self.simulations = 0
         self.failures: Counter[str] = Counter()
-        self.refined: Found | None = None
-        self._hops: np.random.Generator | None = None
+        self._row = row(study.method, study.space, study.seed)
+        self._begun = [self._row[0](None)]
+        self._before: tuple[Stage, ...] = ()  # of the optimisers that have finished
         self._start = time.perf_counter()
         if checkpoint is not None:
             self._restore(checkpoint)
@@ -129,85 +135,53 @@ class Search:
         return time.perf_counter() - self._start
 
     @property
-    def best(self) -> Found:
-        """Best values and cost of both phases."""
-        found = self.optimiser.best
-        if self.refined is not None and self.refined.cost < found.cost:
-            return self.refined
-        return Found(found.x, found.cost)
+    def best(self) -> Best:
+        """Best values and cost so far."""
+        return self._begun[-1].best
 
-    def evolve(self) -> None:
-        """Differential evolution to its end."""
-        for trials in generations(self.optimiser, self.objective):
-            self.simulations += trials.simulations
-            failed = trials.statuses[trials.statuses > 0].tolist()
+    @property
+    def counts(self) -> Counts:
+        """Slots, simulations and failures of the first optimiser."""
+        return self._begun[0].counts
+
+    @property
+    def reason(self) -> str:
+        """Why the first optimiser has stopped."""
+        return self._begun[0].reason
+
+    def run(self) -> None:
+        """Each optimiser to its end, the next one from what it has found."""
+        while True:
+            for step in steps(self._begun[-1], self.objective):
+                self._note(step)
+            if len(self._begun) == len(self._row):
+                return
+            self._begin_next()
+
+    def _begin_next(self) -> None:
+        self._before = self.checkpoint().stages
+        self._begun.append(self._row[len(self._begun)](self._begun[-1]))
+
+    def _note(self, step: Step) -> None:
+        self.simulations += step.simulations
+        optimiser = self._begun[-1]
+        reached = Generation.of(optimiser.steps - 1, optimiser)
+        if len(self._begun) == 1:
+            failed = step.statuses[step.statuses > 0].tolist()
             self.failures.update(Status(status).name.lower() for status in failed)
-            self.history.append(Generation.of(len(self.history), self.optimiser))
-            if self.listeners.recorder is not None:
-                self.listeners.recorder.evolved(trials, self.checkpoint())
-            self._tell("evolution", len(self.history), 1 + self.study.method.evolution.generations)
-
-    def refine(self) -> None:
-        """Least squares from good members that lie apart, then from near the best; kept where the objective falls."""
-        method, space = self.study.method, self.study.space
-        if not method.polish or not np.isfinite(self.best.cost):
-            return
-        population, costs = self.optimiser.population, self.optimiser.costs
-        usable = np.isfinite(costs) & space.satisfies(population)
-        members = population[usable]
-        count = min(max(method.polish // 3, 1), len(members))
-        chosen = diverse_members(space.to_unit(members), costs[usable], count)
-        hops = self._hops = self._hops or np.random.default_rng([self.study.seed, count])
-        for i in range(self.refinements, method.polish):
-            start = members[chosen[i]] if i < count else self._near_best(hops)
-            end = self._refine_from(start)
-            self.refinements += 1
-            if self.listeners.recorder is not None:
-                self.listeners.recorder.refined(start, end, self.checkpoint())
-            self._tell("refinement", i + 1, method.polish)
-
-    def _refine_from(self, start: Floats) -> Found:
-        # differences over 1 % of a range: a smaller step measures the ripple of bouncing valves and needles
-        settings = LeastSquaresSettings(iterations=self.study.method.polish_iterations, step=1e-2)
-        end = LeastSquares(self.study.space, self._residuals, settings).run(start)[0]
-        found = Found(end.x, float(self.objective.costs(end.x[None, :]).costs[0]))
-        if found.cost < self.best.cost:
-            self.refined = found
-        return found
-
-    def _near_best(self, rng: np.random.Generator) -> Floats:
-        """A feasible point some hops of the bounds' width away from the best."""
-        space, best = self.study.space, self.best.x
-        hop = rng.normal(0.0, HOP, space.dimension)
-        there = space.from_unit(np.clip(space.to_unit(best) + hop, 0.0, 1.0))
-        return there if space.satisfies(there) else space.pull_back(best, there)
-
-    def _residuals(self, values: Floats) -> Floats:
-        residuals = self.objective.residuals(values)
-        self.simulations += len(values) * self.objective.injections
-        return residuals
-
-    def _tell(self, phase: str, generation: int, generations: int) -> None:
+            self.history.append(reached)
+        if self.listeners.recorder is not None:
+            self.listeners.recorder.step(step, reached, self.checkpoint())
         if self.listeners.progress is not None:
-            mean = self.history[-1].mean
+            told = (optimiser.phase, optimiser.steps, optimiser.total, *reached[1:], self.simulations, self.seconds)
             with suppress(OSError, ValueError):  # a terminal that went away must not end the search
-                self.listeners.progress(
-                    Progress(phase, generation, generations, self.best.cost, mean, self.simulations, self.seconds)
-                )
+                self.listeners.progress(Progress(*told))
         self.listeners.wish.heed()
 
     def checkpoint(self) -> Checkpoint:
         """The search as it stands."""
-        return Checkpoint(
-            self.optimiser.state(),
-            tuple(self.history),
-            self.simulations,
-            dict(self.failures),
-            self.refinements,
-            self.refined,
-            None if self._hops is None else dict(self._hops.bit_generator.state),
-            self.seconds,
-        )
+        now = Stage(self._begun[-1].state(), self.simulations, dict(self.failures), self.seconds)
+        return Checkpoint((*self._before, now), tuple(self.history))
 
     def _restore(self, checkpoint: Checkpoint) -> None:
         try:
@@ -218,18 +192,15 @@ class Search:
             ) from error
 
     def _take_up(self, checkpoint: Checkpoint) -> None:
-        self.optimiser.restore(checkpoint.evolution)
+        """Go on with the last optimiser whose forerunners have all finished: they may have been given more to do."""
         self.history = list(checkpoint.history)
-        self.simulations, self.failures = checkpoint.simulations, Counter(checkpoint.failures)
-        self.refinements, self.refined = checkpoint.refinements, checkpoint.refined
-        if self.refined is not None and not self._is_inside(self.refined.x):
-            raise ValueError("a refinement has left the bounds")
-        if checkpoint.hops is not None:
-            self._hops = np.random.default_rng()
-            self._hops.bit_generator.state = checkpoint.hops
-        self._start -= checkpoint.seconds
-
-    def _is_inside(self, x: Floats) -> bool:
-        space = self.study.space
-        slack = 1e-9 * (space.upper - space.lower)
-        return bool(np.all((x >= space.lower - slack) & (x <= space.upper + slack)))
+        for number, stage in enumerate(checkpoint.stages):
+            if number:
+                if not self._begun[-1].finished:
+                    break
+                self._before = checkpoint.stages[:number]
+                self._begun.append(self._row[number](self._begun[-1]))
+            self._begun[-1].restore(stage.state)
+            self.simulations, self.failures = stage.simulations, Counter(stage.failures)
+            spent = stage.seconds
+        self._start -= spent

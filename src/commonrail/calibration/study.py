@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from commonrail.arguments import chosen, instance, instances, plain_text, settle, whole
-from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
+from commonrail.calibration.optimisers import EvolutionSettings, Settings
+from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.space import Space
 from commonrail.engine.lanes import Precision
 from commonrail.engine.simulate import check_step
@@ -18,25 +19,27 @@ from commonrail.kinds import ANY_KIND, DataSet
 
 @dataclass(frozen=True)
 class Method:
-    """Settings of the optimiser.
+    """Settings of the optimisers.
 
     Attributes
     ----------
-    evolution : EvolutionSettings
-        The paper's differential evolution, (17)–(20).
+    evolution : Settings
+        Of the first optimiser, which is the one that they belong to; by default the paper's differential evolution,
+        (17)–(20).
     polish : int
-        Least-squares refinements after the evolution: a third from diverse members of the last population, the rest
-        from hops near the best; 0 for none.
+        Least-squares refinements after it: a third from diverse members of its last population, the rest from hops
+        near the best; 0 for none.
     polish_iterations : int
         Largest number of Jacobians of each refinement.
     """
 
-    evolution: EvolutionSettings = EvolutionSettings()
+    evolution: Settings = field(default_factory=EvolutionSettings)
     polish: int = 0
     polish_iterations: int = 30
 
     def __post_init__(self) -> None:
-        instance(self.evolution, EvolutionSettings, "evolution")
+        if registered(self.evolution) is None:
+            instance(self.evolution, REGISTERED[0].settings, "evolution")
         settle(
             self,
             polish=whole(self.polish, "polish"),

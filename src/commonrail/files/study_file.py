@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.arguments import file_path
-from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, InitialSampling
 from commonrail.calibration.parameter import Parameter, percent_bounds
-from commonrail.calibration.sampling import reference_start
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.time_step import step_for_all
@@ -21,7 +19,7 @@ from commonrail.files.injector_file import load_injector
 from commonrail.files.place import Place, located
 from commonrail.files.reach import Reach
 from commonrail.files.study_faults import read_model
-from commonrail.files.study_models import AUTO_STEP, MOST_CONSTRAINTS, ConstraintsModel, OptimiserModel, ParameterModel
+from commonrail.files.study_models import AUTO_STEP, MOST_CONSTRAINTS, ConstraintsModel, Optimisers, ParameterModel
 from commonrail.files.tables import Table, Units, read_columns
 from commonrail.files.text_file import noting_files
 from commonrail.files.toml_file import read_toml
@@ -129,22 +127,14 @@ def _refuse_twice(models: Sequence[DataModel], at: Place) -> None:
         names.add(model.name)
 
 
-def _method(model: OptimiserModel, space: Space, at: Place) -> Method:
-    given = {
-        "members": model.members,
-        "generations": model.generations,
-        "crossover": model.crossover,
-        "factor": None if model.factor is None else (model.factor[0], model.factor[1]),
-        "treatment": model.treatment,
-        "initial": model.initial,
-        "redraws": model.redraws,
-    }
+def _method(stated: Optimisers, space: Space, at: Place) -> Method:
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in stated.settings.items()}
     with located(at):
-        settings = EvolutionSettings(**{k: v for k, v in given.items() if v is not None})  # type: ignore[arg-type]
-    if settings.initial is InitialSampling.REFERENCE:
-        with located(at / "initial"):
-            reference_start(space)
-    return Method(settings, model.polish, model.polish_iterations)
+        settings = stated.chosen.settings(**values)
+    for key, check in stated.chosen.checks.items():
+        with located(at / key):
+            check(settings, space)
+    return Method(settings, stated.polish, stated.polish_iterations)
 
 
 def _space(models: list[ParameterModel], constraints: ConstraintsModel, injector: Injector, at: Place) -> Space:

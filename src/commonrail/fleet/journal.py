@@ -4,25 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import socket
-import sqlite3
 from collections.abc import Mapping
-from contextlib import closing, suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
-from commonrail.errors import StudyError
-from commonrail.files.atomic import check_target
-from commonrail.store.faults import explained, trusted
-from commonrail.store.lock import Lock
+from commonrail.store.faults import trusted
+from commonrail.store.journal_file import JournalFile, now
+from commonrail.store.schema import Schema, Version
 
 __all__ = ["FAILED", "FINISHED", "JOURNAL", "Entry", "Journal"]
 
 JOURNAL, LOCK = "fleet.sqlite", "fleet.lock"
-SCHEMA = 1
 FINISHED, FAILED = "finished", "failed"
 
 _TABLES = """
@@ -39,6 +31,12 @@ CREATE TABLE injector (
     ended TEXT NOT NULL         -- UTC
 );
 """
+FLEET = Schema(
+    (Version(frozenset({"about", "input", "injector"}), _TABLES),),
+    "{path}: the journal has schema {found} and this version reads {known}; go on with the version of commonrail that "
+    "began it.",
+    "{path} is not the journal of a fleet: it holds other tables; name the fleet's own folder.",
+)
 
 
 @dataclass(frozen=True)
@@ -67,11 +65,8 @@ class Entry:
     seconds: float
 
 
-class Journal:
-    """The journal in a folder, held by this process until it is closed; use it in a `with` block.
-
-    Readable by others at any time. A transaction for each injector: what was written survives a killed process, and a
-    power cut too.
+class Journal(JournalFile):
+    """The journal of a fleet: what was written survives a killed process, and a power cut too.
 
     Parameters
     ----------
@@ -79,87 +74,37 @@ class Journal:
 
     Raises
     ------
-    StudyError
-        If another process holds it, or it is no journal that this version reads.
-    OutputError
-        If it cannot be written.
+    StudyError, OutputError
+        As `JournalFile`.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / JOURNAL
-        try:
-            self._lock = Lock(folder / LOCK)
-        except BlockingIOError:
-            raise StudyError(
-                f"{folder}: another fleet is at work here ({self._holder()}); wait for it, or end it."
-            ) from None
-        try:
-            check_target(self.path)
-            with explained(self.path), trusted(self.path):
-                self._connection = sqlite3.connect(self.path, timeout=30.0)
-                self._connection.execute("PRAGMA journal_mode=WAL")
-                self._connection.execute("PRAGMA synchronous=FULL")
-                self._open()
-                self._note("holder", f"process {os.getpid()} on {socket.gethostname()} since {_now()}")
-        except BaseException:
-            self._lock.close()
-            raise
-
-    def _holder(self) -> str:
-        with suppress(sqlite3.Error), closing(sqlite3.connect(self.path)) as connection:
-            row = connection.execute("SELECT text FROM about WHERE name = 'holder'").fetchone()
-            return str(row[0]) if row else "it has just begun"
-        return "it has just begun"
-
-    def _open(self) -> None:
-        (version,) = self._connection.execute("PRAGMA user_version").fetchone()
-        if version == 0:
-            self._connection.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {SCHEMA}; COMMIT;")
-        elif version > SCHEMA:
-            raise StudyError(
-                f"{self.path}: the journal has schema {version} and this version reads {SCHEMA}; go on with the "
-                "version of commonrail that began it."
-            )
-
-    def _note(self, name: str, text: str) -> None:
-        with self._connection:
-            self._connection.execute("INSERT OR REPLACE INTO about VALUES (?, ?)", (name, text))
+    NAME, LOCK, SCHEMA = JOURNAL, LOCK, FLEET
+    HOLDER = "{here} since {since}"
+    HELD = "{folder}: another fleet is at work here ({holder}); wait for it, or end it."
+    NEW = "it has just begun"
+    DURABLE = True
 
     def inputs(self) -> dict[str, str]:
         """Fingerprints of what is common to all injectors, by name; empty for a new journal."""
-        with explained(self.path), trusted(self.path):
-            return dict(self._connection.execute("SELECT name, fingerprint FROM input"))
+        with trusted(self.path):
+            return dict(self._rows("SELECT name, fingerprint FROM input"))
 
     def write_inputs(self, inputs: Mapping[str, str]) -> None:
         """Keep the fingerprints of a new fleet."""
-        with explained(self.path), self._connection:
-            self._connection.execute("DELETE FROM input")
-            self._connection.executemany("INSERT INTO input VALUES (?, ?)", inputs.items())
+        kept = [("INSERT INTO input VALUES (?, ?)", item) for item in inputs.items()]
+        self._write(("DELETE FROM input", ()), *kept)
 
     def entries(self) -> dict[str, Entry]:
         """All injectors that are done, by name."""
         columns = "name, status, reason, attempts, inputs, record, seconds"
-        with explained(self.path), trusted(self.path):
-            rows = self._connection.execute(f"SELECT {columns} FROM injector").fetchall()
-            return {str(row[0]): _entry(row) for row in rows}
+        with trusted(self.path):
+            return {str(row[0]): _entry(row) for row in self._rows(f"SELECT {columns} FROM injector")}
 
     def write(self, entry: Entry) -> None:
         """Keep an injector; one that is there is replaced."""
         texts = [json.dumps(part, sort_keys=True, allow_nan=False) for part in (entry.inputs, entry.record)]
-        values = (entry.name, entry.status, entry.reason, entry.attempts, *texts, entry.seconds, _now())
-        with explained(self.path), self._connection:
-            self._connection.execute("INSERT OR REPLACE INTO injector VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
-
-    def close(self) -> None:
-        """Give the folder free."""
-        self._connection.close()
-        self._lock.close()
-
-    def __enter__(self) -> Journal:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+        values = (entry.name, entry.status, entry.reason, entry.attempts, *texts, entry.seconds, now())
+        self._write(("INSERT OR REPLACE INTO injector VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values))
 
 
 def _entry(row: tuple[Any, ...]) -> Entry:
@@ -168,7 +113,3 @@ def _entry(row: tuple[Any, ...]) -> Entry:
         raise ValueError("an injector's state")
     fingerprints = {str(source): str(text) for source, text in json.loads(inputs).items()}
     return Entry(str(name), status, str(reason), int(attempts), fingerprints, dict(json.loads(record)), float(seconds))
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -133,8 +133,9 @@ def _search(settings: Mapping[str, Any] | None) -> list[tuple[str, str]]:
         return []
     size = f"{settings['generations']} generations of {settings['members']} members"
     polish = f"; {settings['polish']} least-squares refinements" if settings["polish"] else ""
-    first = _FIRST.get(settings["initial"], settings["initial"])
-    return [("Search", f"differential evolution, {size}; first population {first}{polish}")]
+    initial = settings.get("initial", "")
+    first = f"; first population {_FIRST.get(initial, initial)}" if initial else ""
+    return [("Search", f"{settings.get('method', 'differential evolution')}, {size}{first}{polish}")]
 
 
 _FIRST = {

@@ -14,7 +14,7 @@ from commonrail.analysis.virtual_bench import Truth, bench_curve
 from commonrail.calibration.checkpoint import Generation
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Counts, DifferentialEvolution, EvolutionSettings
-from commonrail.calibration.search import generations
+from commonrail.calibration.search import steps
 from commonrail.calibration.space import Space
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.injector.definition import Injector
@@ -233,8 +233,8 @@ class _Searches:
         history: list[Generation] = []
         members: list[Floats] = []
         injections = 0
-        for trials in generations(optimiser, self.objective(data, model)):
-            injections += trials.simulations
+        for step in steps(optimiser, self.objective(data, model)):
+            injections += step.simulations
             history.append(Generation.of(len(history), optimiser))
             members.append(optimiser.population)
             self.after()

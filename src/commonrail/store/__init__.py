@@ -1,1 +1,1 @@
-"""What a study has done so far, kept so that it survives: journal, lock, copies of its inputs."""
+"""Runs that survive: the journal of what was done so far, its lock, copies of all that a study reads."""

@@ -1,4 +1,4 @@
-"""Whether the files of a run are what they were when it was begun, and if not, what has changed."""
+"""Changes of a run's files since it was begun."""
 
 from __future__ import annotations
 

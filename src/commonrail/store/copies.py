@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from commonrail.files.study_file import load_study
 from commonrail.store.content import content_of, sha256
 from commonrail.store.journal import JOURNAL, LOCK, Input
 
-__all__ = ["copies_of", "copy_study", "set_in_study"]
+__all__ = ["copies_of", "copy_study", "set_in_study", "with_generations"]
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
 RESERVED = (STUDY, "calibrated.toml", RESULT, TRACES, "report.html", JOURNAL, LOCK)
@@ -49,15 +50,15 @@ def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study]:
         return [], study
     inputs = _copy_files(study.files, folder)
     own = load_study(folder / STUDY)
-    changed = {("seed",): study.seed, ("optimiser", "generations"): study.method.evolution.generations}
-    text = own.text
-    for keys, value in changed.items():
-        if value != {"seed": own.seed}.get(keys[0], own.method.evolution.generations):
-            text = set_in_study(text, keys, value)
+    wanted, text = study.method.evolution.generations, own.text
+    if study.seed != own.seed:
+        text = set_in_study(text, ("seed",), study.seed)
+    if wanted != own.method.evolution.generations:
+        text = set_in_study(text, ("optimiser", "generations"), wanted)
     if text != own.text:
         write_text(folder / STUDY, text)
         inputs[0] = inputs[0]._replace(copy=sha256(text.encode()))
-        own = load_study(folder / STUDY)
+        own = with_generations(replace(own, seed=study.seed, text=text), wanted)
     if content_of(own) == content_of(study):
         return inputs, own
     for item in inputs:
@@ -130,8 +131,22 @@ def _absolute(source: Path, name: str) -> Path:
     return Path(os.path.abspath(source.parent / name))
 
 
+def with_generations(study: Study, generations: int) -> Study:
+    """The study with another number of generations."""
+    evolution = replace(study.method.evolution, generations=generations)
+    return replace(study, method=replace(study.method, evolution=evolution))
+
+
 def set_in_study(text: str, keys: tuple[str, ...], value: int) -> str:
-    """Text of a study file with one number changed or added; `keys` leads to it from the top."""
+    """Text of a study file with one number changed or added.
+
+    Parameters
+    ----------
+    text : str
+    keys : tuple of str
+        Way to the number from the top.
+    value : int
+    """
     document = tomlkit.parse(text)
     table: Any = document
     for key in keys[:-1]:

@@ -13,7 +13,7 @@ from commonrail.analysis.identifiability import identify
 from commonrail.arguments import file_path, flag, instance, thread_count, whole
 from commonrail.calibration.checkpoint import Checkpoint, CheckpointError
 from commonrail.calibration.interrupt import held_interrupts
-from commonrail.calibration.optimisers.evolution_settings import MOST_GENERATIONS
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
@@ -24,7 +24,7 @@ from commonrail.files.run_folder import STUDY, refuse_used, write_results
 from commonrail.files.study_file import load_study
 from commonrail.store.changes import check_files
 from commonrail.store.content import content_of, sha256
-from commonrail.store.copies import copies_of, copy_study, set_in_study
+from commonrail.store.copies import copies_of, copy_study, set_in_study, with_generations
 from commonrail.store.faults import trusted
 from commonrail.store.journal import JOURNAL, LOCK, Journal, State, read_about, software_now
 
@@ -275,18 +275,13 @@ def _study_of(journal: Journal, given: Study | None) -> Study:
             f"{journal.folder}: the study of this run was made in Python, no file has it; make it there again and go "
             "on with commonrail.resume(folder, study=study)."
         )
-    study = _with_generations(given, journal.generations)
+    study = with_generations(given, journal.generations)
     if content_of(study) != about["content"]:
         raise StudyError(
             f"{journal.folder}: the study reads differently from when the run was begun, although its files are the "
             "same; go on with the version of commonrail that began it, or begin a new run."
         )
     return study
-
-
-def _with_generations(study: Study, generations: int) -> Study:
-    evolution = replace(study.method.evolution, generations=generations)
-    return replace(study, method=replace(study.method, evolution=evolution))
 
 
 def _check_total(journal: Journal, more: int) -> None:
@@ -299,17 +294,17 @@ def _check_total(journal: Journal, more: int) -> None:
 
 
 def _extended(journal: Journal, study: Study, more: int) -> Study:
-    """The study with more generations; the journal goes back to the end of the evolution."""
+    """The study with more generations."""
     total = study.method.evolution.generations + more
-    longer = _with_generations(study, total)
-    facts = {"content": content_of(longer), "generations": str(total)}
+    longer = with_generations(study, total)
+    facts = {"generations": str(total)}
     inputs = journal.inputs
     if inputs:
         facts["study"] = set_in_study(study.text, ("optimiser", "generations"), total)
         facts["before"] = inputs[0].copy
         inputs[0] = inputs[0]._replace(copy=sha256(facts["study"].encode()))
         longer = replace(longer, text=facts["study"])
-    journal.describe(facts, inputs, forget_refinements=True)
+    journal.describe(facts, inputs)
     if inputs:
         write_text(journal.folder / STUDY, facts["study"])
         journal.describe({"before": ""})

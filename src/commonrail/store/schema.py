@@ -1,98 +1,93 @@
-"""The journal's tables, and how a journal of an older version becomes one of this version."""
+"""Tables of a journal: which there are in each schema, and how those of an older one become those of the next."""
 
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from commonrail.errors import StudyError
 
-__all__ = ["SCHEMA", "check_schema", "migrate"]
+__all__ = ["Schema", "Version"]
 
-# Entry i brings a journal of schema i to schema i + 1; an entry is never changed once it was released. Arrays are the
-# bytes of little-endian numbers: 64-bit floats, statuses 8-bit integers.
-MIGRATIONS = (
+
+class Version(NamedTuple):
+    """A schema of a journal.
+
+    Attributes
+    ----------
+    tables : frozenset of str
+    make : str or callable
+        SQL, or a function of the connection, that brings a journal of the schema before to this one; it is never
+        changed once it was released.
     """
-    CREATE TABLE about (
-        name TEXT PRIMARY KEY,       -- created, title, study (as given, TOML), content, state, reason, holder
-        text TEXT NOT NULL
-    );
-    CREATE TABLE input (
-        name TEXT PRIMARY KEY,       -- of the copy, relative to the run folder
-        origin TEXT NOT NULL,        -- path of the file that was copied
-        original TEXT NOT NULL,      -- SHA-256 of that file
-        copy TEXT NOT NULL           -- SHA-256 of the copy, whose paths may be others
-    );
-    CREATE TABLE session (
-        number INTEGER PRIMARY KEY,
-        started TEXT NOT NULL,       -- UTC
-        ended TEXT,                  -- NULL: still at work, or killed
-        process INTEGER NOT NULL,
-        host TEXT NOT NULL,
-        software TEXT NOT NULL       -- JSON: versions, processor
-    );
-    CREATE TABLE generation (
-        number INTEGER PRIMARY KEY,  -- 0 is the initial population
-        best REAL NOT NULL,          -- objective so far
-        mean REAL NOT NULL,          -- of the finite ones of the population
-        simulations INTEGER NOT NULL, -- injections so far
-        seconds REAL NOT NULL,       -- so far
-        trials BLOB NOT NULL,        -- (members, parameters), SI
-        costs BLOB NOT NULL,         -- (members,)
-        statuses BLOB NOT NULL       -- (members,), see engine/status.py; -1: not simulated
-    );
-    CREATE TABLE population (        -- one row: the members after the last generation
-        generation INTEGER PRIMARY KEY,
-        search TEXT NOT NULL,        -- JSON: the optimiser's state but for the arrays, failures by status
-        members BLOB NOT NULL,       -- (members, parameters), unit coordinates
-        costs BLOB NOT NULL,
-        violations BLOB NOT NULL
-    );
-    CREATE TABLE refinement (
-        number INTEGER PRIMARY KEY,  -- from 1
-        start BLOB NOT NULL,         -- (parameters,), SI
-        stop BLOB NOT NULL,
-        cost REAL NOT NULL,
-        simulations INTEGER NOT NULL,
-        seconds REAL NOT NULL,
-        hops TEXT NOT NULL           -- JSON: state of the generator of starts
-    );
-    """,
-)
-SCHEMA = len(MIGRATIONS)
-_TABLES = {"about", "input", "session", "generation", "population", "refinement"}
+
+    tables: frozenset[str]
+    make: str | Callable[[sqlite3.Connection], None]
 
 
-def migrate(connection: sqlite3.Connection, path: Path) -> None:
-    """Bring a journal, or an empty file, to this version's schema.
+@dataclass(frozen=True)
+class Schema:
+    """The schemas of one kind of journal.
 
-    Raises
-    ------
-    StudyError
-        If a newer version wrote it.
+    Attributes
+    ----------
+    versions : tuple of Version
+        The first one is made from an empty file.
+    newer : str
+        Sentence for a journal of a later version: {path}, {found}, {known}.
+    foreign : str
+        Sentence for a file with other tables: {path}.
     """
-    for number in range(check_schema(connection, path), SCHEMA):
-        connection.executescript(f"BEGIN; {MIGRATIONS[number]} PRAGMA user_version = {number + 1}; COMMIT;")
 
+    versions: tuple[Version, ...]
+    newer: str
+    foreign: str
 
-def check_schema(connection: sqlite3.Connection, path: Path) -> int:
-    """Schema of a journal; 0 of an empty file.
+    @property
+    def version(self) -> int:
+        """Number of this version's schema."""
+        return len(self.versions)
 
-    Raises
-    ------
-    StudyError
-        If this version does not know it.
-    """
-    found = int(connection.execute("PRAGMA user_version").fetchone()[0])
-    if not 0 <= found <= SCHEMA:
-        raise StudyError(
-            f"{path} has schema {found} and this version reads {SCHEMA} and older ones; use the version of commonrail "
-            "that wrote it, or a newer one."
-        )
-    expected = set() if found == 0 else _TABLES
-    tables = {
-        name: kind for name, kind in connection.execute("SELECT name, type FROM sqlite_master WHERE sql NOT NULL")
-    }
-    if set(tables) != expected or set(tables.values()) > {"table"}:
-        raise StudyError(f"{path} is not the journal of a run: it holds other tables; name the run's own folder.")
-    return found
+    def migrate(self, connection: sqlite3.Connection, path: Path) -> None:
+        """Bring a journal, or an empty file, to this version's schema.
+
+        Raises
+        ------
+        StudyError
+            If a newer version wrote it, or it is none.
+        """
+        for number in range(self.check(connection, path), self.version):
+            make = self.versions[number].make
+            done = f"PRAGMA user_version = {number + 1}"
+            if isinstance(make, str):
+                connection.executescript(f"BEGIN; {make} {done}; COMMIT;")
+                continue
+            connection.execute("BEGIN IMMEDIATE")
+            try:
+                make(connection)
+                connection.execute(done)
+                connection.execute("COMMIT")
+            except BaseException:
+                if connection.in_transaction:
+                    connection.execute("ROLLBACK")
+                raise
+
+    def check(self, connection: sqlite3.Connection, path: Path) -> int:
+        """Schema of a journal; 0 of an empty file.
+
+        Raises
+        ------
+        StudyError
+            If this version does not know it.
+        """
+        found = int(connection.execute("PRAGMA user_version").fetchone()[0])
+        if not 0 <= found <= self.version:
+            raise StudyError(self.newer.format(path=path, found=found, known=self.version))
+        expected = self.versions[found - 1].tables if found else frozenset()
+        kinds = dict(connection.execute("SELECT name, type FROM sqlite_master WHERE sql NOT NULL"))
+        if set(kinds) != expected or set(kinds.values()) > {"table"}:
+            raise StudyError(self.foreign.format(path=path))
+        return found

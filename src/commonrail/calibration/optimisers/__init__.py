@@ -1,19 +1,17 @@
-"""Optimisers that propose trials and are told their costs; none of them simulates."""
+"""Optimisers that propose trials and are told what became of them; none of them simulates."""
 
 from __future__ import annotations
 
-from commonrail.calibration.optimisers.base import Best, Counts, Optimiser, Trials
+from commonrail.calibration.optimisers.base import Best, Counts, Optimiser, Settings, Trials, Wanted
 from commonrail.calibration.optimisers.differential_evolution import DifferentialEvolution
-from commonrail.calibration.optimisers.evolution_settings import (
-    EvolutionSettings,
-    InitialSampling,
-)
+from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, InitialSampling
 from commonrail.calibration.optimisers.least_squares import (
     LeastSquares,
     LeastSquaresSettings,
     Polished,
     diverse_members,
 )
+from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
 from commonrail.calibration.optimisers.treatments import Treatment
 
 __all__ = [
@@ -26,7 +24,11 @@ __all__ = [
     "LeastSquaresSettings",
     "Optimiser",
     "Polished",
+    "Refinement",
+    "RefinementSettings",
+    "Settings",
     "Treatment",
     "Trials",
+    "Wanted",
     "diverse_members",
 ]

@@ -1,31 +1,49 @@
-"""What every optimiser offers: it proposes trials, is told their costs, and never simulates."""
+"""Protocol of the optimisers: each proposes trials, is told what became of them, and never simulates."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from dataclasses import asdict, dataclass
+from enum import Enum
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.errors import StudyError
+from commonrail.calibration.space import Space
+from commonrail.errors import ConfigurationError, StudyError
 
-__all__ = ["Best", "Counts", "Optimiser", "Trials", "clean_costs"]
+__all__ = ["MOST_GENERATIONS", "Best", "Counts", "Optimiser", "Settings", "Trials", "Wanted"]
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+MOST_GENERATIONS = 1_000_000  # far above what anybody calibrates; below what would fill the memory
+
+
+class Wanted(Enum):
+    """Answers that an optimiser asks for."""
+
+    COSTS = "costs"
+    """One for each trial (n,)."""
+
+    RESIDUALS = "residuals"
+    """One row for each trial (n, m)."""
+
+    COSTS_AGAIN = "costs again"
+    """Costs of points whose residuals were told before; their simulations are not counted twice."""
+
 
 class Trials(NamedTuple):
-    """Points (n, d) to be tried, SI, and which of them (n,) are to be simulated.
+    """Points (n, d) to be tried, SI, which of them (n,) are to be simulated, and what is asked of them.
 
-    A trial that the treatment of constraints rejects is not simulated; whatever cost is told for
-    it is ignored.
+    A trial that the treatment of constraints rejects is not simulated; whatever is told of it is ignored.
     """
 
     x: FloatArray
     simulate: BoolArray
+    wanted: Wanted = Wanted.COSTS
 
 
 class Best(NamedTuple):
@@ -52,72 +70,193 @@ class Counts:
         )
 
 
-class Optimiser(Protocol):
-    """A search as a conversation: `ask` for trials, simulate them elsewhere, `tell` their costs.
+class Settings(Protocol):
+    """Settings of an optimiser: a frozen dataclass whose fields are the keys of a study file."""
 
-    `ask` repeats itself until it is answered. `state` then describes the search as it was before
-    that `ask`, so that a search restored from it asks for the same trials, bit by bit.
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def members(self) -> int:
+        """Trials of a step."""
+        ...
+
+    @property
+    def generations(self) -> int:
+        """Steps after the first one; a finished search can be lengthened by more of them."""
+        ...
+
+
+class Optimiser(ABC):
+    """A search as a conversation: `ask` for trials, simulate them elsewhere, `tell` what became of them.
+
+    `ask` repeats itself until it is answered. A step may take several questions. `state` describes the search as it
+    was after the last step that is done, so that one restored from it asks for the same trials, bit by bit; nobody
+    else looks into it. Subclasses say what is proposed and kept.
+
+    Parameters
+    ----------
+    space : Space
+    rng : numpy.random.Generator
+        Source of every draw.
+
+    Attributes
+    ----------
+    method : str
+        Its name, in study files and states.
+    phase : str
+        What it does, in a word for the user.
+    steps : int
+        Steps done.
+    counts : Counts
+        Slots, simulations and failures of the trials whose costs were asked for.
     """
 
-    def ask(self) -> Trials:
-        """Return the next trials; raise StudyError once the search has finished."""
-        ...
+    method: ClassVar[str]
+    phase: ClassVar[str]
 
-    def tell(self, costs: ArrayLike) -> None:
-        """Take the costs (n,) of the trials asked for; a cost that is not finite never wins."""
-        ...
+    def __init__(self, space: Space, rng: np.random.Generator) -> None:
+        self.space, self._rng = space, rng
+        self.steps, self.counts = 0, Counts()
+        self._asked: Trials | None = None
+        self._begun: Mapping[str, Any] = {}  # state of the generator before the step under way
+
+    @property
+    @abstractmethod
+    def total(self) -> int:
+        """Steps wanted."""
 
     @property
     def finished(self) -> bool:
         """Whether the search has stopped."""
-        ...
+        return self.steps >= self.total
 
     @property
     def reason(self) -> str:
-        """Why it has stopped; empty while it has not."""
-        ...
+        """Why the search has stopped; empty while it has not."""
+        return self._ended if self.finished else ""
 
     @property
+    @abstractmethod
     def best(self) -> Best:
-        """The best feasible point so far."""
-        ...
+        """The best feasible point; one at +inf until a simulation has succeeded."""
 
     @property
+    @abstractmethod
     def population(self) -> FloatArray:
-        """The members (n, d) kept so far, SI; no rows before the first `tell`."""
-        ...
+        """Points (n, d) from which another optimiser may go on, SI; no rows before the first step."""
 
     @property
+    @abstractmethod
     def costs(self) -> FloatArray:
-        """Costs (n,) of the members; +inf for failed or infeasible ones."""
-        ...
+        """Costs (n,) of those points; +inf where the simulation failed or there was none."""
 
-    @property
-    def counts(self) -> Counts:
-        """Slots, simulations and failures so far."""
-        ...
+    def ask(self) -> Trials:
+        """Return the next trials, the same ones until they are answered.
+
+        Raises
+        ------
+        StudyError
+            If the search has finished.
+        """
+        if self.finished:
+            raise StudyError(f"the search has finished ({self.reason}): read its best member")
+        if self._asked is None:
+            self._begun = self._rng.bit_generator.state
+            self._asked = self._propose()
+        return self._asked._replace(x=self._asked.x.copy())
+
+    def tell(self, answers: ArrayLike) -> None:
+        """Take what was asked for: costs (n,) or residuals (n, m); one that is not finite never wins.
+
+        Raises
+        ------
+        StudyError
+            If nothing was asked for, or there is not one answer for each trial.
+        """
+        if self._asked is None:
+            raise StudyError("answers were told before any trials were asked for: ask first")
+        told = _checked(answers, self._asked)
+        if self._asked.wanted is Wanted.COSTS:
+            self.counts = self.counts.plus(told, self._asked.simulate)
+        self._asked = self._take(self._asked, told)
+        self.steps += self._asked is None
 
     def state(self) -> dict[str, Any]:
-        """Everything needed to go on later: arrays, numbers and the generator's state."""
-        ...
+        """All that is needed to go on later: texts, numbers and arrays, in lists and mappings."""
+        now = self._rng.bit_generator.state
+        return {
+            **self._origin(),
+            "steps": self.steps,
+            "counts": asdict(self.counts),
+            "rng": dict(now if self._asked is None else self._begun),
+            **self._kept(),
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from `state`, given by a search with the same space and settings."""
-        ...
+        """Go on from a `state`; a step that was under way is begun anew.
+
+        Raises
+        ------
+        ConfigurationError
+            If it belongs to another optimiser, space, generator or settings (more steps may be wanted), or is not
+            whole.
+        """
+        for key, mine in self._origin().items():
+            if key not in state or not np.array_equal(state[key], mine):
+                raise ConfigurationError(
+                    f"state: its {key} differs from this search's: restore it with the space and settings that it was "
+                    "saved with"
+                )
+        try:
+            self._rng.bit_generator.state = state["rng"]
+        except (KeyError, TypeError, ValueError) as error:
+            kind = type(self._rng.bit_generator).__name__
+            raise ConfigurationError(
+                f"state: it holds no state for a {kind} generator, use the kind it was saved with"
+            ) from error
+        if not all(isinstance(count, int) and count >= 0 for count in (state["steps"], *state["counts"].values())):
+            raise ConfigurationError("state: its counts are no whole numbers")
+        self.steps, self.counts, self._asked = state["steps"], Counts(**state["counts"]), None
+        self._restore(state)
+
+    def _origin(self) -> dict[str, Any]:
+        """What a state must share with the search that takes it up; subclasses may add to it."""
+        space = self.space
+        names = list(space.names)
+        return {"method": self.method, "names": names, "lower": space.lower.copy(), "upper": space.upper.copy()}
+
+    @property
+    @abstractmethod
+    def _ended(self) -> str:
+        """Why the search has stopped."""
+
+    @abstractmethod
+    def _propose(self) -> Trials:
+        """First trials of the next step."""
+
+    @abstractmethod
+    def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
+        """Take the answers, and return further trials of the same step, or None if it is done."""
+
+    @abstractmethod
+    def _kept(self) -> dict[str, Any]:
+        """Own part of `state`."""
+
+    @abstractmethod
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        """Take up what `_kept` returned; ConfigurationError if it is not whole."""
 
 
-def clean_costs(costs: ArrayLike, simulate: BoolArray) -> FloatArray:
-    """Costs (n,) with +inf for trials not simulated and for costs that are not finite.
-
-    Raises
-    ------
-    StudyError
-        If there is not one cost for each trial.
-    """
-    told = np.asarray(costs, dtype=float)
-    if told.shape != simulate.shape:
+def _checked(answers: ArrayLike, trials: Trials) -> FloatArray:
+    """Residuals (n, m) as they are; costs (n,) with +inf for trials not simulated and those that are not finite."""
+    told = np.asarray(answers, dtype=float)
+    residuals = trials.wanted is Wanted.RESIDUALS
+    if told.ndim != 1 + residuals or len(told) != len(trials.x):
+        what, one = ("residuals", "row") if residuals else ("costs", "cost")
         raise StudyError(
-            f"costs: an array of shape {told.shape} was told for {len(simulate)} trials, expected "
-            "one cost for each trial in the order asked for"
+            f"{what}: an array of shape {told.shape} was told for {len(trials.x)} trials, expected one {one} for each "
+            "trial in the order asked for"
         )
-    return np.where(simulate & np.isfinite(told), told, np.inf)
+    if residuals:
+        return told
+    return np.where(trials.simulate & np.isfinite(told), told, np.inf)

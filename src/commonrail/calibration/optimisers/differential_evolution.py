@@ -9,16 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.calibration.optimisers.base import Best, Counts, Trials, clean_costs
-from commonrail.calibration.optimisers.evolution_settings import (
-    EvolutionSettings,
-    InitialSampling,
-)
+from commonrail.calibration.optimisers.base import Best, Optimiser, Trials
+from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, InitialSampling
 from commonrail.calibration.optimisers.operators import crossover, draw, mutate
 from commonrail.calibration.optimisers.treatments import Treated, treat, wins
 from commonrail.calibration.sampling import reference_start, sample_feasible, sample_uniform
 from commonrail.calibration.space import Space
-from commonrail.errors import ConfigurationError, StudyError
+from commonrail.errors import ConfigurationError
 
 __all__ = ["DifferentialEvolution"]
 
@@ -26,7 +23,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 
-class DifferentialEvolution:
+class DifferentialEvolution(Optimiser):
     """DE/rand/1/bin with F ~ U(0.4, 1) for every member and parameter, Eq. (17) to (20).
 
     A generation is asked for, and told, as a whole: every trial of it stems from the population
@@ -52,6 +49,8 @@ class DifferentialEvolution:
         many.
     """
 
+    method, phase = "differential evolution", "evolution"
+
     def __init__(
         self,
         space: Space,
@@ -59,34 +58,22 @@ class DifferentialEvolution:
         settings: EvolutionSettings | None = None,
         start: ArrayLike | None = None,
     ) -> None:
-        self.space = space
+        super().__init__(space, rng)
         self.settings = settings or EvolutionSettings()
-        self._rng = rng
         if start is None and self.settings.initial is InitialSampling.REFERENCE:
             start = reference_start(space)
         self._start = _check_start(space, start, self.settings.members)
-        self._generation = 0
         self._unit = np.empty((0, space.dimension))
-        self._costs = np.empty(0)
-        self._violations = np.empty(0)
-        self._counts = Counts()
-        self._pending: tuple[Treated, Mapping[str, Any]] | None = None
+        self._costs = self._violations = np.empty(0)
+        self._trial = Treated(self._unit, self._violations, self._unit)
 
     @property
-    def generation(self) -> int:
-        """The generation to be asked for next, or to be told: 0 is the initial population."""
-        return self._generation
+    def total(self) -> int:
+        """Generations wanted, the initial population included."""
+        return 1 + self.settings.generations
 
     @property
-    def finished(self) -> bool:
-        """Whether G_max generations have followed the initial population."""
-        return self._generation > self.settings.generations
-
-    @property
-    def reason(self) -> str:
-        """Why the search has stopped; empty while it has not."""
-        if not self.finished:
-            return ""
+    def _ended(self) -> str:
         return f"all {self.settings.generations} generations after the initial population are done"
 
     @property
@@ -100,11 +87,6 @@ class DifferentialEvolution:
         return self._costs.copy()
 
     @property
-    def counts(self) -> Counts:
-        """Slots, simulations and failures so far."""
-        return self._counts
-
-    @property
     def best(self) -> Best:
         """The best feasible member; the centre of the space, at +inf, until one has succeeded."""
         winner = int(np.argmin(self._costs)) if len(self._costs) else -1
@@ -112,42 +94,17 @@ class DifferentialEvolution:
             return Best(self.space.centre.copy(), np.inf)
         return Best(self.space.from_unit(self._unit[winner]), float(self._costs[winner]))
 
-    def ask(self) -> Trials:
-        """Return one generation of trials, the same ones until they are answered.
+    def _propose(self) -> Trials:
+        """One generation."""
+        self._trial = self._next() if self.steps else self._first()
+        return Trials(self._trial.x, self._trial.simulate)
 
-        Raises
-        ------
-        StudyError
-            If the search has finished.
-        """
-        if self.finished:
-            raise StudyError(f"the search has finished ({self.reason}): read its best member")
-        if self._pending is None:
-            before = self._rng.bit_generator.state
-            treated = self._first() if self._generation == 0 else self._next()
-            self._pending = (treated, before)
-        treated, _ = self._pending
-        return Trials(treated.x.copy(), treated.simulate)
-
-    def tell(self, costs: ArrayLike) -> None:
-        """Take the costs (n,) of the generation asked for and select its survivors, Eq. (20).
-
-        Raises
-        ------
-        StudyError
-            If nothing was asked for, or there is not one cost for each trial.
-        """
-        if self._pending is None:
-            raise StudyError("costs were told before any trials were asked for: ask first")
-        trial, _ = self._pending
-        told = clean_costs(costs, trial.simulate)
-        self._counts = self._counts.plus(told, trial.simulate)
-        if self._generation == 0:
-            self._unit, self._costs, self._violations = trial.unit, told, trial.violation
+    def _take(self, trials: Trials, told: FloatArray) -> None:
+        """Select the survivors, Eq. (20)."""
+        if self.steps:
+            self._select(self._trial, told)
         else:
-            self._select(trial, told)
-        self._generation += 1
-        self._pending = None
+            self._unit, self._costs, self._violations = self._trial.unit, told, self._trial.violation
 
     def _select(self, trial: Treated, told: FloatArray) -> None:
         better = wins((told, trial.violation), (self._costs, self._violations))
@@ -186,68 +143,23 @@ class DifferentialEvolution:
         mutants = mutate(self._unit, draws)
         return crossover(self._unit[members], mutants, draws, self.settings.crossover)
 
-    def state(self) -> dict[str, Any]:
-        """The search as it was before any unanswered `ask`: arrays, numbers, generator's state."""
-        now = self._rng.bit_generator.state
-        return {
-            **self._identity(),
-            "generation": self._generation,
-            "unit": self._unit.copy(),
-            "costs": self._costs.copy(),
-            "violations": self._violations.copy(),
-            "counts": asdict(self._counts),
-            "rng": dict(now if self._pending is None else self._pending[1]),
-        }
+    def _origin(self) -> dict[str, Any]:
+        settings = asdict(self.settings)
+        del settings["generations"]  # more may be wanted of the search that goes on
+        return super()._origin() | {"settings": [str(value) for value in settings.values()]}
 
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a `state`; trials asked for but not answered are asked for again.
+    def _kept(self) -> dict[str, Any]:
+        return {"unit": self._unit.copy(), "costs": self._costs.copy(), "violations": self._violations.copy()}
 
-        Raises
-        ------
-        ConfigurationError
-            If the state belongs to another method, space or settings, or another generator.
-        """
-        for key, mine in self._identity().items():
-            if key not in state or not np.array_equal(state[key], mine):
-                raise ConfigurationError(
-                    f"state: its {key} differs from this search's: restore it with the space and "
-                    "settings that it was saved with"
-                )
-        try:
-            self._rng.bit_generator.state = state["rng"]
-        except (KeyError, TypeError, ValueError) as error:
-            kind = type(self._rng.bit_generator).__name__
-            raise ConfigurationError(
-                f"state: it holds no state for a {kind} generator, use the kind it was saved with"
-            ) from error
-        members, dimension = self.settings.members, self.space.dimension
-        shapes = [np.shape(state[name]) for name in ("unit", "costs", "violations")]
-        if shapes != [(members, dimension), (members,), (members,)] and state["generation"] > 0:
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        members = self.settings.members if self.steps else 0
+        arrays = {name: np.array(state[name], dtype=float) for name in ("unit", "costs", "violations")}
+        if [a.shape for a in arrays.values()] != [(members, self.space.dimension), (members,), (members,)]:
             raise ConfigurationError(f"state: its population is not one of {members} members; take a whole state")
-        self._generation = int(state["generation"])
-        shape = (-1, self.space.dimension)
-        self._unit = np.array(state["unit"], dtype=float).reshape(shape)
-        self._costs = np.array(state["costs"], dtype=float)
-        self._violations = np.array(state["violations"], dtype=float)
-        self._counts = Counts(**state["counts"])
-        self._pending = None
+        self._unit, self._costs, self._violations = arrays.values()
         inside = np.all(np.abs(self._unit - 0.5) <= 0.5 + 1e-9)  # to unit coordinates and back rounds
         if not (inside and np.all(self._costs > -np.inf) and np.all(self._violations >= 0.0)):
             raise ConfigurationError("state: its population lies outside the bounds or has costs that are no numbers")
-        if not all(isinstance(count, int) and count >= 0 for count in asdict(self._counts).values()):
-            raise ConfigurationError("state: its counts are no whole numbers")
-
-    def _identity(self) -> dict[str, Any]:
-        """What a state must share with the search that takes it up; more generations may be wanted of that one."""
-        settings = asdict(self.settings)
-        del settings["generations"]
-        return {
-            "method": "differential_evolution",
-            "settings": [str(value) for value in settings.values()],
-            "names": list(self.space.names),
-            "lower": self.space.lower.copy(),
-            "upper": self.space.upper.copy(),
-        }
 
 
 def _check_start(space: Space, start: ArrayLike | None, members: int) -> FloatArray:

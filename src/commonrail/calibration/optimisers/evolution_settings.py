@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from commonrail.arguments import array, chosen, number, settle, whole
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS
 from commonrail.calibration.optimisers.treatments import Treatment
+from commonrail.calibration.sampling import reference_start
+from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
 
-__all__ = ["MOST_GENERATIONS", "MOST_MEMBERS", "EvolutionSettings", "InitialSampling"]
+__all__ = ["EvolutionSettings", "InitialSampling", "check_initial"]
 
 FEWEST_MEMBERS = 4
-# Far above what anybody calibrates; below what would fill the memory.
-MOST_MEMBERS = 100_000
-MOST_GENERATIONS = 1_000_000
+MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
+MOST_REDRAWS = 1000
 
 
 class InitialSampling(StrEnum):
@@ -57,13 +59,14 @@ class EvolutionSettings:
         If a number lies outside its range, or is not whole where it counts something.
     """
 
-    members: int = 50
-    generations: int = 70
+    # "most" is what a study file may ask for
+    members: int = field(default=50, metadata={"most": MOST_MEMBERS})
+    generations: int = field(default=70, metadata={"most": MOST_GENERATIONS})
     crossover: float = 0.8
     factor: tuple[float, float] = (0.4, 1.0)
     treatment: Treatment = Treatment.REPAIR
     initial: InitialSampling = InitialSampling.FEASIBLE
-    redraws: int = 10
+    redraws: int = field(default=10, metadata={"most": MOST_REDRAWS})
 
     def __post_init__(self) -> None:
         factor = array(self.factor, "1", "factor", 1).tolist()
@@ -99,3 +102,15 @@ class EvolutionSettings:
     def slots(self) -> int:
         """Trials offered in all, (1 + G_max) N_pop."""
         return (1 + self.generations) * self.members
+
+
+def check_initial(settings: EvolutionSettings, space: Space) -> None:
+    """Refuse to start from reference values that break a bound or a constraint.
+
+    Raises
+    ------
+    ConfigurationError
+        If they do, and the settings' `initial` asks for them.
+    """
+    if settings.initial is InitialSampling.REFERENCE:
+        reference_start(space)

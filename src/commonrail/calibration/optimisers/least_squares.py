@@ -1,4 +1,4 @@
-"""Local polish by bounded non-linear least squares from several diverse members."""
+"""Local polish by bounded non-linear least squares, and the choice of diverse members to start from."""
 
 from __future__ import annotations
 
@@ -64,19 +64,14 @@ class LeastSquaresSettings:
 
 
 class Polished(NamedTuple):
-    """Where one start ended.
+    """Where a start ended.
 
-    `x` (d,) satisfies the space; `cost` is half the sum of the soft-L1 losses there (+inf if even
-    the start failed); `start` is the row of the start; `candidates` were simulated in `batches`;
-    `pulled_back` tells that the end broke a constraint and was replaced; `reason` is why it
-    stopped.
+    `x` (d,) satisfies the space; `cost` is half the sum of the soft-L1 losses there (+inf if even the start failed);
+    `pulled_back` tells that the end broke a constraint and was replaced; `reason` is why it stopped.
     """
 
     x: FloatArray
     cost: float
-    start: int
-    candidates: int
-    batches: int
     pulled_back: bool
     reason: str
 
@@ -107,25 +102,18 @@ class LeastSquares:
         self.residuals = residuals
         self.settings = settings or LeastSquaresSettings()
 
-    def run(self, starts: ArrayLike) -> tuple[Polished, ...]:
-        """Polish each start (n, d), SI, and return the ends in ascending order of cost.
+    def run(self, start: FloatArray) -> Polished:
+        """Polish a start (d,), SI.
 
         Raises
         ------
         ConfigurationError
-            If a start does not satisfy the space.
+            If it does not satisfy the space.
         """
-        points = np.atleast_2d(np.asarray(starts, dtype=float))
-        refused = np.flatnonzero(~self.space.satisfies(points))
-        if len(refused):
-            raise ConfigurationError(f"start {refused[0] + 1} breaks the bounds or a constraint, choose a feasible one")
-        ends = [self._polish(row, point) for row, point in enumerate(points)]
-        return tuple(sorted(ends, key=lambda end: end.cost))
-
-    def _polish(self, row: int, start: FloatArray) -> Polished:
-        """Polish one start (d,)."""
         from scipy.optimize import least_squares  # slow to import
 
+        if not self.space.satisfies(start):
+            raise ConfigurationError("start: it breaks the bounds or a constraint, choose a feasible one")
         batch = _Batch(self.space, self.residuals, self.settings)
         unit = self.space.to_unit(start)
         found = least_squares(
@@ -145,8 +133,7 @@ class LeastSquares:
         inside = self.space.pull_back(start[None, :], x[None, :])[0]
         pulled_back = not np.array_equal(inside, x)
         choice, cost = self._better(batch, start, inside)
-        counts = (batch.candidates, batch.batches)
-        return Polished(choice, cost, row, *counts, pulled_back, str(found.message))
+        return Polished(choice, cost, pulled_back, str(found.message))
 
     def _better(self, batch: _Batch, start: FloatArray, end: FloatArray) -> tuple[FloatArray, float]:
         """The cheaper of start and end, both feasible, and its cost."""
@@ -163,19 +150,15 @@ class LeastSquares:
 
 @dataclass
 class _Batch:
-    """Residuals and Jacobian in unit coordinates, with what they have cost."""
+    """Residuals and Jacobian in unit coordinates."""
 
     space: Space
     residuals: Residuals
     settings: LeastSquaresSettings
-    candidates: int = 0
-    batches: int = 0
     _last: tuple[FloatArray, FloatArray] | None = field(default=None, repr=False)
 
     def simulate(self, x: FloatArray) -> FloatArray:
         """Residuals (n, m) of points (n, d), as given by the caller."""
-        self.candidates += len(x)
-        self.batches += 1
         values = np.asarray(self.residuals(x), dtype=float)
         if values.ndim != 2 or len(values) != len(x):
             raise ConfigurationError(

@@ -32,10 +32,20 @@ def draw(
     population: tuple[int, ...],
     factor: tuple[float, float],
 ) -> Draws:
-    """Draw everything that one mutation and crossover of `members` (k,) needs.
+    """Draw everything that one mutation and crossover needs.
 
-    `population` is the shape (n, d) of the population, n >= 4, and `factor` the range of F.
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    members : (k,) array of int
+        Parents.
+    population : (n, d)
+        Shape of the population, n >= 4.
+    factor : (float, float)
+        Range of F.
 
+    Notes
+    -----
     r1, r2, r3 are drawn from as many numbers as there are members left to choose from, and then
     shifted past those already taken, in ascending order: uniform over all ordered triples of
     other members, without a loop or a repeat.
@@ -75,7 +85,15 @@ def mutate(population: FloatArray, draws: Draws) -> FloatArray:
 
 
 def crossover(parents: FloatArray, mutants: FloatArray, draws: Draws, rate: float) -> FloatArray:
-    """Trials (k, d): the mutant's value where rnd <= CR or j = j_rand, else the parent's (19)."""
+    """Trials (k, d): the mutant's value where rnd <= CR or j = j_rand, else the parent's (19).
+
+    Parameters
+    ----------
+    parents, mutants : (k, d) array
+    draws : Draws
+    rate : float
+        CR.
+    """
     taken = draws.chance <= rate
     taken[np.arange(len(taken)), draws.forced] = True
     return np.where(taken, mutants, parents)

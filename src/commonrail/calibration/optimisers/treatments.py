@@ -1,4 +1,4 @@
-"""What becomes of trials that break bounds or constraints.
+"""Treatments of trials that break bounds or constraints.
 
 The paper does not say what it did. Of the draws in its box 0.3 % keep the ordering, so the choice
 decides how many of the slots are simulated at all. Each treatment here has a name, to be recorded

@@ -1,0 +1,165 @@
+"""An SQLite file in a folder that one process holds and others read: what all journals have in common."""
+
+from __future__ import annotations
+
+import os
+import socket
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from commonrail.errors import StudyError
+from commonrail.files.atomic import check_target
+from commonrail.store.faults import UNTRUE, explained, trusted
+from commonrail.store.lock import Lock
+from commonrail.store.schema import Schema
+
+__all__ = ["JournalFile", "now", "opened_to_read"]
+
+PATIENCE = 30.0  # with others that have the journal open [s]
+
+Statement = tuple[str, tuple[Any, ...]]
+
+
+class JournalFile:
+    """A journal, held by this process; use it in a `with` block.
+
+    Others may read it at any time. A transaction for each step: whatever happens to the process, every step that was
+    told is kept whole. Each kind of journal adds its tables, one of which is ``about`` (name, text).
+
+    Parameters
+    ----------
+    folder : Path
+
+    Raises
+    ------
+    StudyError
+        If another process holds the folder, or what is there is no journal that this version reads.
+    OutputError
+        If it cannot be written.
+    """
+
+    NAME: ClassVar[str]
+    LOCK: ClassVar[str]
+    SCHEMA: ClassVar[Schema]
+    HOLDER: ClassVar[str]  # {here}: process and host; {since}
+    HELD: ClassVar[str]  # sentence for who comes second: {folder}, {holder}
+    NEW: ClassVar[str]  # the holder, where the journal does not tell
+    # Whether each step waits for the disk; if not, a power cut takes the last ones, which are then done again.
+    DURABLE: ClassVar[bool]
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.path = folder, folder / self.NAME
+        try:
+            self._lock = Lock(folder / self.LOCK)
+        except BlockingIOError:
+            holder = _holder(self.path) or self.NEW
+            raise StudyError(self.HELD.format(folder=folder, holder=holder)) from None
+        try:
+            check_target(self.path)
+            with explained(self.path), trusted(self.path):
+                self._connection = sqlite3.connect(self.path, timeout=PATIENCE, isolation_level=None)
+                self.SCHEMA.migrate(self._connection, self.path)
+                self._connection.execute("PRAGMA journal_mode=WAL")
+                self._wait_for_disk(self.DURABLE)
+                here = f"process {os.getpid()} on {socket.gethostname()}"
+                self._note_holder(self.HOLDER.format(here=here, since=now()))
+        except BaseException:
+            self._lock.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the folder free; the journal is one file then, unless somebody is still reading it."""
+        with suppress(sqlite3.Error):
+            self._note_holder("")
+            self._connection.execute("PRAGMA journal_mode=DELETE")
+        self._connection.close()
+        self._lock.close()
+
+    def _note_holder(self, text: str) -> None:
+        self._connection.execute("INSERT OR REPLACE INTO about VALUES ('holder', ?)", (text,))
+
+    def _wait_for_disk(self, durable: bool) -> None:
+        self._connection.execute(f"PRAGMA synchronous={'FULL' if durable else 'NORMAL'}")
+
+    def _write(self, *statements: Statement, durable: bool = False) -> None:
+        """Execute statements as one transaction; a `durable` one waits for the disk in any case."""
+        with explained(self.path):
+            self._wait_for_disk(durable or self.DURABLE)
+            self._connection.execute("BEGIN")
+            try:
+                for text, values in statements:
+                    self._connection.execute(text, values)
+                self._connection.execute("COMMIT")
+            except BaseException:
+                if self._connection.in_transaction:
+                    self._connection.execute("ROLLBACK")
+                raise
+
+    def _rows(self, text: str) -> list[tuple[Any, ...]]:
+        with explained(self.path), trusted(self.path):
+            return self._connection.execute(text).fetchall()
+
+
+def facts(pairs: Iterable[tuple[str, str]]) -> list[Statement]:
+    """Statements that note facts in the table about."""
+    return [("INSERT OR REPLACE INTO about VALUES (?, ?)", pair) for pair in pairs]
+
+
+@contextmanager
+def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
+    """A journal for reading, without holding it; one of an older schema is a copy in memory, brought to this one.
+
+    Raises
+    ------
+    StudyError
+        If it is no journal that this version reads.
+    """
+    with explained(path), trusted(path), closing(_read_only(path)) as connection:
+        if schema.check(connection, path) == schema.version:
+            yield connection
+            return
+        with closing(sqlite3.connect(":memory:", isolation_level=None)) as copy:
+            connection.backup(copy)
+            schema.migrate(copy, path)
+            yield copy
+
+
+def _read_only(path: Path) -> sqlite3.Connection:
+    address = f"{path.absolute().as_uri()}?mode=ro"
+    try:
+        return _connect(address)
+    except sqlite3.OperationalError:  # a write-ahead log in a folder that cannot be written to
+        return _connect(f"{address}&immutable=1")
+
+
+def _connect(address: str) -> sqlite3.Connection:
+    connection = sqlite3.connect(address, uri=True, timeout=5.0)
+    try:
+        connection.execute("SELECT COUNT(*) FROM sqlite_master").fetchone()
+    except sqlite3.Error:
+        connection.close()
+        raise
+    return connection
+
+
+def _holder(path: Path) -> str:
+    """Who is at work, as far as the journal tells."""
+    with suppress(sqlite3.Error, *UNTRUE), closing(_read_only(path)) as connection:
+        row = connection.execute("SELECT text FROM about WHERE name = 'holder'").fetchone()
+        return str(row[0]) if row else ""
+    return ""
+
+
+def now() -> str:
+    """The time [UTC] as journals write it."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
