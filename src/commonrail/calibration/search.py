@@ -20,7 +20,6 @@ from commonrail.calibration.checkpoint import (
     Generation,
     Recorder,
 )
-from commonrail.calibration.interrupt import Wish
 from commonrail.calibration.objective import Objective, of_role
 from commonrail.calibration.optimisers import (
     DifferentialEvolution,
@@ -29,10 +28,12 @@ from commonrail.calibration.optimisers import (
     Optimiser,
     diverse_members,
 )
+from commonrail.calibration.spread import SpreadObjective
 from commonrail.calibration.study import Role, Study
-from commonrail.calibration.workers import Workers
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError, StudyError
+from commonrail.workers.interrupt import Wish
+from commonrail.workers.workers import Workers
 
 __all__ = ["Listeners", "Progress", "Search", "generations"]
 
@@ -111,7 +112,7 @@ class Search:
         if not fit:
             raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
         objective = Objective(study.injector, study.space.names, fit, study.time_step, threads, study.precision)
-        self.objective = objective if workers is None else workers.spread(objective)
+        self.objective = objective if workers is None else SpreadObjective(objective, workers)
         self.optimiser = DifferentialEvolution(study.space, np.random.default_rng(study.seed), study.method.evolution)
         self.history: list[Generation] = []
         self.simulations = self.refinements = 0
