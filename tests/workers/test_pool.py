@@ -70,7 +70,7 @@ from commonrail.workers.workers import Workers
 def main():
     workers = Workers.processes(2)
     while {wait} and not all(worker.up for worker in workers.backend._workers):
-        list(workers.backend._listen())
+        list(workers.backend.listen())
     print(*workers.backend.pids, flush=True)
     {then}
 
@@ -90,7 +90,9 @@ def run_script(
 
 
 @pytest.mark.parametrize("wait_until_up", [True, False])
-@pytest.mark.parametrize("then", ["os.kill(os.getpid(), 9)", "return"], ids=["killed", "without closing"])
+@pytest.mark.parametrize(
+    "then", ["os.kill(os.getpid(), 9)", "return", "raise ValueError"], ids=["killed", "not closed", "fails"]
+)
 def test_workers_end_with_their_caller(tmp_path: Path, then: str, wait_until_up: bool) -> None:
     out, _ = run_script(tmp_path, then, wait_until_up=wait_until_up).communicate(timeout=PATIENCE)
     started = [int(pid) for pid in out.split()]
@@ -99,7 +101,7 @@ def test_workers_end_with_their_caller(tmp_path: Path, then: str, wait_until_up:
 
 
 def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
-    then = "next(workers.run([None]))"
+    then = "next(workers.run(["any"]))"
     _, err = run_script(tmp_path, then, "True").communicate(timeout=PATIENCE)
     assert "StudyError: A worker ended with exit code 1 before it had begun, 3 times in a row; in a script" in err
 

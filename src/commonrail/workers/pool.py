@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import signal
 import time
-import weakref
 from collections.abc import Iterator
 from multiprocessing import get_context
 from multiprocessing.connection import wait
+from multiprocessing.util import Finalize
 
 from commonrail.errors import StudyError
 from commonrail.workers.limits import SLICE, Limits, check_count
@@ -89,7 +89,8 @@ class ProcessPool:
         self.limits = limits
         self._workers: list[_Worker] = []
         self._bad_starts = 0
-        self._end = weakref.finalize(self, _end_all, self._workers)
+        # with a priority: before multiprocessing waits for processes that ignore its signal
+        self._end = Finalize(self, _end_all, (self._workers,), exitpriority=1)
         for _ in range(count):
             self._workers.append(_Worker(limits))
 
