@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 
 from commonrail.errors import OutputError
+from commonrail.fleet.begun import check_entries
 from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.journal import FAILED, Entry
 from commonrail.fleet.results import result_columns, write_results
 from commonrail.fleet.run import FleetRun, run_fleet
-from commonrail.fleet.summary import check_entries, fleet_record, spread_of
+from commonrail.fleet.summary import fleet_record, spread_of
 from commonrail.report.fleet import fleet_warnings
 from tests.fleet.conftest import COUNT, results
 

@@ -14,16 +14,17 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.calibration.interrupt import _ask
 from commonrail.calibration.run import calibrate
 from commonrail.errors import InputError, StudyError
 from commonrail.files.study_file import load_study
-from commonrail.fleet import run as run_module
+from commonrail.fleet import begun as begun_module
 from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.journal import JOURNAL
 from commonrail.fleet.run import FleetProgress, FleetRun, run_fleet
-from tests.fleet.conftest import COUNT, alive, edited, results
+from commonrail.workers.interrupt import _ask
+from tests.fleet.conftest import COUNT, edited, results
 from tests.waiting import wait_until
+from tests.workers.crews import gone
 
 pytestmark = pytest.mark.process
 
@@ -87,7 +88,7 @@ def test_a_killed_fleet_goes_on_without_doing_anything_twice(fleet_file: Path, w
     assert len(workers) == 2
     before = ended(out)
     assert 2 <= len(before) < COUNT
-    wait_until(lambda: not any(map(alive, workers)), "the workers end with their caller")
+    wait_until(lambda: all(map(gone, workers)), "the workers end with their caller")
     again = [sys.executable, "-m", "commonrail", *command, "--json"]
     done = subprocess.run(again, capture_output=True, text=True, check=True)
     after = ended(out)
@@ -200,14 +201,14 @@ def test_a_change_is_refused_and_named(begun: tuple[Path, Path], change: str) ->
     name, old, new, message = CHANGES[change]
     edited(file.parent / name, old, new)
     before = ended(folder)
-    with pytest.raises(StudyError, match=rf"{message}.*; bring it back as it was, or name another folder with --out"):
+    with pytest.raises(StudyError, match=rf"{message}.*; bring it back as it was, or take another folder"):
         run_fleet(load_fleet(file), folder)
     assert ended(folder) == before
 
 
 def test_other_software_is_refused(begun: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     file, folder = begun
-    monkeypatch.setattr(run_module, "software_record", lambda: {"numpy": "1.0"})
+    monkeypatch.setattr(begun_module, "software_record", lambda: {"numpy": "1.0"})
     with pytest.raises(StudyError, match=r'was begun with version of commonrail ".*", and it is "" now'):
         run_fleet(load_fleet(file), folder)
 

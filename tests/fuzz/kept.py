@@ -10,12 +10,12 @@ from pathlib import Path
 from commonrail.calibration.search import Progress
 from commonrail.errors import CommonrailError
 from commonrail.files.study_file import load_study
+from commonrail.fleet.begun import check_entries
 from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.journal import Journal
 from commonrail.fleet.member import shared_files, write_study
 from commonrail.fleet.results import write_results
 from commonrail.fleet.run import run_fleet
-from commonrail.fleet.summary import check_entries
 from commonrail.report.fleet import write_fleet_report
 from commonrail.store.journal import read_about
 from commonrail.store.listing import DAMAGED, list_runs

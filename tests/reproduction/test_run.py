@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commonrail.calibration.interrupt import _ask
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.study import Method, Study
@@ -20,6 +19,7 @@ from commonrail.reproduction import paper
 from commonrail.reproduction.record import reproduction_record
 from commonrail.reproduction.repetition import LABELS, Bench, measure, search
 from commonrail.reproduction.run import Progress, Reproduction, reproduce
+from commonrail.workers.interrupt import _ask
 from tests.reproduction.conftest import bench
 
 

@@ -7,19 +7,17 @@ import re
 import shutil
 import signal
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
 
-from commonrail.calibration import workers as module
+from commonrail.calibration import spread as module
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
-from commonrail.calibration.worker_pool import WorkerPool
-from commonrail.calibration.workers import Workers
 from commonrail.files.study_file import load_study
 from commonrail.store.run import Listener, calibrate_into, resume
 from tests.store.conftest import GENERATIONS, stopped_run, timeless
+from tests.workers.crews import Crew, cluster, pids_of, processes
 
 CASE = Path(__file__).resolve().parents[2] / "cases" / "paper"
 GENERATIONS_OF_ALL, KILLED_AFTER = 20, 6
@@ -63,34 +61,11 @@ def killer(pids: Callable[[], list[int]]) -> tuple[Listener, list[int]]:
     return Listener(progress), killed
 
 
-def pids_of(workers: Workers) -> list[int]:
-    if isinstance(workers.backend, WorkerPool):
-        return workers.backend.pids
-    from commonrail.calibration.cluster import Cluster
-
-    assert isinstance(workers.backend, Cluster)
-    found: dict[str, int] = workers.backend._client.run(os.getpid)
-    return list(found.values())
-
-
-def cluster() -> AbstractContextManager[Workers]:
-    pytest.importorskip("distributed", reason="distributed is not installed: pip install 'commonrail[cluster]'")
-    return Workers.cluster("local", 2)
-
-
-@pytest.mark.parametrize(
-    "crew",
-    [
-        pytest.param(lambda: Workers.processes(1), id="1 process"),
-        pytest.param(lambda: Workers.processes(2), id="2 processes"),
-        pytest.param(lambda: Workers.processes(4), id="4 processes"),
-        pytest.param(cluster, id="local cluster"),
-    ],
-)
+@pytest.mark.parametrize(("crew", "count"), [(processes, 1), (processes, 2), (processes, 4), (cluster, 2)])
 def test_the_same_bytes_though_a_worker_is_killed(
-    study: Study, alone: bytes, tmp_path: Path, crew: Callable[[], AbstractContextManager[Workers]]
+    study: Study, alone: bytes, tmp_path: Path, crew: Crew, count: int
 ) -> None:
-    with crew() as workers:
+    with crew(count) as workers:
         listener, killed = killer(lambda: pids_of(workers))
         calibrate_into(tmp_path / "run", study, threads=1, workers=workers, listener=listener)
         assert killed
@@ -100,6 +75,6 @@ def test_the_same_bytes_though_a_worker_is_killed(
 
 def test_workers_that_are_lost_for_good_leave_a_run_to_go_on_with(study: Study, alone: bytes, tmp_path: Path) -> None:
     run = stopped_run(tmp_path / "run", study, 1 + GENERATIONS)
-    with Workers.processes(1) as workers:
+    with processes(1) as workers:
         resume(run, threads=1, workers=workers)
     assert timeless(run) == alone

@@ -10,18 +10,18 @@ import numpy as np
 
 from commonrail.arguments import flag, function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
-from commonrail.calibration.interrupt import held_interrupts
 from commonrail.calibration.optimisers import Counts
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
 from commonrail.calibration.search import Listeners, Progress, Search
 from commonrail.calibration.study import Study
-from commonrail.calibration.workers import Workers
 from commonrail.engine.status import Status
 from commonrail.errors import SimulationError, StudyError
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.simulator import Simulator
+from commonrail.workers.interrupt import held_interrupts
+from commonrail.workers.workers import Workers
 
 __all__ = ["Calibration", "Progress", "calibrate", "check_study", "score_all", "scores_of"]
 

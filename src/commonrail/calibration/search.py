@@ -20,15 +20,16 @@ from commonrail.calibration.checkpoint import (
     Stage,
     Step,
 )
-from commonrail.calibration.interrupt import Wish
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Best, Counts, Optimiser, Trials, Wanted
 from commonrail.calibration.optimisers.registry import row
+from commonrail.calibration.spread import SpreadObjective
 from commonrail.calibration.study import Study
-from commonrail.calibration.workers import Workers
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError, StudyError
 from commonrail.kinds import Role, of_role
+from commonrail.workers.interrupt import Wish
+from commonrail.workers.workers import Workers
 
 __all__ = ["Listeners", "Progress", "Search", "steps"]
 
@@ -118,7 +119,7 @@ class Search:
         if not fit:
             raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
         objective = Objective(study.injector, study.space.names, fit, study.time_step, threads, study.precision)
-        self.objective = objective if workers is None else workers.spread(objective)
+        self.objective = objective if workers is None else SpreadObjective(objective, workers)
         self.history: list[Generation] = []
         self.simulations = 0
         self.failures: Counter[str] = Counter()

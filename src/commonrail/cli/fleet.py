@@ -10,7 +10,7 @@ import typer
 
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
-from commonrail.cli.options import Json
+from commonrail.cli.options import ClusterAddress, Json, check_workers
 from commonrail.cli.progress import Bar, Stage
 from commonrail.errors import SimulationError
 
@@ -33,6 +33,7 @@ def fleet(
         int | None,
         typer.Option(min=1, help="Processes; all processors by default. The result does not depend on it."),
     ] = None,
+    cluster: ClusterAddress = None,
     retry: Annotated[bool, typer.Option("--retry", help="Try injectors again that failed.")] = False,
     json: Json = False,
 ) -> None:
@@ -49,10 +50,11 @@ def fleet(
     from commonrail.fleet.run import run_fleet
     from commonrail.report.fleet import write_fleet_report
 
+    check_workers(workers, cluster)
     loaded = load_fleet(file)
     folder = out or Path("runs") / _stem(file)
     with Bar(f"{loaded.title}: {len(loaded.supply.names):,} injectors") as bar:
-        run = run_fleet(loaded, folder, workers=workers, retry=retry, progress=lambda p: _show(bar, p))
+        run = run_fleet(loaded, folder, workers=workers, cluster=cluster, retry=retry, progress=lambda p: _show(bar, p))
     report = write_fleet_report(folder, run.record, _command(file, folder))
     if json:
         print_json({"kind": "fleet", "folder": str(folder), "report": str(report), "result": run.record})

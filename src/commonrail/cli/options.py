@@ -14,9 +14,9 @@ from commonrail.errors import InputError, nearest
 from commonrail.units import parse
 
 if TYPE_CHECKING:
-    from commonrail.calibration.workers import Workers
     from commonrail.engine.operating_point import Energising
     from commonrail.injector.definition import Injector
+    from commonrail.workers.workers import Workers
 
 __all__ = [
     "BodyChoice",
@@ -29,6 +29,7 @@ __all__ = [
     "StudyFile",
     "Threads",
     "WorkerCount",
+    "check_workers",
     "open_workers",
     "read_energisings",
     "with_overrides",
@@ -74,13 +75,24 @@ ClusterAddress = Annotated[
 ]
 
 
+def check_workers(count: int | None, address: str | None) -> None:
+    """Refuse a number of workers for a cluster that is there already.
+
+    Raises
+    ------
+    InputError
+        If both are given.
+    """
+    if count is not None and address not in (None, "local"):
+        raise InputError("--workers: a cluster has its own number of workers; omit --workers or --cluster.")
+
+
 def open_workers(count: int | None, address: str | None) -> AbstractContextManager[Workers | None]:
     """Workers as asked for; none by default."""
-    from commonrail.calibration.workers import Workers
+    from commonrail.workers.workers import Workers
 
+    check_workers(count, address)
     if address is not None:
-        if count is not None and address != "local":
-            raise InputError("--workers: a cluster has its own number of workers; leave this option or --cluster away.")
         return Workers.cluster(address, count)
     return nullcontext() if count is None else Workers.processes(count)
 

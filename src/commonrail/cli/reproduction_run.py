@@ -28,7 +28,6 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     SimulationError
         If the truth cannot be simulated; the empty folder is taken away again.
     """
-    from commonrail.calibration.interrupt import held_interrupts
     from commonrail.files.injector_file import load_injector
     from commonrail.files.reproduction_folder import read_reproduction, write_reproduction
     from commonrail.files.run_folder import create_run_folder
@@ -39,6 +38,7 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     from commonrail.reproduction.record import reproduction_record
     from commonrail.reproduction.repetition import Bench
     from commonrail.reproduction.run import reproduce
+    from commonrail.workers.interrupt import held_interrupts
 
     declared = load_truth(truth)
     bench = Bench(declared, load_injector(declared.injector), TIME_STEP)

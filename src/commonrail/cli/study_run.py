@@ -17,8 +17,8 @@ from commonrail.units import to_text
 if TYPE_CHECKING:
     from commonrail.calibration.run import Calibration, Progress
     from commonrail.calibration.study import Study
-    from commonrail.calibration.workers import Workers
     from commonrail.store.run import Listener
+    from commonrail.workers.workers import Workers
 
 __all__ = ["Outcome", "print_outcome", "resume_study", "run_study"]
 
@@ -83,10 +83,10 @@ def resume_study(
 
 
 def _told(title: str, folder: Path, work: Callable[[Listener], Calibration]) -> Outcome:
-    from commonrail.calibration.interrupt import held_interrupts
     from commonrail.files.run_folder import read_run
     from commonrail.report.build import write_report
     from commonrail.store.run import Listener
+    from commonrail.workers.interrupt import held_interrupts
 
     with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
         with Bar(title) as bar:

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from commonrail.calibration.interrupt import held_interrupts
-from commonrail.calibration.result import software_record
-from commonrail.calibration.run import scores_of
-from commonrail.calibration.study import Study
 from commonrail.engine.simulate import usable_threads
-from commonrail.errors import CommonrailError, InputError, StudyError
+from commonrail.errors import CommonrailError
 from commonrail.files.run_folder import create_run_folder
 from commonrail.files.study_file import load_study
+from commonrail.fleet.begun import entries_of
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, LOCK, Entry, Journal
-from commonrail.fleet.member import folders_of, shared_files, write_study
-from commonrail.fleet.pool import Limits, Outcome, Pool
+from commonrail.fleet.member import folders_of, write_study
 from commonrail.fleet.results import write_results
-from commonrail.fleet.summary import check_entries
-from commonrail.fleet.supply import MISSING_FILE, fingerprint_of
-from commonrail.fleet.task import Done, Refused
+from commonrail.fleet.task import Attempt, Calibrations, failed
+from commonrail.workers.interrupt import held_interrupts
+from commonrail.workers.limits import Limits
+from commonrail.workers.task import Lost, Package, Task, pack
+from commonrail.workers.workers import Workers
 
 __all__ = ["INJECTORS", "FleetProgress", "FleetRun", "run_fleet"]
 
@@ -74,6 +72,7 @@ def run_fleet(
     folder: Path,
     *,
     workers: int | None = None,
+    cluster: str | None = None,
     retry: bool = False,
     progress: Callable[[FleetProgress], None] | None = None,
 ) -> FleetRun:
@@ -88,7 +87,9 @@ def run_fleet(
     folder : Path
         New, empty, or left by an earlier run of the same fleet; injectors may have been added to its table.
     workers : int, optional
-        Processes; all usable processors by default.
+        Processes, or workers of a "local" cluster; all usable processors by default.
+    cluster : str, optional
+        Address of the scheduler of a Dask cluster, "tcp://host:port", or "local" for one on this machine.
     retry : bool
         Try failed injectors again; without it only those whose data have changed.
     progress : function of FleetProgress, optional
@@ -110,7 +111,7 @@ def run_fleet(
         run = _Run(fleet, folder, journal, retry, progress)
         status = FINISHED
         try:
-            run.calibrate(usable_threads() if workers is None else workers, wish.heed)
+            run.calibrate(usable_threads() if workers is None else workers, cluster, wish.heed)
         except KeyboardInterrupt:
             status = "interrupted"
         entries = run.in_order()
@@ -137,12 +138,10 @@ class _Run:
         self.fleet, self.folder, self.journal, self.progress = fleet, folder, journal, progress
         self.folders = folders_of(fleet.supply.names)
         self.inputs = {name: fleet.supply.fingerprints(name) for name in fleet.supply.names}
-        self.entries = journal.entries()
-        self._check_inputs()
-        self.entries = {name: entry for name, entry in self.entries.items() if name in self.inputs}
-        check_entries(fleet, self.entries, folder)
+        self.entries = entries_of(fleet, self.inputs, journal)
         self.pending = [name for name in fleet.supply.names if self._is_pending(name, retry)]
-        self.entries = {name: entry for name, entry in self.entries.items() if name not in set(self.pending)}
+        for name in self.pending:
+            self.entries.pop(name, None)
         self.now = self.workers = 0
         self.first: float | None = None
         self.start = time.perf_counter()
@@ -156,36 +155,42 @@ class _Run:
         """Injectors that are done, in the table's order."""
         return tuple(self.entries[name] for name in self.fleet.supply.names if name in self.entries)
 
-    def calibrate(self, workers: int, heed: Callable[[], None]) -> None:
+    def calibrate(self, count: int, cluster: str | None, heed: Callable[[], None]) -> None:
         """Calibrate what is pending."""
         if not self.pending:
             return
-        self._try_first()
-        self.workers = min(workers, len(self.pending))
-        limits = Limits(self.fleet.attempts, self.fleet.time_limit)
+        package = self._package()
+        count, limits = min(count, len(self.pending)), Limits(failures=self.fleet.attempts)
         self.start = time.perf_counter()
-        with Pool(self.workers, limits) as pool:
-            for outcome in pool.run(iter(self.pending), self._study, heed):
-                self._keep(outcome)
+        opened = Workers.processes(count, limits) if cluster is None else Workers.cluster(cluster, count, limits)
+        with opened as workers:
+            self.workers = workers.backend.count
+            for task, outcome in workers.run(self._tasks(package, workers.backend.shares_files), heed=heed):
+                if isinstance(outcome, Lost):
+                    reason = f"Each of {task.losses} attempts was lost; the last time the worker {outcome.reason}."
+                    self._keep(str(task.name), Attempt({}, reason, 0.0), task.losses)
+                else:
+                    self._keep(str(task.name), outcome.result, task.losses + 1)
+
+    def _tasks(self, package: Package, shared: bool) -> Iterator[Task]:
+        """Task of each injector, made when its turn comes; what workers cannot read themselves is read here."""
+        for name in self.pending:
+            path = self._study(name)
+            try:
+                given = path if shared else load_study(path)
+            except CommonrailError as error:
+                self._keep(name, failed(error), 1)
+            else:
+                yield Task(name, package, given, self.fleet.time_limit)
 
     def _study(self, name: str) -> Path:
         return write_study(self.fleet, name, self.folder / INJECTORS / self.folders[name])
 
-    def _keep(self, outcome: Outcome) -> None:
-        answer = outcome.answer
-        done = isinstance(answer, Done)
-        reason = answer.reason if isinstance(answer, Refused) else ""
-        entry = Entry(
-            outcome.name,
-            FINISHED if done else FAILED,
-            reason,
-            outcome.attempts,
-            self.inputs[outcome.name],
-            answer.record if isinstance(answer, Done) else {},
-            answer.seconds if isinstance(answer, Done | Refused) else 0.0,
-        )
+    def _keep(self, name: str, attempt: Attempt, attempts: int) -> None:
+        status = FAILED if attempt.reason else FINISHED
+        entry = Entry(name, status, attempt.reason, attempts, self.inputs[name], attempt.record, attempt.seconds)
         self.journal.write(entry)
-        self.entries[outcome.name] = entry
+        self.entries[name] = entry
         self.now += 1
         self.first = self.seconds if self.first is None else self.first
         self._tell(entry)
@@ -204,67 +209,14 @@ class _Run:
             return True
         return entry.status == FAILED and (retry or entry.inputs != self.inputs[name])
 
-    def _check_inputs(self) -> None:
-        """Refuse to go on with another fleet than the one that was begun; injectors may have been added."""
-        now, before = _common(self.fleet), self.journal.inputs()
-        if not before or not self.entries:  # nothing is calibrated yet: a fault of the template may be mended
-            self.journal.write_inputs(now)
-        elif now != before:
-            changed = next(name for name in {**before, **now} if before.get(name) != now.get(name))
-            raise StudyError(f"{self.folder} {_difference(changed, before, now)}; {_CURE}")
-        for name, entry in self.entries.items():
-            if name not in self.inputs and entry.status == FAILED:
-                continue
-            if name not in self.inputs:
-                raise StudyError(
-                    f'{self.folder} has injector "{name}", which {self.fleet.supply.path} has no more; {_CURE}'
-                )
-            own = self.inputs[name]
-            if entry.status == FINISHED and own != entry.inputs:
-                changed = next(s for s in {**entry.inputs, **own} if entry.inputs.get(s) != own.get(s))
-                what = "is missing now" if own.get(changed) == MISSING_FILE else "has changed since"
-                raise StudyError(
-                    f'{self.folder} has injector "{name}" calibrated to other data: its file of "{changed}" {what}; '
-                    f"{_CURE}"
-                )
-
-    def _try_first(self) -> None:
-        """Read the first studies, so that a fault of all is told at once, and compile what the workers will load."""
+    def _package(self) -> Package:
+        """Try the first studies, so that a fault of all is told at once, and compile what the workers will load."""
         faults: list[CommonrailError] = []
         for name in self.pending[:TRIED]:
             try:
-                _compile(load_study(self._study(name)))
-                return
+                return pack(Calibrations(load_study(self._study(name))))
             except CommonrailError as error:
                 faults.append(error)
         if not self.entries:
             raise type(faults[0])(f"Not one of the first {len(faults)} injectors can be read; the first: {faults[0]}")
-
-
-_CURE = "bring it back as it was, or name another folder with --out."
-
-
-def _compile(study: Study) -> None:
-    scores_of(study, study.injector)
-
-
-def _common(fleet: Fleet) -> dict[str, str]:
-    """What decides over the result of every injector, by name: texts for what can be read, fingerprints for files."""
-    template = fleet.template
-    found = {"seed": str(fleet.seed), "leave_out": ", ".join(template.left_out)}
-    found |= {f"version of {name}": version for name, version in software_record().items()}
-    found[f"file {template.path.name}"] = fingerprint_of(template.text.encode())
-    for name, path in shared_files(template).items():
-        try:
-            found[f"file {name}"] = fingerprint_of(path.read_bytes())
-        except OSError as error:
-            raise InputError(
-                f"{path}: the file cannot be read ({error.strerror}); {template.path} names it."
-            ) from error
-    return found
-
-
-def _difference(name: str, before: Mapping[str, str], now: Mapping[str, str]) -> str:
-    if name.startswith("file "):
-        return f"was begun with another {name.removeprefix('file ')}"
-    return f'was begun with {name} "{before.get(name, "")}", and it is "{now.get(name, "")}" now'
+        return pack(Calibrations(None))

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from commonrail.calibration.result import software_record
 from commonrail.fleet.fleet_file import Fleet
-from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, Entry
-from commonrail.fleet.record import check_record
+from commonrail.fleet.journal import FAILED, FINISHED, Entry
 from commonrail.injector.definition import parameter_quantities
-from commonrail.store.faults import trusted
 
-__all__ = ["SCHEMA", "WORST", "check_entries", "fleet_record", "units_of"]
+__all__ = ["SCHEMA", "WORST", "fleet_record", "units_of"]
 
 SCHEMA = 1
 WORST = 10  # injectors that are named as the worst
@@ -28,21 +25,6 @@ def units_of(fleet: Fleet) -> dict[str, str]:
     """Unit of each free parameter, in the order of the template."""
     known = parameter_quantities()
     return {p.name: known[p.name].unit for p in fleet.template.model.parameter}
-
-
-def check_entries(fleet: Fleet, entries: Mapping[str, Entry], folder: Path) -> None:
-    """Refuse what no worker has told, or has told of another template.
-
-    Raises
-    ------
-    StudyError
-        If there is such a record.
-    """
-    data = {d.name for d in fleet.template.model.data}
-    with trusted(folder / JOURNAL):
-        for entry in entries.values():
-            if entry.status == FINISHED:
-                check_record(entry.record, data, set(units_of(fleet)))
 
 
 def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Mapping[str, Any]) -> Record:

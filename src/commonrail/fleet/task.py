@@ -1,55 +1,69 @@
-"""What a worker does with one injector, and what is kept of it."""
+"""Calibration of one injector on a worker, and the record that is kept of it."""
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Mapping
-from contextlib import suppress
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.analysis.identifiability import identify
 from commonrail.calibration.result import warning_records
 from commonrail.calibration.run import Calibration, calibrate, scores_of
-from commonrail.calibration.worker import heed_caller_alone
+from commonrail.calibration.study import Study
 from commonrail.display.text import number
 from commonrail.errors import CommonrailError
 from commonrail.files.study_file import load_study
 from commonrail.kinds import DataSet, Score
 
-__all__ = ["Answer", "Done", "Lost", "Refused", "Up", "calibrate_file", "serve"]
+__all__ = ["Attempt", "Calibrations", "calibrate_study", "failed"]
 
 
-class Done(NamedTuple):
-    """An injector is calibrated: its record, and the processor time that it took [s]."""
+class Attempt(NamedTuple):
+    """Record of an injector, the sentence of an error if it cannot be calibrated, and the processor time [s]."""
 
-    record: dict[str, Any]
-    seconds: float
-
-
-class Refused(NamedTuple):
-    """An injector cannot be calibrated, however often it is tried: the error's sentence, and its processor time [s]."""
-
+    record: Mapping[str, Any]
     reason: str
     seconds: float
 
 
-class Lost(NamedTuple):
-    """An attempt came to nothing: the end of a sentence that begins with "the worker"."""
-
-    reason: str
-
-
-class Up(NamedTuple):
-    """First word of a worker."""
+def failed(error: CommonrailError, seconds: float = 0.0) -> Attempt:
+    """Attempt that ended with an error."""
+    return Attempt({}, " ".join(str(error).split()), seconds)
 
 
-Answer = Done | Refused | Lost
+class Calibrations:
+    """Calibrations of the injectors of a fleet: the work of its workers.
+
+    Parameters
+    ----------
+    first : Study or None
+        One of them, to try a worker with.
+    """
+
+    def __init__(self, first: Study | None) -> None:
+        self.first = first
+
+    def __call__(self, given: Study | Path) -> Attempt:
+        """Attempt at a study, which may be its file."""
+        start = time.thread_time()  # on a busy machine too it says what the work costs
+        try:
+            record = calibrate_study(load_study(given) if isinstance(given, Path) else given)
+        except CommonrailError as error:
+            return failed(error, time.thread_time() - start)
+        return Attempt(record, "", time.thread_time() - start)
+
+    def probe(self) -> bytes:
+        """Figures of the first study's start values; what every study needs is loaded then."""
+        if self.first is None:
+            return b""
+        scores = scores_of(self.first, self.first.injector, 1)["best"]
+        return json.dumps([_data(d, s, s) for d, s in zip(self.first.data, scores, strict=True)]).encode()
 
 
-def calibrate_file(path: Path) -> dict[str, Any]:
-    """Calibrate one study on one thread.
+def calibrate_study(study: Study) -> dict[str, Any]:
+    """Calibrate the study of an injector on one thread.
 
     Returns
     -------
@@ -60,9 +74,8 @@ def calibrate_file(path: Path) -> dict[str, Any]:
     Raises
     ------
     CommonrailError
-        If the study or its data cannot be used, or no candidate can be simulated.
+        If the study cannot be run, or no candidate can be simulated.
     """
-    study = load_study(path)
     calibration = calibrate(study, threads=1)
     if calibration.status != "finished":
         raise KeyboardInterrupt
@@ -101,36 +114,3 @@ def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, 
             "at_bound": p.is_at_bound(best),
         }
     return found
-
-
-def serve(pipe: Connection) -> None:
-    """Body of a worker process: calibrate the studies it is told, until the calling process is gone.
-
-    A stop signal goes to the whole group of processes; the calling process alone decides what becomes of it.
-    """
-    heed_caller_alone()
-    with suppress(EOFError, BrokenPipeError):
-        pipe.send(Up())
-        path = Path(pipe.recv())
-        _warm_up(path)
-        while True:
-            pipe.send(_answer(path))
-            path = Path(pipe.recv())
-
-
-def _warm_up(path: Path) -> None:
-    """Load what every study needs, so that it does not count as the first one's cost."""
-    with suppress(Exception):  # what is wrong with the study is told when it is calibrated
-        study = load_study(path)
-        scores_of(study, study.injector, 1)
-
-
-def _answer(path: Path) -> Answer:
-    start = time.process_time()  # on a busy machine too it says what the work costs
-    try:
-        record = calibrate_file(path)
-    except CommonrailError as error:
-        return Refused(" ".join(str(error).split()), time.process_time() - start)
-    except (Exception, KeyboardInterrupt) as error:  # tried again, then told in a sentence
-        return Lost(f"met {type(error).__name__}: {' '.join(str(error).split())[:200]}".rstrip(": "))
-    return Done(record, time.process_time() - start)

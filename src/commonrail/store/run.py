@@ -12,12 +12,10 @@ from typing import Any
 from commonrail.analysis.identifiability import identify
 from commonrail.arguments import file_path, flag, instance, thread_count, whole
 from commonrail.calibration.checkpoint import Checkpoint, CheckpointError
-from commonrail.calibration.interrupt import held_interrupts
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
-from commonrail.calibration.workers import Workers
 from commonrail.errors import CommonrailError, ConfigurationError, StudyError
 from commonrail.files.atomic import PART, write_text, writing
 from commonrail.files.run_folder import STUDY, refuse_used, write_results
@@ -27,6 +25,8 @@ from commonrail.store.content import content_of, sha256
 from commonrail.store.copies import copies_of, copy_study, set_in_study, with_generations
 from commonrail.store.faults import trusted
 from commonrail.store.journal import JOURNAL, LOCK, Journal, State, read_about, software_now
+from commonrail.workers.interrupt import held_interrupts
+from commonrail.workers.workers import Workers
 
 __all__ = ["Listener", "calibrate_into", "resume"]
 

@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from commonrail.calibration.interrupt import held_interrupts
+from commonrail.workers.interrupt import held_interrupts
 
 
 def test_a_signal_is_a_wish_that_is_heeded_when_asked() -> None:

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
 
 class Wish:
     """Whether the user has asked to stop."""
@@ -33,14 +35,12 @@ def held_interrupts() -> Iterator[Wish]:
     Outside the main thread, where signals cannot be caught, nothing changes. Inside another such block the outer one's
     wish goes on.
     """
-    names = ("SIGINT", "SIGTERM", "SIGHUP")
-    signals = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    held = any(signal.getsignal(number) is _ask for number in signals)
+    held = any(signal.getsignal(number) is _ask for number in STOP_SIGNALS)
     if threading.current_thread() is not threading.main_thread() or held:
         yield _WISH
         return
     _WISH.asked = False
-    heeded = [number for number in signals if signal.getsignal(number) is not signal.SIG_IGN]
+    heeded = [number for number in STOP_SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
     before = {number: signal.signal(number, _ask) for number in heeded}
     try:
         yield _WISH

@@ -1,4 +1,4 @@
-"""A Dask cluster as the place where pieces of a population are evaluated; the only file that imports `distributed`."""
+"""A Dask cluster as the place where tasks are done; the only file that imports `distributed`."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ import logging
 import queue
 import re
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from commonrail.calibration.worker import Answer, Lost, Outcome, Package, Task, evaluate
-from commonrail.calibration.worker_pool import SLICE, Limits, blocked_signals, check_count
 from commonrail.errors import CommonrailError, InputError, StudyError
+from commonrail.workers.limits import SLICE, check_count
+from commonrail.workers.process import blocked_signals
+from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failure, perform
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -25,6 +23,9 @@ _ADDRESS = re.compile(r"([a-z]+://.+|[^:/]+:[0-9]+)")  # what Dask takes at once
 CONNECT = 5.0  # how long to try to reach a scheduler [s]
 FETCH = 10.0  # how long to wait for a result that is said to be there [s]
 APPEAR = 30.0  # how long to wait for its first worker [s]
+REAPPEAR = 300.0  # how long to wait for another one when all are lost [s]
+FRESH = 1.0  # how long the number of workers is taken to be as it was [s]
+AHEAD = 2  # tasks submitted for each thread, so that none waits for the next one
 
 
 class Cluster:
@@ -39,7 +40,6 @@ class Cluster:
     address : str
         "tcp://host:port", or "local" for a cluster of `count` processes on this machine.
     count : int
-    limits : Limits
 
     Raises
     ------
@@ -49,9 +49,15 @@ class Cluster:
         If the cluster has no workers, or they have no commonrail.
     """
 
-    def __init__(self, address: str, count: int, limits: Limits) -> None:
-        self.address, self.limits = address, limits
+    shares_files = False
+
+    def __init__(self, address: str, count: int) -> None:
+        self.address = address
         self._shunned: set[str] = set()
+        self._open: dict[Future[Any], Task] = {}
+        self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+        self._silence = self._alone = 0.0  # since something came back, since there was a worker [s]
+        self._seats, self._looked = 1, -FRESH
         with ExitStack() as opened:
             self._client = opened.enter_context(_local(count, opened) if address == "local" else _connect(address))
             _greet(self._client, address)
@@ -60,7 +66,8 @@ class Cluster:
     @property
     def count(self) -> int:
         """Threads of all workers that are used."""
-        return max(sum(self._known().values()), 1)
+        self._seats, self._looked = max(sum(self._known().values()), 1), time.monotonic()
+        return self._seats
 
     def _known(self) -> dict[str, int]:
         """Threads of each worker that is used."""
@@ -68,74 +75,99 @@ class Cluster:
             threads: dict[str, int] = self._client.nthreads()
         return {name: n for name, n in threads.items() if name not in self._shunned}
 
+    @property
+    def busy(self) -> bool:
+        """Whether tasks are out."""
+        return bool(self._open)
+
     def close(self) -> None:
         """Leave the cluster; end it if it is "local"."""
         with _quiet():
             self._opened.close()
 
-    def run(self, tasks: Sequence[Task]) -> Generator[tuple[int, Outcome]]:
-        """Number and outcome of each task, as they come.
+    def submit(self, task: Task) -> bool:
+        """Hand a task to the cluster; false if it has enough.
+
+        Raises
+        ------
+        StudyError
+            If the scheduler has gone.
+        """
+        seats = self._seats if time.monotonic() < self._looked + FRESH else self.count
+        if len(self._open) >= AHEAD * seats:
+            return False
+        self._send(task)
+        return True
+
+    def _send(self, task: Task, package: Package | None = None) -> None:
+        with self._connection():
+            allowed = (list(self._known()) if self._shunned else None) or None
+            future = self._client.submit(
+                perform_held, task.package.key, package, task.argument, pure=False, workers=allowed
+            )
+        self._silence = 0.0 if not self._open else self._silence
+        self._open[future] = task
+        future.add_done_callback(self._done.put)
+
+    def listen(self) -> Iterator[tuple[Task, Outcome]]:
+        """Wait a while, and yield the tasks that are done or lost.
 
         Raises
         ------
         CommonrailError
-            What the objective raises, and StudyError if the scheduler has gone.
+            What the work raises, and StudyError if the scheduler has gone.
         """
-        done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        with self._connection():
-            open_ = {self._submit(task, None, done): i for i, task in enumerate(tasks)}
+        start = time.monotonic()
         try:
-            while open_:
-                limit = max(tasks[i].limit for i in open_.values())
-                future = self._next(done, limit)
-                if future is None:
-                    self._shake(open_)
-                    yield from ((i, Lost(f"gave no answer within {limit:.3g} s")) for i in open_.values())
-                    return
-                index = open_.pop(future)
-                outcome = _outcome(future)
-                if isinstance(outcome, Missing):
-                    open_[self._submit(tasks[index], tasks[index].package, done)] = index
-                else:
-                    yield index, outcome
-        finally:
-            with suppress(Exception):  # a scheduler that has gone needs no telling
-                self._client.cancel(list(open_))
+            future = self._done.get(timeout=SLICE)
+        except queue.Empty:
+            # not what the clock says: where this process was halted too, nobody was late
+            passed = min(time.monotonic() - start, 2.0 * SLICE)
+            self._silence += passed
+            self._alone = 0.0 if self._known() else self._alone + passed
+            if self._alone > REAPPEAR:
+                raise _without_workers(self.address, REAPPEAR) from None
+            limit = max(task.limit for task in self._open.values())
+            if self._silence > limit:
+                yield from ((task, Lost(f"gave no answer within {limit:.6g} s")) for task in self._shake())
+            return
+        self._silence = 0.0
+        task = self._open.pop(future)
+        outcome = _outcome(future)
+        if isinstance(outcome, Missing):
+            self._send(task, task.package)
+        else:
+            yield task, outcome
 
-    def _submit(self, task: Task, package: Package | None, done: queue.SimpleQueue[Future[Any]]) -> Future[Any]:
-        allowed = (list(self._known()) if self._shunned else None) or None
-        future = self._client.submit(
-            evaluate_held, task.package.key, package, task.method, task.values, pure=False, workers=allowed
-        )
-        future.add_done_callback(done.put)
-        return future
-
-    def _next(self, done: queue.SimpleQueue[Future[Any]], limit: float) -> Future[Any] | None:
-        """The next future that is done; None if there is none for too long."""
-        left = limit
-        while left > 0.0:
-            start = time.monotonic()
-            try:
-                return done.get(timeout=SLICE)
-            except queue.Empty:
-                # not what the clock says: where this process was halted too, nobody was late
-                left -= min(time.monotonic() - start, 2.0 * SLICE)
-            with self._connection():
-                pass
-        return None
-
-    def _shake(self, open_: dict[Future[Any], int]) -> None:
-        """Start the workers anew that have our tasks."""
-        keys = {future.key for future in open_}
+    def _shake(self) -> list[Task]:
+        """Start the workers anew that have our tasks; the tasks that they were at are lost, all others sent again."""
         with self._connection():
-            stuck = [name for name, held in self._client.processing().items() if keys & set(held)]
-            self._client.cancel(list(open_))
+            threads, held = self._client.nthreads(), self._client.processing()
+        lost: set[Future[Any]] = set()
+        stuck = []
+        for name, keys in held.items():
+            own = [future for future in self._open if future.key in set(keys)]
+            if own:
+                stuck.append(name)
+                lost.update(own[: threads.get(name, 1)])  # the others had not begun
+        tasks = self._open
+        self.drop()
         for name in stuck:
             try:
                 with _quiet():
                     self._client.restart_workers([name], timeout=CONNECT)
             except Exception:  # not started by a nanny, or too stuck: no more for us
                 self._shunned.add(name)
+        for future, task in tasks.items():
+            if future not in lost:
+                self._send(task)
+        return [tasks[future] for future in lost]
+
+    def drop(self) -> None:
+        """Forget the tasks that are out."""
+        with suppress(Exception):  # a scheduler that has gone needs no telling
+            self._client.cancel(list(self._open))
+        self._open, self._done, self._silence, self._alone = {}, queue.SimpleQueue(), 0.0, 0.0
 
     @contextmanager
     def _connection(self) -> Iterator[None]:
@@ -154,14 +186,14 @@ class Cluster:
 
 
 class Missing(NamedTuple):
-    """Answer of a worker that does not have the objective."""
+    """Answer of a worker that does not have the work."""
 
 
 _HELD: dict[str, Package] = {}  # on a worker; two, so that two studies on one cluster can take turns
 
 
-def evaluate_held(key: str, package: Package | None, method: str, values: NDArray[np.float64]) -> Answer | Missing:
-    """On a worker: the result of a piece, with the objective that is given, or that was given before.
+def perform_held(key: str, package: Package | None, argument: Any) -> Answer | Missing:
+    """Answer of a task, on its worker, by the work that is given, or that was given before.
 
     Data of Dask's own would be lost with the workers that have them, and out of reach behind one that hangs.
     """
@@ -170,7 +202,7 @@ def evaluate_held(key: str, package: Package | None, method: str, values: NDArra
             _HELD.pop(next(iter(_HELD)), None)
         _HELD[key] = package
     held = _HELD.get(key)
-    return Missing() if held is None else evaluate(held, method, values)
+    return Missing() if held is None else perform(held, argument)
 
 
 def _outcome(future: Future[Any]) -> Outcome | Missing:
@@ -182,7 +214,7 @@ def _outcome(future: Future[Any]) -> Outcome | Missing:
     except TimeoutError:
         return Lost(f"did not hand over what it had found within {FETCH:.0f} s")
     except Exception as error:  # told in a sentence after some attempts
-        return Lost(f"met {type(error).__name__}: {error}")
+        return failure(error)
 
 
 def _distributed() -> Any:
@@ -199,9 +231,7 @@ def _distributed() -> Any:
 def _connect(address: str) -> Client:
     distributed = _distributed()
     if not _ADDRESS.fullmatch(address):
-        raise InputError(
-            f'--cluster: "{address}" is no address of a scheduler; give one as "tcp://host:port", or "local".'
-        )
+        raise InputError(f'"{address}" is no address of a scheduler; give one as "tcp://host:port", or "local".')
     try:
         with _quiet():
             return distributed.Client(address, timeout=CONNECT, set_as_default=False)
@@ -217,7 +247,11 @@ def _local(count: int, opened: ExitStack) -> Client:
     check_count(count)
     with blocked_signals(), _quiet():
         cluster = distributed.LocalCluster(
-            count, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=logging.CRITICAL
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=":0",
+            silence_logs=logging.CRITICAL,
         )
         opened.enter_context(cluster)
         return distributed.Client(cluster, set_as_default=False)
@@ -229,13 +263,16 @@ def _greet(client: Client, address: str) -> None:
         client.wait_for_workers(1, timeout=APPEAR)
         client.run(version, "commonrail")
     except TimeoutError:
-        raise StudyError(
-            f"The cluster {address} has had no worker for {APPEAR:.0f} s; start some with `dask worker {address}`."
-        ) from None
+        raise _without_workers(address, APPEAR) from None
     except Exception as error:
         raise StudyError(
             f"The workers of the cluster {address} have no commonrail ({error}); install there what is installed here."
         ) from None
+
+
+def _without_workers(address: str, seconds: float) -> StudyError:
+    cure = "see what they print" if address == "local" else f"start some with `dask worker {address}`"
+    return StudyError(f"The cluster {address} has had no worker for {seconds:.0f} s; {cure}.")
 
 
 @contextmanager

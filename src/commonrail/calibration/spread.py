@@ -1,0 +1,162 @@
+"""Objective spread over workers: a population is cut into pieces, and the bits are those of one process.
+
+A piece is a whole number of SIMD blocks, so that every candidate has the neighbours that it would have in one process,
+and no result depends on them anyway: how many workers there are, which of them took what and how often it had to be
+repeated leaves no trace in a result.
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.objective import Objective, Scores
+from commonrail.engine.lanes import VECTORS, Precision
+from commonrail.errors import StudyError
+from commonrail.injector.definition import parameter_quantities
+from commonrail.workers.task import Answer, Lost, Task, pack
+from commonrail.workers.workers import Workers
+
+Floats = NDArray[np.float64]
+
+SHORTEST = 0.05  # a piece should take at least this long [s]: handing it over takes a hundredth of it
+LONGEST = 2.0  # and no longer than this, where there are candidates enough: it is what a lost worker costs
+BLOCK = VECTORS[Precision.F64].lanes
+SHARES = 4  # pieces for each worker, so that one that is late does not keep the others waiting
+
+
+class Piece(NamedTuple):
+    """Candidates [first, stop) of a population."""
+
+    first: int
+    stop: int
+
+    @property
+    def blocks(self) -> int:
+        """SIMD blocks in it."""
+        return -(-(self.stop - self.first) // BLOCK)
+
+    def halves(self) -> list[Piece]:
+        """Both halves, of whole blocks; one block is not divided."""
+        middle = self.first + BLOCK * -(-self.blocks // 2)
+        return [self] if middle >= self.stop else [Piece(self.first, middle), Piece(middle, self.stop)]
+
+
+class Evaluation:
+    """Costs or residuals of candidates, on one thread: the work of a calibration's workers."""
+
+    def __init__(self, objective: Objective) -> None:
+        self.objective = copy.copy(objective)
+        self.objective.threads = 1
+
+    def __call__(self, argument: tuple[str, Floats]) -> Any:
+        """Result of "costs" or "residuals" of candidates (n, names)."""
+        method, values = argument
+        return self.objective.costs(values) if method == "costs" else self.objective.residuals(values)
+
+    def probe(self) -> bytes:
+        """Bits of the objective of the injector's own values."""
+        own = np.array([[self.objective.injector.values[name] for name in self.objective.names]])
+        return self.objective.costs(own).costs.tobytes()
+
+
+class SpreadObjective(Objective):
+    """An `Objective` whose costs and residuals come from workers, to the same bits.
+
+    Parameters
+    ----------
+    objective : Objective
+        Its kernel is compiled here first.
+    workers : Workers
+
+    Raises
+    ------
+    StudyError
+        From `costs` and `residuals`: if a piece was lost as often as the limits allow.
+    """
+
+    def __init__(self, objective: Objective, workers: Workers) -> None:
+        vars(self).update(vars(objective))  # the same injector, data and settings
+        self._workers = workers
+        work = Evaluation(objective)
+        self._package = pack(work)
+        start = time.perf_counter()
+        work.probe()
+        seconds = time.perf_counter() - start
+        self._seconds = {"costs": seconds, "residuals": seconds}  # of a block, the latest known
+
+    def costs(self, values: Floats) -> Scores:
+        """Objective of candidates (n, names), SI."""
+        found = self._results("costs", values)
+        costs, statuses = (np.concatenate(parts) for parts in zip(*[s[:2] for s in found], strict=True))
+        return Scores(costs, statuses, sum(s.simulations for s in found))
+
+    def residuals(self, values: Floats) -> Floats:
+        """Residuals for least squares (n, all samples and points)."""
+        return np.concatenate(self._results("residuals", values))
+
+    def _results(self, method: str, values: Floats) -> list[Any]:
+        """Results of all pieces, in the order of the candidates."""
+        limits, seconds = self._workers.limits, self._seconds[method]
+
+        def task(piece: Piece, losses: int = 0) -> Task:
+            argument = method, values[piece.first : piece.stop]
+            patience = max(limits.least, limits.patience * seconds * piece.blocks)
+            return Task(piece, self._package, argument, patience, losses)
+
+        def halves(lost: Task) -> list[Task]:
+            # if it is one candidate's fault, fewer are under suspicion each time
+            assert isinstance(lost.name, Piece)
+            return [task(half, lost.losses) for half in lost.name.halves()]
+
+        found: dict[Any, Answer] = {}
+        pieces = cut(len(values), self._workers.backend.count, seconds)
+        for done, outcome in self._workers.run(map(task, pieces), halves):
+            if isinstance(outcome, Lost):
+                raise StudyError(self._what_failed(done, outcome, values))
+            found[done.name] = outcome
+        self._seconds[method] = sum(a.seconds for a in found.values()) / sum(piece.blocks for piece in found)
+        return [found[piece].result for piece in sorted(found)]
+
+    def _what_failed(self, task: Task, lost: Lost, values: Floats) -> str:
+        assert isinstance(task.name, Piece)
+        piece, units = task.name, parameter_quantities()
+        first = list(zip(self.names, values[piece.first], strict=True))
+        shown = ", ".join(f"{name} = {value:.6g} {units[name].unit}".strip() for name, value in first[:3])
+        more = ", …" if len(first) > 3 else ""
+        return (
+            f"Candidates {piece.first + 1} to {piece.stop} of {len(values)} were lost {task.losses} times (the worker "
+            f"{lost.reason}), the first of them {shown}{more}; narrow the bounds if it is these candidates, give a "
+            "worker more memory or time if not, then go on with the run: what was finished is kept."
+        )
+
+
+def cut(candidates: int, workers: int, seconds: float) -> list[Piece]:
+    """Pieces of a population.
+
+    Parameters
+    ----------
+    candidates : int
+    workers : int
+        As many pieces as are evaluated at the same time.
+    seconds : float
+        Time of one SIMD block [s].
+
+    Returns
+    -------
+    list of Piece
+        Each of whole blocks but the last, which may end with a part of one. As many as last `SHORTEST` or longer, a
+        multiple of `workers` if there are more than that, `SHARES` for each worker, more only if one would take longer
+        than `LONGEST`.
+    """
+    blocks = -(-candidates // BLOCK)
+    most = max(int(blocks * seconds / SHORTEST), 1)
+    if most > workers:
+        shares = max(SHARES, -(-int(blocks * seconds / LONGEST) // workers))
+        most = min(most // workers, shares) * workers
+    size = -(-blocks // most) * BLOCK
+    return [Piece(first, min(first + size, candidates)) for first in range(0, candidates, size)]

@@ -1,0 +1,194 @@
+"""Worker processes on this machine: one that dies or hangs is replaced, and its task is given back as lost."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from multiprocessing import get_context
+from multiprocessing.connection import wait
+from multiprocessing.util import Finalize
+
+from commonrail.errors import StudyError
+from commonrail.workers.limits import SLICE, Limits, check_count
+from commonrail.workers.process import Refused, Reply, Up, serve, shielded
+from commonrail.workers.task import Lost, Outcome, Package, Task
+
+
+class _Worker:
+    """A process and our end of its pipe."""
+
+    def __init__(self, limits: Limits) -> None:
+        context = get_context("spawn")
+        self.pipe, other = context.Pipe()
+        self.process = context.Process(target=serve, args=(other,), daemon=True, name="commonrail worker")
+        try:
+            with shielded():
+                self.process.start()
+        except OSError as error:
+            raise StudyError(
+                f"A worker process cannot be started ({error.strerror or error}); ask for fewer workers."
+            ) from None
+        other.close()
+        self.up = False
+        self.package: Package | None = None
+        self.task: Task | None = None
+        self.allowed = self.left = limits.start
+
+    def give(self, task: Task, start: float) -> None:
+        """Send a task, and before it the work if the worker does not hold it."""
+        self.allowed = task.limit
+        if self.package != task.package:
+            self.pipe.send(task.package)
+            self.package = task.package
+            self.allowed += start
+        self.pipe.send((task.argument,))
+        self.task, self.left = task, self.allowed
+
+    def end(self) -> None:
+        """Kill the process; it keeps nothing that could be lost."""
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
+
+    def how_it_ended(self) -> str:
+        """End of the sentence that begins with "the worker"."""
+        self.process.join(1.0)
+        code = self.process.exitcode
+        return "broke off" if code is None else how_it_ended(code)
+
+
+def how_it_ended(code: int) -> str:
+    """End of a sentence about a process with an exit code, which is negative if a signal ended it."""
+    if code >= 0:
+        return f"ended with exit code {code}"
+    known = {number.value: number.name for number in signal.Signals}
+    return f"was ended by {known.get(-code, f'signal {-code}')}"
+
+
+class ProcessPool:
+    """Worker processes, started at once and ended with `close`, or with this process.
+
+    Parameters
+    ----------
+    count : int
+    limits : Limits
+
+    Raises
+    ------
+    ConfigurationError
+        If `count` is not between 1 and eight for each processor.
+    StudyError
+        If processes cannot be started.
+    """
+
+    shares_files = True
+
+    def __init__(self, count: int, limits: Limits) -> None:
+        check_count(count)
+        self.limits = limits
+        self._workers: list[_Worker] = []
+        self._bad_starts = 0
+        # with a priority: before multiprocessing waits for processes that ignore its signal
+        self._end = Finalize(self, _end_all, (self._workers,), exitpriority=1)
+        for _ in range(count):
+            self._workers.append(_Worker(limits))
+
+    @property
+    def count(self) -> int:
+        """Number of workers."""
+        return len(self._workers)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a worker has a task."""
+        return any(worker.task is not None for worker in self._workers)
+
+    @property
+    def pids(self) -> list[int]:
+        """Process numbers of the workers as they are now."""
+        return [worker.process.pid or 0 for worker in self._workers]
+
+    def close(self) -> None:
+        """End all workers, whatever they are doing."""
+        self._end()
+
+    def submit(self, task: Task) -> bool:
+        """Hand a task to a worker; false if none is free."""
+        for i, worker in enumerate(self._workers):
+            if worker.up and worker.task is None:
+                try:
+                    worker.give(task, self.limits.start)
+                    return True
+                except OSError:  # it died while it had nothing to do
+                    self._replace(i)
+        return False
+
+    def listen(self) -> Iterator[tuple[Task, Outcome]]:
+        """Wait a while, and yield the tasks that are done or lost.
+
+        Raises
+        ------
+        CommonrailError
+            What the work raises, and StudyError if workers do not start.
+        """
+        start = time.monotonic()
+        ready = wait([worker.pipe for worker in self._workers], SLICE)
+        # not what the clock says: where this process was halted too (Ctrl-Z, a lid), nobody was late
+        passed = min(time.monotonic() - start, 2.0 * SLICE)
+        for i, worker in enumerate(self._workers):
+            if worker.pipe in ready:
+                found = self._take(i, worker)
+            elif worker.task is None and worker.up:
+                continue
+            else:
+                worker.left -= passed
+                found = self._lose(i, f"gave no answer within {worker.allowed:.6g} s") if worker.left < 0.0 else None
+            if found is not None:
+                yield found
+
+    def _take(self, i: int, worker: _Worker) -> tuple[Task, Outcome] | None:
+        try:
+            reply: Reply = worker.pipe.recv()
+        except (EOFError, OSError):
+            return self._lose(i, worker.how_it_ended())
+        if isinstance(reply, Up):
+            worker.up, self._bad_starts = True, 0
+            if worker.task is not None:
+                worker.allowed = worker.left = worker.task.limit
+            return None
+        task, worker.task = worker.task, None
+        if isinstance(reply, Refused):
+            raise reply.error
+        return (task, reply) if task is not None else None
+
+    def _lose(self, i: int, reason: str) -> tuple[Task, Outcome] | None:
+        """Replace a worker; its task is lost."""
+        worker = self._workers[i]
+        if not worker.up:
+            self._bad_starts += 1
+            if self._bad_starts >= self.limits.failures:
+                raise StudyError(
+                    f"A worker {reason} before it had begun, {self._bad_starts} times in a row; in a script, start "
+                    'workers below `if __name__ == "__main__":`, else see what it printed.'
+                )
+        self._replace(i)
+        return (worker.task, Lost(reason)) if worker.task is not None else None
+
+    def drop(self) -> None:
+        """Forget the tasks in hand: their answers must not meet another question."""
+        for i, worker in enumerate(self._workers):
+            if worker.task is not None:
+                self._replace(i)
+
+    def _replace(self, i: int) -> None:
+        self._workers[i].end()
+        self._workers[i] = _Worker(self.limits)
+
+
+def _end_all(workers: list[_Worker]) -> None:
+    for worker in workers:
+        worker.process.kill()
+    for worker in workers:
+        worker.end()
+    workers.clear()

@@ -1,0 +1,138 @@
+"""Work, cut into tasks: packed by the calling process, done by a worker, answered or lost."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import pickle
+import platform
+import time
+from collections.abc import Hashable
+from importlib.metadata import version
+from typing import Any, NamedTuple, Protocol
+
+from commonrail.errors import StudyError
+
+
+class Work(Protocol):
+    """What workers do; it reaches them pickled."""
+
+    def __call__(self, argument: Any, /) -> Any:
+        """Result of a task's argument; a `CommonrailError` is raised in the calling process too."""
+
+    def probe(self) -> bytes:
+        """Bits of a result that the calling process and every worker find alike."""
+
+
+class Package(NamedTuple):
+    """Work on its way to a worker.
+
+    Attributes
+    ----------
+    key : str
+        Digest of the content.
+    software : tuple of (name, version)
+        Of the process that packed it; a worker with another one refuses it.
+    content : bytes
+        The work.
+    probe : bytes
+        What the work's `probe` gave; a worker that finds other bits refuses it.
+    """
+
+    key: str
+    software: tuple[tuple[str, str], ...]
+    content: bytes
+    probe: bytes
+
+
+class Task(NamedTuple):
+    """A part of the work.
+
+    Attributes
+    ----------
+    name : hashable
+        What the caller knows it by.
+    package : Package
+    argument : picklable
+    limit : float
+        Time after which its worker hangs [s].
+    losses : int
+        Workers that were lost with it.
+    """
+
+    name: Hashable
+    package: Package
+    argument: Any
+    limit: float
+    losses: int = 0
+
+
+class Answer(NamedTuple):
+    """Result of a task and the seconds it took."""
+
+    result: Any
+    seconds: float
+
+
+class Lost(NamedTuple):
+    """A task without a result, and what became of it: the end of a sentence that begins with "the worker"."""
+
+    reason: str
+
+
+Outcome = Answer | Lost
+
+
+def pack(work: Work) -> Package:
+    """Work for workers, probed here: its kernels are compiled and on disk before any worker asks for them."""
+    content = pickle.dumps(work)
+    return Package(hashlib.sha256(content).hexdigest(), software(), content, work.probe())
+
+
+@functools.lru_cache(maxsize=2)
+def unpack(package: Package) -> Work:
+    """The work.
+
+    Raises
+    ------
+    StudyError
+        If this worker has other software, or finds other bits than the process that packed it.
+    """
+    differing = [f"{name} {there}" for name, there in package.software if dict(software())[name] != there]
+    if differing:
+        here = ", ".join(" ".join(pair) for pair in software())
+        raise StudyError(
+            f"A worker on {platform.node()} has other software ({here}) than this run ({', '.join(differing)}); "
+            "install the same versions, for instance with constraints.txt."
+        )
+    work: Work = pickle.loads(package.content)
+    if work.probe() != package.probe:
+        raise StudyError(
+            f"A worker on {platform.node()} ({platform.machine()}) finds another objective for the start values than "
+            "this machine, bit for bit; start the run on a machine with the processors of the workers."
+        )
+    return work
+
+
+def software() -> tuple[tuple[str, str], ...]:
+    """Versions that decide over the bits of a result."""
+    return tuple((name, version(name)) for name in ("commonrail", "numpy", "scipy", "numba"))
+
+
+def perform(package: Package, argument: Any) -> Answer:
+    """Answer of a task, on its worker.
+
+    Raises
+    ------
+    StudyError
+        If this worker must not be used: see `unpack`.
+    """
+    work = unpack(package)
+    start = time.perf_counter()
+    result = work(argument)
+    return Answer(result, time.perf_counter() - start)
+
+
+def failure(error: BaseException) -> Lost:
+    """Loss of a task to an error that no work is expected to raise."""
+    return Lost(f"met {type(error).__name__}: {' '.join(str(error).split())[:200]}".rstrip(": "))

@@ -1,0 +1,160 @@
+"""Workers: processes of this machine or a cluster that take tasks and give answers, whatever becomes of one of them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from typing import Protocol
+
+from commonrail.engine.simulate import usable_threads
+from commonrail.workers.limits import USUAL, Limits
+from commonrail.workers.pool import ProcessPool
+from commonrail.workers.task import Lost, Outcome, Task
+
+__all__ = ["Backend", "Workers"]
+
+
+class Backend(Protocol):
+    """Where tasks are done."""
+
+    @property
+    def count(self) -> int:
+        """Number of tasks that are done at the same time."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether it has tasks in hand."""
+
+    @property
+    def shares_files(self) -> bool:
+        """Whether its workers surely see the files of this process."""
+
+    def submit(self, task: Task) -> bool:
+        """Take a task in hand; false if there are enough for the moment."""
+
+    def listen(self) -> Iterator[tuple[Task, Outcome]]:
+        """Wait a while, and yield the tasks in hand that are done or lost."""
+
+    def drop(self) -> None:
+        """Forget the tasks in hand."""
+
+    def close(self) -> None:
+        """End it."""
+
+
+class Workers:
+    """Workers that do tasks; use them in a `with` block.
+
+    Which of them takes what, how many they are and how often a task has to be repeated leaves no trace in an answer.
+
+    Examples
+    --------
+    ::
+
+        with Workers.processes(4) as workers:
+            calibrate(study, workers=workers)
+    """
+
+    def __init__(self, backend: Backend, limits: Limits = USUAL) -> None:
+        self.backend, self.limits = backend, limits
+
+    @classmethod
+    def processes(cls, count: int | None = None, limits: Limits = USUAL) -> Workers:
+        """Processes on this machine, one thread each.
+
+        Parameters
+        ----------
+        count : int, optional
+            All usable processors by default.
+        limits : Limits
+            When a worker is given up.
+
+        Raises
+        ------
+        ConfigurationError
+            If `count` is not between 1 and eight for each processor.
+        StudyError
+            If the processes cannot be started.
+        """
+        return cls(ProcessPool(usable_threads() if count is None else count, limits), limits)
+
+    @classmethod
+    def cluster(cls, address: str, count: int | None = None, limits: Limits = USUAL) -> Workers:
+        """Workers of a Dask cluster.
+
+        Parameters
+        ----------
+        address : str
+            Of its scheduler, "tcp://host:port"; "local" starts a cluster on this machine and ends it with the block.
+        count : int, optional
+            Workers of a "local" cluster; all usable processors by default.
+        limits : Limits
+            When a worker is given up.
+
+        Raises
+        ------
+        InputError
+            If distributed is not installed, or there is no cluster at the address.
+        StudyError
+            If the cluster has no workers, or they have no commonrail.
+        """
+        from commonrail.workers.cluster import Cluster
+
+        return cls(Cluster(address, usable_threads() if count is None else count), limits)
+
+    def run(
+        self,
+        tasks: Iterable[Task],
+        again: Callable[[Task], Sequence[Task]] = lambda task: [task],
+        heed: Callable[[], None] = lambda: None,
+    ) -> Generator[tuple[Task, Outcome]]:
+        """Each task and what became of it, as they come; a task that was lost is repeated as often as the limits allow.
+
+        Parameters
+        ----------
+        tasks : iterable of Task
+            Taken one by one, as workers get free.
+        again : function of Task
+            What to do in place of a lost task; by default the task itself.
+        heed : function, optional
+            Called now and then; may raise to end it all.
+
+        Raises
+        ------
+        CommonrailError
+            What the work raises; StudyError if workers do not start or the cluster has gone.
+        """
+        coming, waiting = iter(tasks), deque[Task]()
+        try:
+            while True:
+                heed()
+                self._hand_out(waiting, coming)
+                if not (waiting or self.backend.busy):
+                    return
+                for task, outcome in self.backend.listen():
+                    if isinstance(outcome, Lost):
+                        task = task._replace(losses=task.losses + 1)
+                        if task.losses < self.limits.failures:
+                            waiting.extend(again(task))
+                            continue
+                    yield task, outcome
+        finally:
+            self.backend.drop()
+
+    def _hand_out(self, waiting: deque[Task], coming: Iterator[Task]) -> None:
+        while True:
+            if not waiting:
+                waiting.extend(task for task in [next(coming, None)] if task is not None)
+            if not (waiting and self.backend.submit(waiting[0])):
+                return
+            waiting.popleft()
+
+    def close(self) -> None:
+        """End the workers (those of a cluster that was given by its address go on)."""
+        self.backend.close()
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

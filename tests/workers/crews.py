@@ -1,0 +1,122 @@
+"""Work whose answers are known and that misbehaves on demand, and who may do it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from commonrail.errors import ConfigurationError
+from commonrail.workers.limits import USUAL, Limits
+from commonrail.workers.pool import ProcessPool
+from commonrail.workers.task import Answer, Outcome, Package, Task
+from commonrail.workers.workers import Workers
+
+NO_DASK = "distributed is not installed: pip install 'commonrail[cluster]'"
+LIMIT = 600.0  # no task of a test takes as long [s]
+
+
+class Deed(NamedTuple):
+    """Number to be answered with its sine, and what a worker does instead, so many times."""
+
+    number: int
+    instead: str = ""
+    times: int = 1
+
+
+class Deeds:
+    """Sines of numbers, but for the deeds that are asked for instead.
+
+    `folder` counts those: workers share no memory.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.home = folder, os.getpid()
+
+    def __call__(self, deed: Deed, /) -> bytes:
+        """Bits of the sine."""
+        if deed.instead and os.getpid() != self.home:
+            mine = self.folder / f"{deed.number}"
+            mine.mkdir(exist_ok=True)
+            so_far = len(list(mine.iterdir()))
+            (mine / str(so_far)).touch()
+            if so_far < deed.times:
+                self._do(deed.instead)
+        return np.sin(float(deed.number)).tobytes()
+
+    def _do(self, what: str) -> None:
+        if what == "die":
+            time.sleep(0.5)  # a nanny of Dask that does not know yet that its worker has begun would not replace it
+            os.kill(os.getpid(), signal.SIGKILL)
+        if what == "hang":
+            os.kill(os.getpid(), signal.SIGSTOP)
+        if what == "fail":
+            raise MemoryError("no room for 8 GiB")
+        raise ConfigurationError("This cannot be done.")
+
+    def probe(self) -> bytes:
+        """Bits of a sine."""
+        return np.sin(0.5).tobytes()
+
+
+def tasks(package: Package, deeds: Iterable[Deed], limit: float = LIMIT) -> list[Task]:
+    """Task of each deed, called by its number."""
+    return [Task(deed.number, package, deed, limit) for deed in deeds]
+
+
+def sines(outcomes: Iterable[tuple[Task, Outcome]]) -> dict[object, bytes]:
+    """Answers by the names of their tasks."""
+    found: dict[object, bytes] = {}
+    for task, outcome in outcomes:
+        assert isinstance(outcome, Answer), outcome
+        assert task.name not in found
+        found[task.name] = outcome.result
+    return found
+
+
+def expected(deeds: Iterable[Deed]) -> dict[object, bytes]:
+    """What sines should be found."""
+    return {deed.number: np.sin(float(deed.number)).tobytes() for deed in deeds}
+
+
+def processes(count: int = 2, limits: Limits = USUAL) -> AbstractContextManager[Workers]:
+    """Processes of this machine."""
+    return Workers.processes(count, limits)
+
+
+def cluster(count: int = 2, limits: Limits = USUAL) -> AbstractContextManager[Workers]:
+    """A Dask cluster on this machine; the test is skipped if Dask is not installed."""
+    pytest.importorskip("distributed", reason=NO_DASK)
+    return Workers.cluster("local", count, limits)
+
+
+Crew = Callable[..., AbstractContextManager[Workers]]
+CREWS: dict[str, Crew] = {"processes": processes, "cluster": cluster}
+
+
+def pids_of(workers: Workers) -> list[int]:
+    """Process numbers of workers on this machine as they are now."""
+    if isinstance(workers.backend, ProcessPool):
+        return workers.backend.pids
+    from commonrail.workers.cluster import Cluster
+
+    assert isinstance(workers.backend, Cluster)
+    found: dict[str, int] = workers.backend._client.run(os.getpid)
+    return list(found.values())
+
+
+def gone(pid: int) -> bool:
+    """Whether a process has ended."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    stat = Path(f"/proc/{pid}/stat")
+    return stat.exists() and ") Z " in stat.read_text()  # dead, and nobody to be told

@@ -1,0 +1,29 @@
+"""Packages of work: taken up by a worker of the same software and the same bits alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from commonrail.errors import StudyError
+from commonrail.workers.task import failure, pack, unpack
+from tests.workers.crews import Deed, Deeds
+
+
+def test_work_that_is_unpacked_gives_the_same_answer(tmp_path: Path) -> None:
+    work = Deeds(tmp_path)
+    assert unpack(pack(work))(Deed(3)) == work(Deed(3))
+
+
+def test_a_worker_with_other_software_or_other_bits_is_refused(tmp_path: Path) -> None:
+    package = pack(Deeds(tmp_path))
+    with pytest.raises(StudyError, match=r"than this run \(numpy 0\.1\); install the same versions"):
+        unpack(package._replace(software=(*package.software[:1], ("numpy", "0.1"), *package.software[2:])))
+    with pytest.raises(StudyError, match="another objective for the start values than this machine, bit for bit"):
+        unpack(package._replace(probe=b"other"))
+
+
+def test_the_words_of_a_failure_are_one_line() -> None:
+    assert failure(MemoryError()).reason == "met MemoryError"
+    assert failure(ValueError("a\n  b")).reason == "met ValueError: a b"
