@@ -1,4 +1,4 @@
-"""How wrong a simulation is, judged by a much finer one."""
+"""Errors of a simulation against a much finer one."""
 
 from __future__ import annotations
 

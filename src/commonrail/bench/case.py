@@ -1,4 +1,4 @@
-"""What is measured: the injector of the paper at 160 MPa, and the paper's study on synthetic data."""
+"""The case that is measured: the injector of the paper at 160 MPa, and the paper's study on synthetic data."""
 
 from __future__ import annotations
 

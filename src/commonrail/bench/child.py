@@ -1,20 +1,26 @@
-"""A module of this package in a fresh process of the same Python."""
+"""A module in a fresh process of the same Python."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 __all__ = ["reason", "run_child"]
 
 
 def run_child(module: str, arguments: list[str], seconds: float) -> subprocess.CompletedProcess[str]:
-    """Run ``python -m module arguments``; raises `subprocess.TimeoutExpired` after so many seconds."""
-    # the child has to find the same package, also where it is not installed
-    path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
-    environment = os.environ | {"PYTHONPATH": path.rstrip(os.pathsep)}
+    """Run ``python -m module arguments``.
+
+    Parameters
+    ----------
+    module : str
+        Found where this process finds its own, also what is not installed.
+    arguments : list of str
+    seconds : float
+        After these `subprocess.TimeoutExpired` is raised.
+    """
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     command = [sys.executable, "-m", module, *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=seconds, env=environment, check=False)
 

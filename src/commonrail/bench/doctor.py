@@ -1,4 +1,4 @@
-"""What the machine is and what commonrail made of it, fact by fact, each with what to do if it is not well."""
+"""Facts about the machine and what commonrail made of it, each with its cure."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
 EXTRAS = {
     "distributed": ("distributed", "to calibrate on a cluster", "pip install 'commonrail[cluster]'"),
     "pyarrow": ("pyarrow", "for Parquet tables of fleets", "pip install 'commonrail[fleet]'"),
-    "sksundae": ("scikit-sundae", "for `commonrail bench --peers`", "pip install 'commonrail[bench]'"),
+    "matplotlib": ("matplotlib", "for figures for print", "pip install 'commonrail[plates]'"),
 }
 
 

@@ -1,4 +1,4 @@
-"""How many candidates a second the lanes simulate, on one core and on all."""
+"""Candidates per second that the lanes simulate, on one core and on all."""
 
 from __future__ import annotations
 

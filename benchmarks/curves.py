@@ -1,4 +1,4 @@
-"""How time and memory grow: with candidates, operating points, horizon and threads."""
+"""Growth of time and memory with candidates, operating points, horizon and threads."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def population_curve(counts: tuple[int, ...], effort: Effort, run: Runner = run_
     """
     for count in counts:
         try:
-            done = run("commonrail.bench.probe", [str(count), str(effort.runs), str(effort.seconds)], LONGEST)
+            done = run("benchmarks.probe", [str(count), str(effort.runs), str(effort.seconds)], LONGEST)
         except subprocess.TimeoutExpired:
             yield {"candidates": count, "failed": f"not done within {LONGEST:g} s"}
             continue
