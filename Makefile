@@ -72,7 +72,7 @@ clean: ## remove the environment, caches and build products
 
 # A stamp is older than what it was made from: the installation is repeated.
 $(VENV)/.runtime: $(VENV)/.made pyproject.toml constraints.txt
-	$(INSTALL) -e .
+	$(INSTALL) -e '.[plates]'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.made pyproject.toml constraints.txt

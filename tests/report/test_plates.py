@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
 
+from commonrail.errors import InputError
+from commonrail.report.build import draw_plates, write_report
 from commonrail.report.plates import PLATES, write_plates
 from tests.report.reproduction_sample import record, traces
 
@@ -38,3 +43,54 @@ def test_a_plate_has_the_width_of_a_column_or_page(plates: list[Path], name: str
 def test_the_same_figures_give_the_same_bytes(plates: list[Path], tmp_path: Path) -> None:
     again = write_plates(record(), traces(), tmp_path)
     assert [p.read_bytes() for p in again] == [p.read_bytes() for p in plates]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """Folder of a reproduction without figures for print."""
+    (tmp_path / "reproduce.json").write_text(json.dumps(record()))
+    labels = ["experiment", *record()["labels"]]
+    lines = [",".join(["seed", "data", "time [us]", *labels])]
+    for seed, sets in traces().items():
+        for name, curves in sets.items():
+            columns = zip(curves["time_s"] * 1e6, *(curves[label] * 1e6 for label in labels), strict=True)
+            lines += [f"{seed},{name}," + ",".join("" if v != v else repr(float(v)) for v in row) for row in columns]
+    (tmp_path / "traces.csv").write_text("\n".join(lines) + "\n")
+    return tmp_path
+
+
+def test_without_matplotlib_a_sentence_names_the_extra(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "matplotlib", None)
+        sentence = draw_plates(run)
+        page = write_report(run).read_text(encoding="utf-8")
+    assert "pip install 'commonrail[plates]'" in sentence
+    assert f"`commonrail report {run}` draws them" in sentence
+    assert not (run / "figures").exists()
+    assert "For print" not in page
+    assert draw_plates(run) == ""
+    assert len(list((run / "figures").iterdir())) == 6
+    assert "figures/fig6.pdf" in write_report(run).read_text(encoding="utf-8")
+
+
+def test_a_broken_record_has_no_plates_and_says_so(run: Path) -> None:
+    broken = record()
+    del broken["convergence"]
+    (run / "reproduce.json").write_text(json.dumps(broken))
+    with pytest.raises(InputError, match="incomplete"):
+        draw_plates(run)
+
+
+def test_nothing_but_the_plates_needs_matplotlib() -> None:
+    code = """
+import importlib, pkgutil, sys
+sys.modules["matplotlib"] = None
+import commonrail
+for module in pkgutil.walk_packages(commonrail.__path__, "commonrail."):
+    if module.name not in {"commonrail.report.plates", "commonrail.engine.cuda_kernel"}:
+        importlib.import_module(module.name)
+for name in commonrail.__all__:
+    getattr(commonrail, name)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,16 +26,19 @@ from commonrail.report.headline import headline, parameter_lines, synthetic_note
 from commonrail.report.html import render
 from commonrail.report.parameters import parameter_rows
 from commonrail.report.record import Record, check_comparison, check_record, texts_of
-from commonrail.report.reproduction import check_reproduction, reproduction_html
+from commonrail.report.reproduction import PLATE_FOLDER, check_reproduction, reproduction_html
 from commonrail.report.rerun import rerun_lines
 from commonrail.report.tables import tables_of
 from commonrail.report.text import duration, significant
 
-__all__ = ["report_html", "write_report"]
+__all__ = ["draw_plates", "report_html", "write_report"]
 
 Floats = NDArray[np.float64]
 
-
+NO_PLATES = (
+    "figures for print (SVG, PDF) are left out, because they need matplotlib: install it with "
+    "pip install 'commonrail[plates]', then `commonrail report {}` draws them"
+)
 _BROKEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, UndefinedError)
 
 
@@ -65,15 +70,54 @@ def write_report(folder: str | Path) -> Path:
             f"{folder}: this is no folder; name one that `commonrail calibrate`, `compare` or `reproduce` left."
         )
     name, verb, make = next((k for k in _KINDS if (folder / k[0]).is_file()), _KINDS[-1])
-    try:
+    with _complete(folder, name, verb):
         page = make(folder)
+    path = folder / "report.html"
+    write_text(path, page)
+    return path
+
+
+def draw_plates(folder: Path) -> str:
+    """Draw the figures for print of a reproduction's folder, those that are missing.
+
+    Parameters
+    ----------
+    folder : Path
+        Run folder; one of another kind has no such figures.
+
+    Returns
+    -------
+    str
+        Empty, or a sentence with the extra that is to be installed.
+
+    Raises
+    ------
+    InputError
+        If the folder is not whole.
+    OutputError
+        If they cannot be written.
+    """
+    plates = folder / PLATE_FOLDER
+    if not (folder / RECORD).is_file() or plates.is_dir():
+        return ""
+    if find_spec("matplotlib") is None:
+        return NO_PLATES.format(folder)
+    from commonrail.report.plates import write_plates
+
+    with _complete(folder, RECORD, "reproduce"):
+        write_plates(*read_reproduction(folder), plates)
+    return ""
+
+
+@contextmanager
+def _complete(folder: Path, name: str, verb: str) -> Iterator[None]:
+    """Turn what a broken record leads to into a sentence."""
+    try:
+        yield
     except _BROKEN as error:
         raise InputError(
             f"{folder}: {name} or {TRACES} is incomplete ({type(error).__name__}: {error}); {verb} again."
         ) from error
-    path = folder / "report.html"
-    write_text(path, page)
-    return path
 
 
 def _calibrated(folder: Path) -> str:
@@ -88,7 +132,8 @@ def _compared(folder: Path) -> str:
 
 def _reproduced(folder: Path) -> str:
     record, traces = read_reproduction(folder)
-    return reproduction_html(check_reproduction(record, str(folder)), traces, folder.as_posix() or "RUN")
+    plates = (folder / PLATE_FOLDER).is_dir()
+    return reproduction_html(check_reproduction(record, str(folder)), traces, folder.as_posix() or "RUN", plates)
 
 
 # File that tells a folder's kind, the verb that leaves it, and what makes its page.

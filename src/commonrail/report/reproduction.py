@@ -39,8 +39,19 @@ def check_reproduction(record: Record, where: str) -> Record:
     return record
 
 
-def reproduction_html(record: Record, traces: Traces, folder: str = "RUN") -> str:
-    """The page of a reproduction; `folder` is its name for the command lines in it."""
+def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plates: bool = True) -> str:
+    """Page of a reproduction.
+
+    Parameters
+    ----------
+    record : mapping
+    traces : mapping
+        Curves by seed and data set.
+    folder : str
+        Its name, for the command lines in the page.
+    plates : bool
+        Whether figures for print lie beside the page.
+    """
     charts = [figures.convergence(record), figures.search_boxes(record), *figures.rates(record, traces)]
     drawn = [(chart, figure_html(chart, f"figure-{i}", _height(i))) for i, chart in enumerate(charts)]
     return render(
@@ -62,7 +73,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN") -> st
         convergence=drawn[0],
         boxes=drawn[1],
         rates=drawn[2:],
-        plates=[(name, f"{PLATE_FOLDER}/{name}") for name in ("fig4", "fig5", "fig6")],
+        plates=[(name, f"{PLATE_FOLDER}/{name}") for name in ("fig4", "fig5", "fig6") if plates],
         commands=_commands(record, folder),
         facts=_facts(record),
     )
