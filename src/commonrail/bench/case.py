@@ -7,13 +7,14 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.analysis.virtual_bench import Bench
 from commonrail.calibration.study import Method, RateData, Study
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.files.injector_file import load_injector
 from commonrail.files.truth_file import load_truth
 from commonrail.injector.definition import Injector
 from commonrail.reproduction import paper
-from commonrail.reproduction.repetition import Bench, measure
+from commonrail.reproduction.repetition import measure
 
 __all__ = ["CASE", "INJECTOR", "INTERVAL", "LONG_STEP", "POINT", "TIME_STEP", "candidates", "injector", "paper_study"]
 

@@ -12,7 +12,7 @@ from commonrail.cli.study_run import Outcome
 from commonrail.files.atomic import writing
 
 if TYPE_CHECKING:
-    from commonrail.reproduction.run import Progress
+    from commonrail.analysis.seeds import SeedProgress
 
 __all__ = ["run_reproduction"]
 
@@ -29,6 +29,7 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     SimulationError
         If the truth cannot be simulated; the empty folder is taken away again.
     """
+    from commonrail.analysis.virtual_bench import Bench
     from commonrail.calibration.interrupt import held_interrupts
     from commonrail.files.injector_file import load_injector
     from commonrail.files.reproduction_folder import write_reproduction
@@ -36,7 +37,6 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     from commonrail.files.truth_file import load_truth
     from commonrail.report.build import draw_plates, write_report
     from commonrail.reproduction.record import reproduction_record
-    from commonrail.reproduction.repetition import Bench
     from commonrail.reproduction.run import reproduce
 
     declared = load_truth(truth)
@@ -60,5 +60,5 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
         return Outcome(folder, write_report(folder), record)
 
 
-def _stage(p: Progress) -> Stage:
+def _stage(p: SeedProgress) -> Stage:
     return Stage("generations", p.generation, p.generations, f"{p.done} of {p.seeds} repetitions")

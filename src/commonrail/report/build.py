@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from commonrail.arguments import file_path
 from commonrail.errors import InputError
-from commonrail.files.atomic import write_text
+from commonrail.files.atomic import replacing, write_text, writing
 from commonrail.files.comparison_folder import COMPARISON, read_comparison
 from commonrail.files.reproduction_folder import RECORD, read_reproduction
 from commonrail.files.run_folder import RESULT, TRACES, read_run
@@ -26,7 +26,7 @@ from commonrail.report.headline import headline, parameter_lines, synthetic_note
 from commonrail.report.html import render
 from commonrail.report.parameters import parameter_rows
 from commonrail.report.record import Record, check_comparison, check_record, texts_of
-from commonrail.report.reproduction import PLATE_FOLDER, check_reproduction, reproduction_html
+from commonrail.report.reproduction import PLATE_FOLDER, PLATES, check_reproduction, reproduction_html
 from commonrail.report.rerun import rerun_lines
 from commonrail.report.tables import tables_of
 from commonrail.report.text import duration, significant
@@ -98,14 +98,19 @@ def draw_plates(folder: Path) -> str:
         If they cannot be written.
     """
     plates = folder / PLATE_FOLDER
-    if not (folder / RECORD).is_file() or plates.is_dir():
+    if not (folder / RECORD).is_file() or _has_plates(folder):
         return ""
     if find_spec("matplotlib") is None:
         return NO_PLATES.format(folder)
-    from commonrail.report.plates import write_plates
+    from commonrail.report.plates import make_plates
 
     with _complete(folder, RECORD, "reproduce"):
-        write_plates(*read_reproduction(folder), plates)
+        drawn = make_plates(*read_reproduction(folder))
+    with writing(plates):
+        plates.mkdir(exist_ok=True)
+    for file, content in drawn.items():
+        with replacing(plates / file, "wb") as stream:
+            stream.write(content)
     return ""
 
 
@@ -132,8 +137,12 @@ def _compared(folder: Path) -> str:
 
 def _reproduced(folder: Path) -> str:
     record, traces = read_reproduction(folder)
-    plates = (folder / PLATE_FOLDER).is_dir()
-    return reproduction_html(check_reproduction(record, str(folder)), traces, folder.as_posix() or "RUN", plates)
+    run = folder.as_posix() or "RUN"
+    return reproduction_html(check_reproduction(record, str(folder)), traces, run, _has_plates(folder))
+
+
+def _has_plates(folder: Path) -> bool:
+    return all((folder / PLATE_FOLDER / f"{name}.{kind}").is_file() for name in PLATES for kind in ("svg", "pdf"))
 
 
 # File that tells a folder's kind, the verb that leaves it, and what makes its page.

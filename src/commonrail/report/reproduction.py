@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.errors import InputError
+import commonrail as cr
 from commonrail.report import reproduction_figures as figures
 from commonrail.report import reproduction_tables as tables
 from commonrail.report.draw import figure_html
@@ -16,14 +16,14 @@ from commonrail.report.html import render
 from commonrail.report.record import Record
 from commonrail.report.text import duration, listed, percent, significant
 
-__all__ = ["PLATE_FOLDER", "check_reproduction", "reproduction_html", "verdicts"]
+__all__ = ["PLATES", "PLATE_FOLDER", "check_reproduction", "reproduction_html", "verdicts"]
 
 Floats = NDArray[np.float64]
 Traces = Mapping[int, Mapping[str, Mapping[str, Floats]]]
 
 SCHEMAS = (1, 2)  # 1 has no rigid body that is fitted
 FEWEST = 6  # seeds that can tell a claim from chance
-PLATE_FOLDER = "figures"
+PLATE_FOLDER, PLATES = "figures", ("fig4", "fig5", "fig6")  # for print, each as SVG and PDF
 
 
 def check_reproduction(record: Record, where: str) -> Record:
@@ -35,7 +35,7 @@ def check_reproduction(record: Record, where: str) -> Record:
         If it is not the record of a reproduction, or of another schema.
     """
     if not isinstance(record, Mapping) or record.get("kind") != "reproduction" or record.get("schema") not in SCHEMAS:
-        raise InputError(f"{where}: not a reproduction that this version reads (schema 1 or 2); reproduce again.")
+        raise cr.InputError(f"{where}: not a reproduction that this version reads (schema 1 or 2); reproduce again.")
     return record
 
 
@@ -73,7 +73,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
         convergence=drawn[0],
         boxes=drawn[1],
         rates=drawn[2:],
-        plates=[(name, f"{PLATE_FOLDER}/{name}") for name in ("fig4", "fig5", "fig6") if plates],
+        plates=[(name, f"{PLATE_FOLDER}/{name}") for name in PLATES if plates],
         commands=_commands(record, folder),
         facts=_facts(record),
     )

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.calibration.checkpoint import Generation
+import commonrail as cr
 
 __all__ = ["PHASES", "Box", "Edges", "Spread", "box", "edges", "j_by_phase", "ninety_percent", "spread"]
 
@@ -103,7 +103,7 @@ def j_by_phase(rate: Floats, measured: Floats, bounds: Floats, opening: float) -
     return np.array([float(np.sum(error[phase == i])) for i in range(len(PHASES))])
 
 
-def ninety_percent(history: Sequence[Generation]) -> float:
+def ninety_percent(history: Sequence[cr.Generation]) -> float:
     """First generation at which 90 % of what the search gains over its initial population is reached."""
     best = np.array([g.best for g in history])
     if not np.isfinite(best[[0, -1]]).all():

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.calibration.checkpoint import Generation
-from commonrail.injector.definition import parameter_quantities
+import commonrail as cr
 from commonrail.reproduction import paper
 from commonrail.reproduction.claims import claims
 from commonrail.reproduction.figures import Figures
@@ -120,7 +119,7 @@ def _rigid_fit(f: Figures) -> list[dict[str, Any]]:
         {
             "name": p.name,
             "unit": p.unit,
-            "meaning": parameter_quantities()[p.name].meaning,
+            "meaning": cr.parameter_quantities()[p.name].meaning,
             "drawing": p.reference,
             "lower": p.lower,
             "upper": p.upper,
@@ -182,7 +181,7 @@ def _convergence(f: Figures) -> dict[str, Any]:
 
 def _band(searches: list[Found], which: str) -> dict[str, list[float | None]]:
     """Median and quartiles over the seeds in each generation."""
-    at = Generation._fields.index(which)
+    at = cr.Generation._fields.index(which)
     table = np.array([[float(g[at]) for g in s.history] for s in searches])
     spreads = [spread(column) for column in table.T]
     return {
