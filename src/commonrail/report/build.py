@@ -159,6 +159,7 @@ def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run:
     figures = [(figure, figure_html(figure, f"figure-{i}")) for i, figure in drawn]
     return render(
         "report.html",
+        kind="Calibration",
         record=record,
         lines=headline(record),
         tables=tables_of(record["data"], texts_of(record)),

@@ -27,6 +27,7 @@ def comparison_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], 
     drawn = enumerate(comparison_figures(record, traces))
     return render(
         "comparison.html",
+        kind="Comparison",
         record=record,
         lines=comparison_lines(record),
         tables=comparison_tables(record),

@@ -23,6 +23,9 @@ Traces = Mapping[int, Mapping[str, Mapping[str, Floats]]]
 
 SCHEMAS = (1, 2)  # 1 has no rigid body that is fitted
 FEWEST = 6  # seeds that can tell a claim from chance
+NOT_COMPARABLE = (
+    "J depends on the data, so it cannot be compared with the paper's; what can be compared is the pattern."
+)
 PLATE_FOLDER, PLATES = "figures", ("fig4", "fig5", "fig6")  # for print, each as SVG and PDF
 
 
@@ -56,8 +59,10 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
     drawn = [(chart, figure_html(chart, f"figure-{i}", _height(i))) for i, chart in enumerate(charts)]
     return render(
         "reproduction.html",
+        kind="Reproduction",
         record=record,
-        verdicts=verdicts(record),
+        synthetic=[record["synthetic"], NOT_COMPARABLE],
+        lines=[verdicts(record)],
         signs=tables.SIGNS,
         claims=[_claim(claim) for claim in record["claims"]],
         table1=tables.table1(record),
