@@ -70,7 +70,16 @@ def own_methods(quick: bool) -> list[Method]:
 def measure_methods(
     methods: list[Method], truth: Truth, effort: Effort, clocks: Clocks = CLOCKS
 ) -> Iterator[dict[str, Any]]:
-    """Measure methods one by one; the first is what the others' times are compared with.
+    """Measure methods one by one.
+
+    Parameters
+    ----------
+    methods : list of Method
+        The first is what the others' times are compared with.
+    truth : Truth
+    effort : Effort
+        Length of each timing.
+    clocks : Clocks
 
     Yields
     ------

@@ -42,7 +42,15 @@ def words(key: str) -> Callable[[Row], str]:
 
 
 def tabulated(title: str, columns: Columns, texts: int = 1) -> Make:
-    """Table with a line for each row of a record."""
+    """Table with a line for each row of a record.
+
+    Parameters
+    ----------
+    title : str
+    columns : sequence of (head, function of a row)
+    texts : int
+        Number of first columns that hold words.
+    """
     heads, cells = zip(*columns, strict=True)
     return lambda rows: Grid(title, heads, [tuple(cell(row) for cell in cells) for row in rows], texts)
 

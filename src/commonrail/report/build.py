@@ -154,7 +154,15 @@ _KINDS: tuple[tuple[str, str, Callable[[Path], str]], ...] = (
 
 
 def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run: str = "RUN") -> str:
-    """The page of a result; `run` is the folder's name for the command lines in it."""
+    """Page of a result.
+
+    Parameters
+    ----------
+    record, traces : mapping
+        Record, and curves by data set.
+    run : str
+        The folder's name, for the command lines in the page.
+    """
     drawn = enumerate(figures_of(record, traces))
     figures = [(figure, figure_html(figure, f"figure-{i}")) for i, figure in drawn]
     return render(

@@ -29,7 +29,14 @@ _QUARTILES = {
 
 
 def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
-    """Write ``report.html`` of a fleet; `command` is the line that continues or repeats it.
+    """Write ``report.html`` of a fleet.
+
+    Parameters
+    ----------
+    folder : Path
+    record : mapping
+    command : str
+        Line that continues or repeats the fleet.
 
     Raises
     ------

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.report.chart import MARKERS, Band, Boxes, Figure, Panel, Points, Series
-from commonrail.report.figures import ERROR, MICROSECOND, MM3_PER_MS, RATE
 from commonrail.report.record import Record, number
 
 __all__ = ["convergence", "rates", "search_boxes"]
 
 Floats = NDArray[np.float64]
+
+MM3_PER_MS, MICROSECOND = 1e6, 1e6  # of 1 m³/s, of 1 s
 
 # Labels of the record that the paper's Fig. 6 shows, with their looks.
 SHOWN = {"rigid": "rigid", "rigid_fitted": "rigid fitted", "theoretical": "start", "optimised": "best"}
@@ -85,7 +86,10 @@ def _rate(record: Record, data: Record, trace: Mapping[str, Floats]) -> Figure:
         f"Energising time {data['energising_time'] * MICROSECOND:.0f} µs, seed {record['shown_seed']}; below, "
         "simulated − synthetic experiment.",
         "time, µs",
-        (Panel(RATE, tuple(curves), 0.6), Panel(ERROR, tuple(errors), 0.4, zero_line=True)),
+        (
+            Panel("rate, mm³/ms", tuple(curves), 0.6),
+            Panel("error, mm³/ms", tuple(errors), 0.4, zero_line=True),
+        ),
     )
 
 

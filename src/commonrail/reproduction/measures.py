@@ -96,7 +96,17 @@ def level_of(measured: Floats) -> float:
 
 
 def j_by_phase(rate: Floats, measured: Floats, bounds: Floats, opening: float) -> Floats:
-    """Parts of J [mm³/ms] in the phases of `PHASES`, counted from the experiment's opening; they add up to J."""
+    """Parts of J [mm³/ms] in the phases of `PHASES`; they add up to J.
+
+    Parameters
+    ----------
+    rate, measured : (n,)
+        [m³/s].
+    bounds : (n + 1,)
+        Of the samples [s].
+    opening : float
+        Of the experiment [s]; phases count from it.
+    """
     middle = 0.5 * (bounds[1:] + bounds[:-1])
     phase = np.digitize(middle - opening, (0.0, PHASE_LENGTH, 2.0 * PHASE_LENGTH))
     error = np.abs(rate - measured) * 1e6

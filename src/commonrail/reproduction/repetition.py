@@ -186,6 +186,7 @@ def search(bench: cr.Bench, data: cr.RateData, settings: cr.EvolutionSettings, s
     data : RateData
     settings : EvolutionSettings
     seed : int or tuple of int
+        Of the search.
     """
     return _models(bench)[0].search(data, settings, seed, lambda: None)
 
@@ -208,7 +209,15 @@ class _Model(NamedTuple):
         seed: int | tuple[int, ...],
         after: Callable[[], None],
     ) -> Found:
-        """Differential evolution on one curve; `after` is called after every generation."""
+        """Fit the free parameters to one curve by differential evolution.
+
+        Parameters
+        ----------
+        data, settings, seed
+            As for `search`.
+        after : function
+            Called after every generation.
+        """
         optimiser = cr.DifferentialEvolution(self.space, np.random.default_rng(seed), settings)
         history: list[cr.Generation] = []
         members: list[Floats] = []
