@@ -93,14 +93,6 @@ class Curve(NamedTuple):
     rail: Floats
 
 
-class _Draws(NamedTuple):
-    """Random streams of one shot: deviations of the operation, the rate meter, the rail sensor."""
-
-    operation: np.random.Generator
-    rate_meter: np.random.Generator
-    rail_sensor: np.random.Generator
-
-
 def bench_curve(truth: Truth, injector: Injector, rail_pressure: float, energising_time: float, seed: int) -> Curve:
     """Rate and inlet pressure of one shot on the virtual test bench, as its sensors show them.
 
@@ -131,11 +123,11 @@ def bench_curve(truth: Truth, injector: Injector, rail_pressure: float, energisi
     rail_pressure = number(rail_pressure, "Pa", "rail pressure")
     energising_time = number(energising_time, "s", "energising time")
     seed = whole(seed, "seed")
-    key = np.random.SeedSequence((seed, round(rail_pressure)))
-    draws = _Draws(*map(np.random.default_rng, key.spawn(3)))
-    shot = _shoot(truth, injector, rail_pressure, energising_time, draws.operation)
-    rate = truth.rate_meter.of_means(shot.rate, INTERVAL, draws.rate_meter)
-    rail = truth.rail_sensor.of_values(shot.channels["inlet_pressure"], INTERVAL, draws.rail_sensor)
+    streams = np.random.SeedSequence((seed, round(rail_pressure))).spawn(3)
+    operation, rate_meter, rail_sensor = map(np.random.default_rng, streams)
+    shot = _shoot(truth, injector, rail_pressure, energising_time, operation)
+    rate = truth.rate_meter.of_means(shot.rate, INTERVAL, rate_meter)
+    rail = truth.rail_sensor.of_values(shot.channels["inlet_pressure"], INTERVAL, rail_sensor)
     return Curve(rail_pressure, shot.time[1:], rate, shot.time[1:], rail[1:])
 
 

@@ -20,7 +20,7 @@ from commonrail.files.reproduction_folder import RECORD, read_reproduction
 from commonrail.files.run_folder import RESULT, TRACES, read_run
 from commonrail.report.chart import Figure
 from commonrail.report.comparison import comparison_html
-from commonrail.report.draw import figure_html
+from commonrail.report.draw import drawings, figure_html
 from commonrail.report.figures import convergence_figure, figures_of
 from commonrail.report.headline import headline, parameter_lines, synthetic_notes, warning_lines
 from commonrail.report.html import render
@@ -163,15 +163,13 @@ def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run:
     run : str
         The folder's name, for the command lines in the page.
     """
-    drawn = enumerate(figures_of(record, traces))
-    figures = [(figure, figure_html(figure, f"figure-{i}")) for i, figure in drawn]
     return render(
         "report.html",
         kind="Calibration",
         record=record,
         lines=headline(record),
         tables=tables_of(record["data"], texts_of(record)),
-        figures=figures,
+        figures=drawings(figures_of(record, traces)),
         convergence=_convergence(record),
         parameters=parameter_rows(record["parameters"]),
         parameter_lines=parameter_lines(record["parameters"]),

@@ -9,7 +9,7 @@ from pathlib import Path
 from commonrail.files.atomic import write_text
 from commonrail.report.chart import Boxes, Figure, Panel, Series
 from commonrail.report.columns import Column, tabulated
-from commonrail.report.draw import figure_html
+from commonrail.report.draw import drawings
 from commonrail.report.html import render
 from commonrail.report.record import Record, number
 from commonrail.report.tables import Table
@@ -50,7 +50,6 @@ def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
 
 def fleet_html(record: Record, command: str) -> str:
     """The page of a fleet."""
-    drawn = enumerate(fleet_figures(record))
     return render(
         "fleet.html",
         kind="Fleet",
@@ -59,7 +58,7 @@ def fleet_html(record: Record, command: str) -> str:
         lines=fleet_lines(record),
         warnings=fleet_warnings(record),
         tables=fleet_tables(record),
-        figures=[(figure, figure_html(figure, f"figure-{i}", 380)) for i, figure in drawn],
+        figures=drawings(fleet_figures(record), 380),
         commands=[("Go on with this fleet, or write its results again", command)],
         facts=_facts(record),
     )
