@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arguments import array, instance
 from commonrail.calibration.objective import Objective, of_role
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
@@ -46,7 +47,9 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> dict[str, d
         Per parameter: "effect" and "pinned", the root-sum-square change of the residuals for a move of 1 % of the
         range, alone and after readjustment; "standard_error" [SI]; "verdict".
     """
-    best = space.to_unit(best)
+    instance(space, Space, "space")
+    instance(objective, Objective, "objective")
+    best = space.to_unit(array(best, "1", "best values", 1))
     low, high = (
         np.clip(best - STEP * np.eye(space.dimension), 0.0, 1.0),
         np.clip(best + STEP * np.eye(space.dimension), 0.0, 1.0),

@@ -9,7 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from typing import NamedTuple, TypeVar
 
-from commonrail.arguments import function, sequence, thread_count, whole
+from commonrail.arguments import function, sequence, shown, thread_count, whole
 from commonrail.calibration.interrupt import Wish, held_interrupts
 from commonrail.engine.simulate import usable_threads
 from commonrail.errors import ConfigurationError
@@ -63,7 +63,8 @@ def for_seeds(
         If the user stops before one search is complete.
     """
     threads = thread_count(threads)
-    function(search, "search")
+    if not callable(search):
+        raise ConfigurationError(f"The search must be a function of (seed, after), not {shown(search)}.")
     function(progress, "progress")
     seeds = [whole(seed, "seed") for seed in sequence(seeds, "seeds", "[1, 2, 3]")]
     if not seeds or len(set(seeds)) < len(seeds):
