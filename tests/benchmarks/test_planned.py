@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,7 +11,8 @@ from benchmarks import __main__ as whole
 from benchmarks.methods import peer_methods
 from commonrail.bench.methods import own_methods
 from commonrail.bench.record import grids
-from commonrail.bench.run import SEEDS
+from commonrail.bench.run import SEEDS, Stage
+from commonrail.files.record_file import read_record
 
 
 def test_a_missing_peer_is_named_with_its_cure() -> None:
@@ -45,3 +47,14 @@ def test_curves_and_extrapolations_have_tables() -> None:
         ("8", "0.5", "16", "201"),
         ("9", "0.5", "18", ""),
     ]
+
+
+def test_the_record_is_written_where_figures_are_drawn_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    row = {"cells": 60.0, "compiled_seconds": 1e-6, "from_python_seconds": 2e-6}
+    monkeypatch.setattr(whole, "planned", lambda quick: [Stage("right_hand_side", "", 1, lambda: iter([row]))])
+    path = tmp_path / "record.json"
+    whole.main(path, quick=True)
+    record = read_record(path, "commonrail bench")
+    assert record["options"] == {"peers": True, "curves": True, "quick": True}
+    assert record["right_hand_side"] == [row]
+    assert {m["peer"] for m in record["missing"]} == {m["peer"] for m in whole.missing_peers()}
