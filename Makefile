@@ -61,7 +61,7 @@ disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status
 	$(BIN)/python tools/no_room.py || test $$? -eq 77
 
 bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results.json and docs/images/
-	$(BIN)/commonrail bench --peers --curves --out benchmarks/results.json
+	$(BIN)/python -m benchmarks benchmarks/results.json
 	$(BIN)/python -m benchmarks.roofline benchmarks/results.json
 	$(BIN)/python -m benchmarks.plot benchmarks/results.json docs/images
 
@@ -72,7 +72,7 @@ clean: ## remove the environment, caches and build products
 
 # A stamp is older than what it was made from: the installation is repeated.
 $(VENV)/.runtime: $(VENV)/.made pyproject.toml constraints.txt
-	$(INSTALL) -e .
+	$(INSTALL) -e '.[plates]'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.made pyproject.toml constraints.txt

@@ -1,1 +1,1 @@
-"""Figures of the benchmark; the benchmark itself is `commonrail bench`."""
+"""What only ``make bench`` needs: other solvers and optimisers, cost curves, rooflines, figures."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -30,6 +31,42 @@ def test_a_type_checker_sees_the_names_that_are_loaded() -> None:
     }
     assert checked == commonrail._MODULES
     assert {*checked, "__version__"} == set(commonrail.__all__)
+
+
+ROOT = Path(commonrail.__file__).parent
+SHOWCASE = sorted(
+    path
+    for pattern in ("reproduction/*.py", "report/reproduction*.py", "report/plates.py")
+    for path in ROOT.glob(pattern)
+)
+BELOW = {"analysis", "calibration", "engine", "errors", "fuel", "injector"}  # rooms that the reproduction may use
+
+
+@pytest.mark.parametrize("path", SHOWCASE, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_the_reproduction_is_made_of_public_names(path: Path) -> None:
+    room = f"commonrail.{path.parent.name}"
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        named: list[str] = []
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0
+            named = [node.module or ""]
+            if node.module == "commonrail":
+                assert {alias.name for alias in node.names} <= set(commonrail.__all__), path.name
+        elif isinstance(node, ast.Import):
+            named = [alias.name for alias in node.names]
+        for module in named:
+            if module.split(".")[0] == "commonrail":
+                assert module == "commonrail" or (module + ".").startswith(room + "."), (path.name, module)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "cr":
+            assert node.attr in commonrail.__all__, (path.name, node.attr)
+            home = commonrail._MODULES[node.attr].split(".")[1]
+            assert home in BELOW, (path.name, node.attr)
+
+
+def test_every_public_name_is_on_the_page() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "howto" / "python.md").read_text(encoding="utf-8")
+    table = page.partition("## All names")[2]
+    assert set(re.findall(r"`(\w+)`", table)) >= set(commonrail.__all__) - {"__version__"}
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

@@ -176,6 +176,10 @@ WITHOUT_STUDY: list[tuple[Callable[..., object], str, str, tuple[Any, ...]]] = [
     ),
     (lambda value: cr.write_run(Path("x"), value, {}), "value", "calibration", NO_KIND),
     (lambda value: cr.reproduce(value, [1]), "value", "bench", NO_KIND),
+    (lambda value: cr.bench_curve(value, INJECTOR, 160e6, 700e-6, 1), "value", "truth", NO_KIND),
+    (lambda value: cr.for_seeds(lambda seed, after: None, value), "value", "seed", NO_LIST),
+    (lambda value: cr.for_seeds(value, [1]), "value", "search", (None, 0, 1.5, "four", [], object())),
+    (lambda value: cr.identify_at(value, None, np.zeros(2)), "value", "space", NO_KIND),
     (lambda value: EvolutionSettings(members=value), "value", "members", (*NO_COUNT, None, 3, 10**6)),
     (
         lambda value: EvolutionSettings(generations=value),

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.bench_sensor import Sensor
 from commonrail.analysis.truth import Friction, Scatter, Truth
+from commonrail.analysis.virtual_bench import Bench
 from commonrail.display.table import Table
 from commonrail.display.text import duration, fixed, percent, signed
 from commonrail.files.injector_file import load_injector
@@ -30,7 +31,7 @@ from commonrail.files.truth_file import load_truth
 from commonrail.report import reproduction_tables as tables
 from commonrail.report.reproduction import check_reproduction, verdicts
 from commonrail.reproduction import paper
-from commonrail.reproduction.repetition import Bench, measure, search
+from commonrail.reproduction.repetition import measure, search
 
 Floats = NDArray[np.float64]
 Record = dict[str, Any]

@@ -10,12 +10,28 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from commonrail.analysis.identifiability import identify, identify_at
+    from commonrail.analysis.seeds import SeedProgress, for_seeds
     from commonrail.analysis.truth import Truth
+    from commonrail.analysis.virtual_bench import PAPER_OPTIMUM, Bench, bench_curve
+    from commonrail.calibration.checkpoint import Generation
     from commonrail.calibration.comparison import Comparison, compare
+    from commonrail.calibration.objective import Objective
+    from commonrail.calibration.optimisers import (
+        Counts,
+        DifferentialEvolution,
+        EvolutionSettings,
+        InitialSampling,
+        Treatment,
+    )
+    from commonrail.calibration.parameter import Parameter, percent_bounds
     from commonrail.calibration.plausibility.finding import Finding
     from commonrail.calibration.result import validate
     from commonrail.calibration.run import Calibration, Progress, calibrate, check_study
-    from commonrail.calibration.study import Study
+    from commonrail.calibration.sampling import sample_feasible
+    from commonrail.calibration.search import steps
+    from commonrail.calibration.space import Space
+    from commonrail.calibration.study import Method, Study
     from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
     from commonrail.engine.simulate import simulate, simulate_batch
     from commonrail.engine.solution import Batch, Solution
@@ -34,99 +50,122 @@ if TYPE_CHECKING:
     from commonrail.files.truth_file import load_truth
     from commonrail.fuel.catalogue import load_fuel
     from commonrail.fuel.fuel import Fuel
-    from commonrail.injector.definition import Injector, parameter_quantities
-    from commonrail.injector.variants import Variant
-    from commonrail.kinds import QuantityData, RateData
+    from commonrail.injector.definition import Injector, Source, parameter_quantities
+    from commonrail.injector.variants import Body, Variant
+    from commonrail.kinds import QuantityData, RateData, Role
     from commonrail.report.build import write_report
     from commonrail.report.simulation import simulation_figure
-    from commonrail.reproduction.repetition import Bench
     from commonrail.reproduction.run import Reproduction, reproduce
     from commonrail.store.listing import list_runs
     from commonrail.store.run import calibrate_into, resume
 
     __version__: str
 
-# Module that holds each public name; the imports above say the same to a type checker.
+# Module that holds the public names; the imports above say the same to a type checker.
 _HOMES = {
-    "analysis.truth": ("Truth",),
-    "calibration.comparison": ("Comparison", "compare"),
-    "calibration.plausibility.finding": ("Finding",),
-    "calibration.result": ("validate",),
-    "calibration.run": ("Calibration", "Progress", "calibrate", "check_study"),
-    "calibration.study": ("Study",),
-    "engine.operating_point": ("Energising", "OperatingPoint", "Trace"),
-    "engine.simulate": ("simulate", "simulate_batch"),
-    "engine.solution": ("Batch", "Solution"),
-    "engine.status": ("Status",),
-    "errors": (
-        "CommonrailError",
-        "ConfigurationError",
-        "InputError",
-        "OutputError",
-        "SimulationError",
-        "StudyError",
-    ),
-    "files.injector_file": ("dump_injector", "injector_catalogue", "load_injector"),
-    "files.run_folder": ("create_run_folder", "read_run", "write_run"),
-    "files.study_file": ("load_study",),
-    "files.truth_file": ("load_truth",),
-    "fuel.catalogue": ("load_fuel",),
-    "fuel.fuel": ("Fuel",),
-    "injector.definition": ("Injector", "parameter_quantities"),
-    "injector.variants": ("Variant",),
-    "kinds": ("QuantityData", "RateData"),
-    "report.build": ("write_report",),
-    "report.simulation": ("simulation_figure",),
-    "reproduction.repetition": ("Bench",),
-    "reproduction.run": ("Reproduction", "reproduce"),
-    "store.listing": ("list_runs",),
-    "store.run": ("calibrate_into", "resume"),
+    "analysis.identifiability": "identify identify_at",
+    "analysis.seeds": "SeedProgress for_seeds",
+    "analysis.truth": "Truth",
+    "analysis.virtual_bench": "Bench PAPER_OPTIMUM bench_curve",
+    "calibration.checkpoint": "Generation",
+    "calibration.comparison": "Comparison compare",
+    "calibration.objective": "Objective",
+    "calibration.optimisers": "Counts DifferentialEvolution EvolutionSettings InitialSampling Treatment",
+    "calibration.parameter": "Parameter percent_bounds",
+    "calibration.plausibility.finding": "Finding",
+    "calibration.result": "validate",
+    "calibration.run": "Calibration Progress calibrate check_study",
+    "calibration.sampling": "sample_feasible",
+    "calibration.search": "steps",
+    "calibration.space": "Space",
+    "calibration.study": "Method Study",
+    "engine.operating_point": "Energising OperatingPoint Trace",
+    "engine.simulate": "simulate simulate_batch",
+    "engine.solution": "Batch Solution",
+    "engine.status": "Status",
+    "errors": "CommonrailError ConfigurationError InputError OutputError SimulationError StudyError",
+    "files.injector_file": "dump_injector injector_catalogue load_injector",
+    "files.run_folder": "create_run_folder read_run write_run",
+    "files.study_file": "load_study",
+    "files.truth_file": "load_truth",
+    "fuel.catalogue": "load_fuel",
+    "fuel.fuel": "Fuel",
+    "injector.definition": "Injector Source parameter_quantities",
+    "injector.variants": "Body Variant",
+    "kinds": "QuantityData RateData Role",
+    "report.build": "write_report",
+    "report.simulation": "simulation_figure",
+    "reproduction.run": "Reproduction reproduce",
+    "store.listing": "list_runs",
+    "store.run": "calibrate_into resume",
 }
-_MODULES = {name: f"commonrail.{home}" for home, names in _HOMES.items() for name in names}
+_MODULES = {name: f"commonrail.{home}" for home, names in _HOMES.items() for name in names.split()}
 
 __all__ = [
     "Batch",
     "Bench",
+    "Body",
     "Calibration",
     "CommonrailError",
     "Comparison",
     "ConfigurationError",
+    "Counts",
+    "DifferentialEvolution",
     "Energising",
+    "EvolutionSettings",
     "Finding",
     "Fuel",
+    "Generation",
+    "InitialSampling",
     "Injector",
     "InputError",
+    "Method",
+    "Objective",
     "OperatingPoint",
     "OutputError",
+    "PAPER_OPTIMUM",
+    "Parameter",
     "Progress",
     "QuantityData",
     "RateData",
     "Reproduction",
+    "Role",
+    "SeedProgress",
     "SimulationError",
     "Solution",
+    "Source",
+    "Space",
     "Status",
     "Study",
     "StudyError",
     "Trace",
+    "Treatment",
     "Truth",
     "Variant",
     "__version__",
+    "bench_curve",
     "calibrate",
     "calibrate_into",
     "check_study",
     "compare",
     "create_run_folder",
     "dump_injector",
+    "for_seeds",
+    "steps",
+    "identify",
+    "identify_at",
     "injector_catalogue",
+    "list_runs",
     "load_fuel",
     "load_injector",
     "load_study",
-    "list_runs",
     "load_truth",
     "parameter_quantities",
+    "percent_bounds",
     "read_run",
     "reproduce",
     "resume",
+    "sample_feasible",
     "simulate",
     "simulate_batch",
     "simulation_figure",

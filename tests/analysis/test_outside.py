@@ -14,7 +14,7 @@ from commonrail.engine.simulate import simulate
 from commonrail.engine.status import Status
 from commonrail.files.outside_figures import load_outside
 
-RUNS = load_outside().runs
+RUNS = load_outside()
 NEAR = Gaps(0.01, None, 0.01)
 
 

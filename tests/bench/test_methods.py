@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.methods import peer_methods
 from commonrail.bench.accuracy import Errors, Truth
-from commonrail.bench.methods import Method, measure_methods, own_methods, peer_methods
-from commonrail.bench.peers import Counted
+from commonrail.bench.methods import Counted, Method, measure_methods, own_methods
 from commonrail.bench.timing import Effort
 from tests.bench.conftest import HandClock
 from tests.bench.test_accuracy import course

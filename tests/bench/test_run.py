@@ -1,4 +1,4 @@
-"""The record: whole or as far as it got, JSON-able, with missing peers and load told."""
+"""The record: whole or as far as it got, JSON-able, with what is missing and load told."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ import pytest
 from commonrail.bench import run as bench_run
 from commonrail.bench.machine import busy
 from commonrail.bench.record import grids, sentences
-from commonrail.bench.run import Options, Stage, missing_peers, run_bench, stages
+from commonrail.bench.run import Stage, run_bench, stages
 from commonrail.files.atomic import write_text
 from commonrail.files.record_file import read_record
 
+OPTIONS = {"quick": False}
 ROW = {
     "candidates": 7,
     "threads": 1,
@@ -46,7 +47,7 @@ def one_stage(stop: bool) -> list[Stage]:
 
 
 def test_the_record_round_trips(tmp_path: Path) -> None:
-    record = run_bench(Options(), planned=lambda _: one_stage(False))
+    record = run_bench(one_stage(False), options=OPTIONS)
     path = tmp_path / "bench.json"
     write_text(path, json.dumps(record, allow_nan=False))
     assert read_record(path, "bench") == record
@@ -56,7 +57,7 @@ def test_the_record_round_trips(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_leaves_what_was_measured() -> None:
-    record = run_bench(Options(), planned=lambda _: one_stage(True))
+    record = run_bench(one_stage(True), options=OPTIONS)
     assert record["status"] == "interrupted"
     assert record["throughput"] == [ROW]
     assert "searches" not in record
@@ -66,31 +67,23 @@ def test_ctrl_c_leaves_what_was_measured() -> None:
 
 def test_progress_counts_rows() -> None:
     told: list[tuple[str, int, int]] = []
-    run_bench(Options(), lambda *t: told.append(t), planned=lambda _: one_stage(True))
+    run_bench(one_stage(True), lambda *t: told.append(t), options=OPTIONS)
     assert told == [("populations", 0, 2), ("populations", 1, 2)]
 
 
-def test_a_missing_peer_is_named_with_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
-    missing = missing_peers(lambda module: None if module == "cma" else object())
-    assert missing == [{"peer": "pycma", "install": "pip install 'commonrail[bench]'"}]
-    monkeypatch.setattr(bench_run, "missing_peers", lambda: missing)
-    said = sentences(run_bench(Options(peers=True), planned=lambda _: []))
+def test_what_is_missing_is_named_with_its_cure() -> None:
+    missing = {"peer": "pycma", "install": "pip install 'commonrail[bench]'"}
+    said = sentences(run_bench([], options=OPTIONS, missing=[missing]))
     assert "pycma is not installed; `pip install 'commonrail[bench]'` installs it." in said
 
 
-def test_what_is_not_installed_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench_run, "find_spec", lambda module: None)
-    planned = {stage.key: stage.rows for stage in stages(Options(peers=True))}
-    everything = len(bench_run.own_methods(False)) + len(bench_run.peer_methods())
-    assert planned["methods"] == everything - 2  # CVODE twice
-    assert planned["searches"] == 2 * len(bench_run.SEEDS)  # commonrail's and SciPy's
-
-
-def test_without_peers_there_are_none() -> None:
-    planned = {stage.key: stage.rows for stage in stages(Options())}
-    assert planned["methods"] == len(bench_run.own_methods(False))
-    assert "extrapolated" not in planned
-    assert "candidates" not in planned
+def test_other_methods_and_optimisers_are_measured_behind_the_own_ones() -> None:
+    planned = {stage.key: stage.rows for stage in stages(True)}
+    more = {stage.key: stage.rows for stage in stages(True, bench_run.own_methods(True)[:3], [bench_run.OWN] * 2)}
+    assert planned["methods"] == len(bench_run.own_methods(True))
+    assert more["methods"] == planned["methods"] + 3
+    assert (planned["searches"], more["searches"]) == (1, 3)
+    assert planned["throughput"] == more["throughput"]
 
 
 @pytest.mark.parametrize(("load", "threads", "is_busy"), [(1.1, 2, True), (1.0, 2, False), (None, 2, False)])
@@ -102,11 +95,11 @@ def test_more_than_half_a_process_a_core_is_busy(load: float | None, threads: in
 def test_a_busy_machine_is_told(loads: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
     given = iter(loads)
     monkeypatch.setattr(bench_run, "load", lambda: next(given))
-    record = run_bench(Options(), planned=lambda _: [Stage("throughput", "populations", 1, lambda: rows(ROW))])
+    record = run_bench([Stage("throughput", "populations", 1, lambda: rows(ROW))], options=OPTIONS)
     assert "busy with other work" in record["notes"][0]
 
 
 def test_its_own_load_is_not_other_work(monkeypatch: pytest.MonkeyPatch) -> None:
     given = iter([0.0, float(bench_run.usable_threads()), 0.0])
     monkeypatch.setattr(bench_run, "load", lambda: next(given))
-    assert run_bench(Options(), planned=lambda _: [Stage("throughput", "", 1, lambda: rows(ROW))])["notes"] == []
+    assert run_bench([Stage("throughput", "", 1, lambda: rows(ROW))], options=OPTIONS)["notes"] == []

@@ -18,7 +18,7 @@ from tests.cli.conftest import Command
 def short(monkeypatch: pytest.MonkeyPatch) -> list[Stage]:
     """One stage in place of all."""
     planned = [Stage("throughput", "populations", 1, lambda: rows(ROW))]
-    monkeypatch.setattr(bench_run, "stages", lambda options: planned)
+    monkeypatch.setattr(bench_run, "stages", lambda quick: planned)
     return planned
 
 
@@ -57,6 +57,6 @@ def test_a_place_that_does_not_exist_is_refused_before_anything_is_measured(comm
 
 
 def test_a_bad_option_ends_with_2(command: Command) -> None:
-    done = command("bench", "--peer")
+    done = command("bench", "--quic")
     assert done.status == 2
-    assert "--peers" in done.err
+    assert "--quick" in done.err

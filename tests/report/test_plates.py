@@ -2,39 +2,94 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
 
-from commonrail.report.plates import PLATES, write_plates
+from commonrail.errors import InputError
+from commonrail.report.build import draw_plates, write_report
+from commonrail.report.plates import make_plates
+from commonrail.report.reproduction import PLATES
 from tests.report.reproduction_sample import record, traces
 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture(scope="module")
-def plates(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    return write_plates(record(), traces(), tmp_path_factory.mktemp("run") / "figures")
+def plates() -> dict[str, bytes]:
+    return make_plates(record(), traces())
 
 
-def test_each_plate_is_there_as_svg_and_pdf(plates: list[Path]) -> None:
-    assert sorted(p.name for p in plates) == sorted(f"{n}.{kind}" for n in PLATES for kind in ("svg", "pdf"))
-    for path in plates:
-        if path.suffix == ".pdf":
-            text = path.read_bytes()
+def test_each_plate_is_there_as_svg_and_pdf(plates: dict[str, bytes]) -> None:
+    assert sorted(plates) == sorted(f"{n}.{kind}" for n in PLATES for kind in ("svg", "pdf"))
+    for name, text in plates.items():
+        if name.endswith(".pdf"):
             assert text.startswith(b"%PDF-")
             assert b"/Type3" not in text  # fonts are embedded as outlines that a printer can hint
 
 
 @pytest.mark.parametrize(("name", "width"), [("fig4", 84.0), ("fig5", 84.0), ("fig6", 174.0)])
-def test_a_plate_has_the_width_of_a_column_or_page(plates: list[Path], name: str, width: float) -> None:
-    root = ElementTree.parse(next(p for p in plates if p.name == f"{name}.svg")).getroot()
+def test_a_plate_has_the_width_of_a_column_or_page(plates: dict[str, bytes], name: str, width: float) -> None:
+    root = ElementTree.fromstring(plates[f"{name}.svg"])
     assert root.tag == f"{SVG}svg"
     points = float(root.attrib["width"].removesuffix("pt"))
     assert points == pytest.approx(width / 25.4 * 72.0, abs=0.1)  # printed with a tenth of a point
 
 
-def test_the_same_figures_give_the_same_bytes(plates: list[Path], tmp_path: Path) -> None:
-    again = write_plates(record(), traces(), tmp_path)
-    assert [p.read_bytes() for p in again] == [p.read_bytes() for p in plates]
+def test_the_same_figures_give_the_same_bytes(plates: dict[str, bytes]) -> None:
+    assert make_plates(record(), traces()) == plates
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """Folder of a reproduction without figures for print."""
+    (tmp_path / "reproduce.json").write_text(json.dumps(record()))
+    labels = ["experiment", *record()["labels"]]
+    lines = [",".join(["seed", "data", "time [us]", *labels])]
+    for seed, sets in traces().items():
+        for name, curves in sets.items():
+            columns = zip(curves["time_s"] * 1e6, *(curves[label] * 1e6 for label in labels), strict=True)
+            lines += [f"{seed},{name}," + ",".join("" if v != v else repr(float(v)) for v in row) for row in columns]
+    (tmp_path / "traces.csv").write_text("\n".join(lines) + "\n")
+    return tmp_path
+
+
+def test_without_matplotlib_a_sentence_names_the_extra(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "matplotlib", None)
+        sentence = draw_plates(run)
+        page = write_report(run).read_text(encoding="utf-8")
+    assert "pip install 'commonrail[plates]'" in sentence
+    assert f"`commonrail report {run}` draws them" in sentence
+    assert not (run / "figures").exists()
+    assert "For print" not in page
+    assert draw_plates(run) == ""
+    assert len(list((run / "figures").iterdir())) == 6
+    assert "figures/fig6.pdf" in write_report(run).read_text(encoding="utf-8")
+
+
+def test_a_broken_record_has_no_plates_and_says_so(run: Path) -> None:
+    broken = record()
+    del broken["convergence"]
+    (run / "reproduce.json").write_text(json.dumps(broken))
+    with pytest.raises(InputError, match="incomplete"):
+        draw_plates(run)
+
+
+def test_nothing_but_the_plates_needs_matplotlib() -> None:
+    code = """
+import importlib, pkgutil, sys
+sys.modules["matplotlib"] = None
+import commonrail
+for module in pkgutil.walk_packages(commonrail.__path__, "commonrail."):
+    if module.name not in {"commonrail.report.plates", "commonrail.engine.cuda_kernel"}:
+        importlib.import_module(module.name)
+for name in commonrail.__all__:
+    getattr(commonrail, name)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from commonrail.analysis.virtual_bench import Bench
 from commonrail.files.injector_file import load_injector
 from commonrail.files.truth_file import load_truth
 from commonrail.reproduction import paper
 from commonrail.reproduction.paper import Configuration
-from commonrail.reproduction.repetition import Bench
 from commonrail.reproduction.run import Reproduction, reproduce
 
 

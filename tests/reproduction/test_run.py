@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from commonrail.analysis.seeds import SeedProgress
+from commonrail.analysis.virtual_bench import Bench
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.study import Method, Study
@@ -17,8 +19,8 @@ from commonrail.errors import ConfigurationError, InputError
 from commonrail.files.reproduction_folder import read_reproduction, write_reproduction
 from commonrail.reproduction import paper
 from commonrail.reproduction.record import reproduction_record
-from commonrail.reproduction.repetition import LABELS, Bench, measure, search
-from commonrail.reproduction.run import Progress, Reproduction, reproduce
+from commonrail.reproduction.repetition import LABELS, measure, search
+from commonrail.reproduction.run import Reproduction, reproduce
 from commonrail.workers.interrupt import _ask
 from tests.reproduction.conftest import bench
 
@@ -145,7 +147,7 @@ def test_the_method_finds_the_truth_when_the_model_contains_it() -> None:
 
 
 def test_ctrl_c_keeps_complete_repetitions(short: Bench) -> None:
-    def stop(p: Progress) -> None:
+    def stop(p: SeedProgress) -> None:
         if p.done:
             _ask(2, None)
 

@@ -1,1 +1,1 @@
-"""What a calibrated model is worth, and what it is good for."""
+"""Worth of a calibrated model: identifiability, verification, the virtual test bench, searches over seeds."""

@@ -1,4 +1,4 @@
-"""What a measuring chain makes of a signal: limited bandwidth, noise, resolution."""
+"""Measuring chain: limited bandwidth, noise and resolution of a signal."""
 
 from __future__ import annotations
 
@@ -33,11 +33,29 @@ class Sensor:
     resolution: float = 0.0
 
     def of_means(self, signal: Floats, interval: float, rng: np.random.Generator) -> Floats:
-        """What is shown of a signal that was zero before, given as means over intervals [s]."""
+        """Shown signal of one that was zero before, given as means.
+
+        Parameters
+        ----------
+        signal : (n,)
+        interval : float
+            Length of each mean [s].
+        rng : Generator
+            Of the noise.
+        """
         return self._shown(_twice(_low_pass_of_means, signal, 0.0, self._decay(interval)), rng)
 
     def of_values(self, signal: Floats, interval: float, rng: np.random.Generator) -> Floats:
-        """What is shown of a signal that rested at its first value before, given at times `interval` [s] apart."""
+        """Shown signal of one that rested at its first value before, given as values.
+
+        Parameters
+        ----------
+        signal : (n,)
+        interval : float
+            Time between values [s].
+        rng : Generator
+            Of the noise.
+        """
         return self._shown(_twice(_low_pass_of_values, signal, float(signal[0]), self._decay(interval)), rng)
 
     def _decay(self, interval: float) -> float:

@@ -1,4 +1,4 @@
-"""What theory says without solving the model: waves in the pipe, modes of the chain, steady flow, mass balance.
+"""Closed forms beside the model: waves in the pipe, modes of the chain, steady flow, mass balance.
 
 Each function makes its case from the injector (no leakage, no friction, as the theory needs it), runs it, and
 sets the run beside a closed form or a scalar root that uses nothing of the model but the fuel's laws.
@@ -50,7 +50,16 @@ class Check(NamedTuple):
 
 
 def check(name: str, value: float, limit: float, unit: str, detail: str) -> Check:
-    """A check that passes if |value| ≤ limit; NaN does not."""
+    """Check that passes if |value| ≤ limit; NaN does not.
+
+    Parameters
+    ----------
+    name : str
+    value, limit : float
+        [unit].
+    unit, detail : str
+        Unit, and what was compared.
+    """
     return Check(name, float(value), limit, unit, bool(abs(value) <= limit), detail)
 
 

@@ -1,4 +1,4 @@
-"""Which free parameters the data pin down, near the best values."""
+"""Free parameters that the data pin down, near the best values."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arguments import array, instance
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
@@ -19,19 +20,26 @@ WIDE = 0.05  # a standard error above this share of the range does not pin a par
 
 
 def identify(calibration: Calibration, threads: int | None = None) -> dict[str, dict[str, Any]]:
-    """What the fitted data say of each free parameter; see `identify_at`."""
+    """Effect, standard error and verdict of each free parameter on the fitted data; see `identify_at`."""
     study = calibration.study
     objective = Objective(study.injector, study.space.names, of_role(study.data, Role.FIT), study.time_step, threads)
     return identify_at(study.space, objective, np.array([calibration.best[name] for name in study.space.names]))
 
 
 def identify_at(space: Space, objective: Objective, best: Floats) -> dict[str, dict[str, Any]]:
-    """What the data of an objective say of each free parameter at a point (d,), SI.
+    """Effect, standard error and verdict of each free parameter on the data of an objective, at a point.
 
     From the Jacobian J of the residuals with respect to the position in the bounds, and the residual's own
     size s² = |r|²/(N − d): a parameter moved alone has the standard error s/|J_i|, and s/|J_i⊥| once the
     others may readjust, J_i⊥ being the part of J_i that they cannot imitate. Local and linear: it says nothing
     about other basins.
+
+    Parameters
+    ----------
+    space : Space
+    objective : Objective
+    best : (d,)
+        The point, SI.
 
     Returns
     -------
@@ -39,7 +47,9 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> dict[str, d
         Per parameter: "effect" and "pinned", the root-sum-square change of the residuals for a move of 1 % of the
         range, alone and after readjustment; "standard_error" [SI]; "verdict".
     """
-    best = space.to_unit(best)
+    instance(space, Space, "space")
+    instance(objective, Objective, "objective")
+    best = space.to_unit(array(best, "1", "best values", 1))
     low, high = (
         np.clip(best - STEP * np.eye(space.dimension), 0.0, 1.0),
         np.clip(best + STEP * np.eye(space.dimension), 0.0, 1.0),

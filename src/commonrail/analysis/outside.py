@@ -60,13 +60,6 @@ class Run:
         return self.point.pulses[0].duration <= SHORT
 
 
-@dataclass(frozen=True)
-class Outside:
-    """Its runs."""
-
-    runs: tuple[Run, ...]
-
-
 class Gaps(NamedTuple):
     """An engine less the program outside: volume and L1 of the rate [%], opening [us]; no L1 without a rate."""
 
@@ -98,16 +91,23 @@ def gaps(run: Run, solution: Solution) -> Gaps:
     return Gaps(sound * 100.0 * volume, rate, sound * 1e6 * opening)
 
 
-def against_outside(outside: Outside, pool: Executor) -> list[Check]:
-    """The largest gaps of both engines, simulated by a pool of processes."""
-    checks: list[Check] = []
-    for engine, simulated in ENGINES.items():
-        checks += judged(engine, outside.runs, list(pool.map(simulated, outside.runs)))
-    return checks
+def against_outside(runs: Sequence[Run], pool: Executor) -> list[Check]:
+    """Largest gaps of both engines, simulated by a pool of processes."""
+    return [
+        one for engine, simulated in ENGINES.items() for one in judged(engine, runs, list(pool.map(simulated, runs)))
+    ]
 
 
 def judged(engine: str, runs: Sequence[Run], found: Sequence[Gaps]) -> Iterator[Check]:
-    """Checks of one engine's gaps (one per run)."""
+    """Checks of the gaps of one engine.
+
+    Parameters
+    ----------
+    engine : str
+        Its name.
+    runs, found : sequence
+        Runs, and the gaps of each.
+    """
     for short, what in ((False, "from 400 us"), (True, "short injections")):
         members = [one for run, one in zip(runs, found, strict=True) if run.short is short]
         rates = [one.rate for one in members if one.rate is not None]

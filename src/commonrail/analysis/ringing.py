@@ -18,7 +18,15 @@ Floats = NDArray[np.float64]
 
 
 def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Floats]:
-    """State after every step by dotted name, leaving waves, and "time" [s]: each (steps + 1,)."""
+    """State after every step by dotted name, leaving waves, and "time" [s]: each (steps + 1,).
+
+    Parameters
+    ----------
+    injector : Injector
+    point : OperatingPoint
+    dt : float
+        Time step [s].
+    """
     theta = plan.candidate_matrix(injector, (), np.empty((1, 0)))
     job = plan.make_job(injector, theta, [point], dt, False)
     _, trace = lanes.run_traced(job, injector.variant)
@@ -27,7 +35,17 @@ def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Fl
 
 
 def echo(time: Floats, arriving: Floats, leaving: Floats, near: float) -> float:
-    """Delay [s] after which what left comes back with its sign changed."""
+    """Delay [s] after which what left comes back with its sign changed.
+
+    Parameters
+    ----------
+    time : (n,)
+        [s].
+    arriving, leaving : (n,)
+        Waves.
+    near : float
+        Expected delay [s].
+    """
 
     def miss(delay: float) -> float:
         return float(np.sum((arriving + np.interp(time - delay, time, leaving, left=0.0)) ** 2))
@@ -39,7 +57,16 @@ def echo(time: Floats, arriving: Floats, leaving: Floats, near: float) -> float:
 
 
 def frequency(signal: Floats, dt: float, near: float) -> float:
-    """Strongest frequency [1/s] between 0.3 and 1.3 times `near`, from a windowed Fourier integral."""
+    """Strongest frequency [1/s] of a signal, from a windowed Fourier integral.
+
+    Parameters
+    ----------
+    signal : (n,)
+    dt : float
+        Time between values [s].
+    near : float
+        Expected frequency [1/s]; looked for between 0.3 and 1.3 times it.
+    """
     shaped, time = signal * np.hanning(len(signal)), dt * np.arange(len(signal))
 
     def weakness(f: float) -> float:
@@ -71,7 +98,19 @@ def chain_matrices(k: Floats, masses: Floats, joint: float) -> tuple[Floats, Flo
 def chain_frequency(
     p: plunger_needle.Parameters, seat: SeatContact, shape: Floats, mass: Floats, omega: float, periods: int = 10
 ) -> float:
-    """Angular frequency [1/s] of a small modal amplitude of the pressed chain, from its zero crossings."""
+    """Angular frequency [1/s] of a small modal amplitude of the pressed chain, from its zero crossings.
+
+    Parameters
+    ----------
+    p, seat
+        Chain and seat.
+    shape, mass : (9,)
+        Mode, and nodal masses [kg].
+    omega : float
+        Expected angular frequency [1/s].
+    periods : int
+        Simulated.
+    """
     dt = 2.0 * math.pi / omega / 200.0
     c = plunger_needle.coefficients(p, dt)
     load = Loads(-2000.0, 0.0, 0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Does the code solve the equations it states? Every claim as a check with its figure and its limit.
+"""Checks that the code solves the equations it states, each with its figure and its limit.
 
 The fast engine against the reference, which shares its laws but none of its scheme, at the points of
 `verification_cases`; its batches against its single simulations; the objective against the reported scores
@@ -18,7 +18,7 @@ import numpy as np
 
 from commonrail.analysis import closed_forms
 from commonrail.analysis.closed_forms import Check, check
-from commonrail.analysis.outside import Outside, against_outside
+from commonrail.analysis.outside import Run, against_outside
 from commonrail.analysis.scores import objective_and_scores
 from commonrail.analysis.verification_cases import Course, Task, Volume, comparisons
 from commonrail.engine.lanes import Precision
@@ -74,7 +74,7 @@ class Compared(NamedTuple):
 
 
 def compare(task: Task) -> Compared:
-    """Run both engines and tell how far apart they are.
+    """Run both engines and measure the distance between them.
 
     The rate's L1 is Σ|lanes − reference|/Σ|reference| over samples of `INTERVAL`, as a rate meter takes them.
     """
@@ -112,7 +112,7 @@ def _sensitivity(task: Task) -> float:
 
 
 def difference(fast: Solution, reference: Solution) -> Difference:
-    """How far a solution lies from the reference, both with samples at the same bounds."""
+    """Distance of a solution from the reference, both with samples at the same bounds."""
     samples = min(len(fast.mass_rate), len(reference.mass_rate))
     level = float(np.sum(np.abs(reference.mass_rate)))
     if not level > 0.0:
@@ -132,7 +132,7 @@ def verify(
     progress: Callable[[str], None] | None = None,
     processes: int | None = None,
     quick: bool = False,
-    outside: Outside | None = None,
+    outside: Sequence[Run] = (),
 ) -> list[Check]:
     """Check the fast engine against the reference and both against what is known otherwise.
 
@@ -146,7 +146,7 @@ def verify(
         Processes for the reference runs; all usable processors by default.
     quick : bool
         Fewer pressures and candidates.
-    outside : Outside, optional
+    outside : sequence of Run
         Figures of a program outside the project.
 
     Returns
@@ -165,8 +165,8 @@ def verify(
         checks = judged(tasks, found)
         tell("objective against scores")
         checks += objective_and_scores(injector)
-        if outside is not None:
-            tell(f"figures from outside: {len(outside.runs)} runs")
+        if outside:
+            tell(f"figures from outside: {len(outside)} runs")
             checks += against_outside(outside, pool)
     for form in closed_forms.ALL:
         tell(form.__name__.replace("_", " "))

@@ -8,24 +8,27 @@ the energising time that was asked for. Everything the bench gives is synthetic.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.truth import Truth
+from commonrail.arguments import instance, number, settle, whole
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import simulate_reference
+from commonrail.engine.simulate import check_step
 from commonrail.engine.solution import Solution
 from commonrail.errors import SimulationError
 from commonrail.injector.definition import Injector
 from commonrail.units import to_text
 
-__all__ = ["INTERVAL", "PAPER_OPTIMUM", "SAMPLES", "Curve", "Truth", "bench_curve"]
+__all__ = ["INTERVAL", "PAPER_OPTIMUM", "SAMPLES", "Bench", "Curve", "Truth", "bench_curve"]
 
 Floats = NDArray[np.float64]
 
-# Table 1, "optimal" [N/m]
+# Table 1 of the paper, "optimal" [N/m]
 PAPER_OPTIMUM = {
     "plunger_needle.k1": 3.03e8,
     "plunger_needle.k2": 8.26e7,
@@ -37,6 +40,33 @@ PAPER_OPTIMUM = {
 }
 
 SAMPLES, INTERVAL = 520, 3e-6  # Sec. 5: 520 samples; their spacing [s] is ours
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A hidden truth that is measured, the injector as drawn that is fitted to it, and the time step of the fit.
+
+    Attributes
+    ----------
+    truth : Truth
+    injector : Injector
+    time_step : float
+        [s].
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or the time step does not lie between 1 ns and 100 us.
+    """
+
+    truth: Truth
+    injector: Injector
+    time_step: float
+
+    def __post_init__(self) -> None:
+        instance(self.truth, Truth, "truth of the bench")
+        instance(self.injector, Injector, "injector of the bench")
+        settle(self, time_step=check_step(self.time_step))
 
 
 class Curve(NamedTuple):
@@ -63,16 +93,8 @@ class Curve(NamedTuple):
     rail: Floats
 
 
-class _Draws(NamedTuple):
-    """Random streams of one shot: deviations of the operation, the rate meter, the rail sensor."""
-
-    operation: np.random.Generator
-    rate_meter: np.random.Generator
-    rail_sensor: np.random.Generator
-
-
 def bench_curve(truth: Truth, injector: Injector, rail_pressure: float, energising_time: float, seed: int) -> Curve:
-    """One shot on the bench.
+    """Rate and inlet pressure of one shot on the virtual test bench, as its sensors show them.
 
     The same arguments give the same curve, whatever else is drawn and on however many threads.
 
@@ -91,15 +113,21 @@ def bench_curve(truth: Truth, injector: Injector, rail_pressure: float, energisi
     Raises
     ------
     ConfigurationError
-        If the truth does not fit the injector, or a deviation leaves no sensible operating point.
+        If an argument is of another kind, the truth does not fit the injector, or a deviation leaves no sensible
+        operating point.
     SimulationError
         If the truth cannot be simulated.
     """
-    key = np.random.SeedSequence((seed, round(rail_pressure)))
-    draws = _Draws(*map(np.random.default_rng, key.spawn(3)))
-    shot = _shoot(truth, injector, rail_pressure, energising_time, draws.operation)
-    rate = truth.rate_meter.of_means(shot.rate, INTERVAL, draws.rate_meter)
-    rail = truth.rail_sensor.of_values(shot.channels["inlet_pressure"], INTERVAL, draws.rail_sensor)
+    instance(truth, Truth, "truth")
+    instance(injector, Injector, "injector")
+    rail_pressure = number(rail_pressure, "Pa", "rail pressure")
+    energising_time = number(energising_time, "s", "energising time")
+    seed = whole(seed, "seed")
+    streams = np.random.SeedSequence((seed, round(rail_pressure))).spawn(3)
+    operation, rate_meter, rail_sensor = map(np.random.default_rng, streams)
+    shot = _shoot(truth, injector, rail_pressure, energising_time, operation)
+    rate = truth.rate_meter.of_means(shot.rate, INTERVAL, rate_meter)
+    rail = truth.rail_sensor.of_values(shot.channels["inlet_pressure"], INTERVAL, rail_sensor)
     return Curve(rail_pressure, shot.time[1:], rate, shot.time[1:], rail[1:])
 
 

@@ -1,1 +1,1 @@
-"""Time beside accuracy: commonrail's own methods and other people's on the same equations, in one record."""
+"""Time beside accuracy of commonrail's methods on one machine, in one record."""

@@ -1,4 +1,4 @@
-"""How wrong a simulation is, judged by a much finer one."""
+"""Errors of a simulation against a much finer one."""
 
 from __future__ import annotations
 
@@ -69,6 +69,14 @@ def lane_errors(time_step: float, precision: Precision, others: int) -> list[Err
     """Errors of the lanes: of the case, then of the first `others` candidates of the benchmark's population.
 
     Each is judged by the explicit scheme at its usual resolution; samples are some 3 us long, whole numbers of steps.
+
+    Parameters
+    ----------
+    time_step : float
+        [s].
+    precision : Precision
+    others : int
+        Candidates.
     """
     interval = time_step * max(round(INTERVAL / time_step), 1)
     found = []

@@ -1,4 +1,4 @@
-"""What is measured: the injector of the paper at 160 MPa, and the paper's study on synthetic data."""
+"""The case that is measured: the injector of the paper at 160 MPa, and the paper's study on synthetic data."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.analysis.virtual_bench import Bench
 from commonrail.calibration.study import Method, Study
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.files.injector_file import load_injector
@@ -14,7 +15,7 @@ from commonrail.files.truth_file import load_truth
 from commonrail.injector.definition import Injector
 from commonrail.kinds import RateData
 from commonrail.reproduction import paper
-from commonrail.reproduction.repetition import Bench, measure
+from commonrail.reproduction.repetition import measure
 
 __all__ = ["CASE", "INJECTOR", "INTERVAL", "LONG_STEP", "POINT", "TIME_STEP", "candidates", "injector", "paper_study"]
 

@@ -1,18 +1,16 @@
-"""What the machine is and what commonrail made of it, fact by fact, each with what to do if it is not well."""
+"""Facts about the machine and what commonrail made of it, each with its cure."""
 
 from __future__ import annotations
 
-import json
 import os
 import platform
-import subprocess
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail import kernel_cache
-from commonrail.bench.child import reason, run_child
+from commonrail.bench.child import ask_child
 from commonrail.bench.machine import busy, instruction_sets, load, processor, version
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.simulate import usable_threads
@@ -27,12 +25,12 @@ BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
 EXTRAS = {
     "distributed": ("distributed", "to calibrate on a cluster", "pip install 'commonrail[cluster]'"),
     "pyarrow": ("pyarrow", "for Parquet tables of fleets", "pip install 'commonrail[fleet]'"),
-    "sksundae": ("scikit-sundae", "for `commonrail bench --peers`", "pip install 'commonrail[bench]'"),
+    "matplotlib": ("matplotlib", "for figures for print", "pip install 'commonrail[plates]'"),
 }
 
 
 class Fact(NamedTuple):
-    """One line: what is looked at, what was found, "ok" or what to do, and whether one cannot do without it."""
+    """One line: name, finding, "ok" or what to do, and whether one cannot do without it."""
 
     name: str
     value: str
@@ -49,7 +47,7 @@ def examine() -> Iterator[Fact]:
 
 
 def usable(facts: list[Fact]) -> bool:
-    """Whether nothing essential is amiss."""
+    """True if nothing essential is amiss."""
     return all(fact.verdict == OK for fact in facts if fact.essential)
 
 
@@ -103,8 +101,8 @@ def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fac
 
 
 def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fact]:
-    """Whether the paper's injector loads from the cache in a fresh process, and whether its simulation makes sense."""
-    probe = run or _first_simulation
+    """First simulation of the paper's injector in a fresh process: from the cache or not, and plausible or not."""
+    probe = run or (lambda: ask_child("commonrail.bench.kernel_probe", [], PATIENCE))
     first = probe()
     if "failed" in first:
         yield Fact("first simulation", "failed", f"Nothing can be simulated: {first['failed']}.", True)
@@ -125,7 +123,7 @@ def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fa
 
 
 def self_check(found: dict[str, Any]) -> Fact:
-    """Whether mass is conserved and the quantity is that of the paper's injector."""
+    """Check that mass is conserved and the quantity is that of the paper's injector."""
     volume, balance = found["volume"], found["balance"]
     if volume is None or balance is None:
         value, sound = found["status"], False
@@ -137,7 +135,7 @@ def self_check(found: dict[str, Any]) -> Fact:
 
 
 def extra_facts(find: Callable[[str], object | None] = find_spec) -> Iterator[Fact]:
-    """What is optional."""
+    """Optional packages, and the CUDA device."""
     for module, (package, purpose, install) in EXTRAS.items():
         if find(module) is None:
             yield Fact(package, "not installed", f"Only needed {purpose}: {install}.")
@@ -151,17 +149,6 @@ def _vectors(sets: list[str]) -> str:
     if platform.machine().lower() in ("x86_64", "amd64") and "avx2" not in sets:
         return "Without AVX2 simulations take several times as long; on a virtual machine, hand the processor through."
     return OK
-
-
-def _first_simulation() -> dict[str, Any]:
-    try:
-        done = run_child("commonrail.bench.kernel_probe", [], PATIENCE)
-    except subprocess.TimeoutExpired:
-        return {"failed": f"not done within {PATIENCE:g} s"}
-    if done.returncode != 0:
-        return {"failed": reason(done)}
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
 
 
 def _cuda_device(find: Callable[[str], object | None]) -> str:

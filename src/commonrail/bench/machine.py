@@ -1,4 +1,4 @@
-"""What the machine is: processor, instruction sets, threads, memory, load, versions."""
+"""The machine: processor, instruction sets, threads, memory, load, versions."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from commonrail.engine.simulate import usable_threads
 __all__ = ["FEATURES", "busy", "instruction_sets", "load", "machine", "processor", "version"]
 
 FEATURES = ("sse2", "avx", "avx2", "fma", "avx512f", "avx512vl", "neon", "sve")
-PACKAGES = ("commonrail", "numpy", "scipy", "numba", "llvmlite", "scikit-sundae", "pymoo", "cma")
+PACKAGES = ("commonrail", "numpy", "scipy", "numba", "llvmlite")
 BUSY = 0.5  # load for each core above which timings are not to be trusted
 
 
 def machine() -> dict[str, Any]:
-    """All of it, for the record."""
+    """Everything here, for the record."""
     return {
         "processor": processor(),
         "system": f"{platform.system()} {platform.machine()}",

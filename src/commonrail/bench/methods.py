@@ -1,26 +1,33 @@
-"""One simulation by every method: time, errors against the tight reference, evaluations of the right-hand side."""
+"""One simulation by each of commonrail's own methods: time, and errors against the tight reference."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from commonrail.bench.accuracy import Truth, errors
 from commonrail.bench.case import INTERVAL, POINT, candidates, injector
-from commonrail.bench.peers import Counted, CvodeModel, PeerModel, ScipyMethod, ScipyModel, solve_with
 from commonrail.bench.timing import CLOCKS, Clocks, Effort, time_best
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
+from commonrail.engine.solution import Solution
 from commonrail.reproduction import paper
 
-__all__ = ["LANES", "Method", "measure_methods", "own_methods", "peer_methods", "right_hand_side"]
+__all__ = ["COARSE", "LANES", "MEDIUM", "Counted", "Method", "measure_methods", "own_methods"]
 
 LANES = "lanes"  # family of what the ratios are taken to
 FULL = 512  # candidates that fill the lanes of one core
 COARSE = Resolution((60, 30), 1e-4)
 MEDIUM = Resolution((120, 60), 1e-5)
+
+
+class Counted(NamedTuple):
+    """A simulation and how often it evaluated the right-hand side; 0 where evaluations are not counted."""
+
+    solution: Solution
+    evaluations: int
 
 
 class Method(NamedTuple):
@@ -30,7 +37,7 @@ class Method(NamedTuple):
     ----------
     name, family : str
     run : function
-        Simulates and counts evaluations (0 where nobody counts).
+        Simulates, and counts evaluations.
     timed : function, optional
         What is timed in place of `run`.
     simulations : int
@@ -60,23 +67,19 @@ def own_methods(quick: bool) -> list[Method]:
     ]
 
 
-def peer_methods() -> list[Method]:
-    """SciPy's solvers and CVODE, each at two resolutions."""
-    made = [
-        _peer(f"SciPy {name}", "SciPy", "scipy", ScipyModel, resolution, name)
-        for name in get_args(ScipyMethod)
-        for resolution in (COARSE, MEDIUM)
-    ]
-    sundials = [
-        _peer("SUNDIALS CVODE", "SUNDIALS", "sksundae", CvodeModel, resolution) for resolution in (COARSE, MEDIUM)
-    ]
-    return made + sundials
-
-
 def measure_methods(
     methods: list[Method], truth: Truth, effort: Effort, clocks: Clocks = CLOCKS
 ) -> Iterator[dict[str, Any]]:
-    """Measure methods one by one; the first is what the others' times are compared with.
+    """Measure methods one by one.
+
+    Parameters
+    ----------
+    methods : list of Method
+        The first is what the others' times are compared with.
+    truth : Truth
+    effort : Effort
+        Length of each timing.
+    clocks : Clocks
 
     Yields
     ------
@@ -105,35 +108,6 @@ def measure_methods(
         }
 
 
-def right_hand_side(clocks: Clocks = CLOCKS) -> list[dict[str, float]]:
-    """What one evaluation costs at each of the peers' resolutions: compiled, and called back from Python [s].
-
-    A method's evaluations times the first are what it could not go below, were its solver all machine code.
-    """
-    found = []
-    for resolution in (COARSE, MEDIUM):
-        model = ScipyModel(injector(), POINT, resolution)
-        y, dy = model.start.copy(), np.empty_like(model.start)
-        arguments = (y, model.outside, model.constants, model.cells, model.friction, dy)
-        compiled = getattr(model.rates, "compiled", model.rates)
-        bare = _each(lambda k=compiled, a=arguments: k(*a), clocks)  # type: ignore[misc]
-        called_back = _each(lambda m=model, y=y: m.slopes(0.0, y), clocks)  # type: ignore[misc]
-        cells = float(resolution.cells[0])
-        found.append({"cells": cells, "compiled_seconds": bare, "from_python_seconds": called_back})
-    return found
-
-
-def _each(action: Callable[[], Any], clocks: Clocks) -> float:
-    many = range(2000)  # fewer in all than a simulation may take
-
-    def run() -> None:
-        for _ in many:
-            action()
-
-    run()
-    return time_best(run, Effort(5, 1.0), clocks).seconds / len(many)
-
-
 def _finite(figures: dict[str, float]) -> dict[str, float | None]:
     return {name: value if np.isfinite(value) else None for name, value in figures.items()}
 
@@ -160,12 +134,3 @@ def _reference(resolution: Resolution) -> Method:
     if resolution.method == "lsoda":
         name = f"reference (LSODA), rtol {resolution.relative:g}, {resolution.cells[0]} cells"
     return Method(name, "reference", lambda: Counted(simulate_reference(injector(), POINT, INTERVAL, resolution), 0))
-
-
-def _peer(
-    name: str, family: str, needs: str, kind: Callable[..., PeerModel], resolution: Resolution, *options: str
-) -> Method:
-    def run() -> Counted:
-        return solve_with(kind(injector(), POINT, resolution, *options), INTERVAL)
-
-    return Method(f"{name}, rtol {resolution.relative:g}, {resolution.cells[0]} cells", family, run, needs=needs)

@@ -1,14 +1,15 @@
-"""Record of a benchmark as tables for a person."""
+"""Record of a benchmark as tables and sentences for a person."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from statistics import median
 from typing import Any, NamedTuple
 
-__all__ = ["Grid", "grids", "sentences"]
+__all__ = ["TABLES", "Columns", "Grid", "Make", "column", "grids", "number", "sentences", "tabulated", "words"]
 
 Row = dict[str, Any]
+Columns = tuple[tuple[str, Callable[[Row], str]], ...]  # head, and a row's text below it
 
 
 class Grid(NamedTuple):
@@ -20,9 +21,43 @@ class Grid(NamedTuple):
     texts: int = 1
 
 
-def grids(record: Row) -> Iterator[Grid]:
-    """The tables of those parts that were measured."""
-    for key, make in _TABLES.items():
+Make = Callable[[Sequence[Row]], Grid]
+
+
+def number(value: float | None) -> str:
+    """Three digits, whole numbers from a thousand."""
+    if value is None:
+        return "failed"
+    return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+
+
+def column(key: str, factor: float = 1.0) -> Callable[[Row], str]:
+    """Numbers of a key, times a factor."""
+    return lambda row: number(None if row[key] is None else factor * row[key])
+
+
+def words(key: str) -> Callable[[Row], str]:
+    """Texts of a key."""
+    return lambda row: str(row[key])
+
+
+def tabulated(title: str, columns: Columns, texts: int = 1) -> Make:
+    """Table with a line for each row of a record.
+
+    Parameters
+    ----------
+    title : str
+    columns : sequence of (head, function of a row)
+    texts : int
+        Number of first columns that hold words.
+    """
+    heads, cells = zip(*columns, strict=True)
+    return lambda rows: Grid(title, heads, [tuple(cell(row) for cell in cells) for row in rows], texts)
+
+
+def grids(record: Row, tables: Mapping[str, Make] | None = None) -> Iterator[Grid]:
+    """Tables of those parts that were measured; `tables` by default are those of commonrail's own methods."""
+    for key, make in (TABLES if tables is None else tables).items():
         if record.get(key):
             yield make(record[key])
 
@@ -42,39 +77,25 @@ def sentences(record: Row) -> list[str]:
     return said
 
 
-def _methods(rows: Sequence[Row]) -> Grid:
-    heads = ("method", "ms", "runs", "evaluations", "L1 error %", "volume error %", "times the first")
-    made = [
-        (
-            row["method"],
-            _number(1e3 * row["seconds"]),
-            str(row["runs"]),
-            str(row["evaluations"] or ""),
-            _number(row["L1_percent"]),
-            _number(row["volume_percent"]),
-            _number(row["times_the_first"]),
-        )
-        for row in rows
-    ]
-    return Grid("One simulation", heads, made)
-
-
-def _throughput(rows: Sequence[Row]) -> Grid:
-    made = [
-        (
-            str(row["candidates"]),
-            str(row["threads"]),
-            row["precision"],
-            _number(1e6 * row["time_step"]),
-            _number(1e3 * row["seconds"]),
-            _number(row["per_second"]),
-            _number(row["L1_percent"]),
-            _number(row["worst_L1_percent"]),
-        )
-        for row in rows
-    ]
-    heads = ("candidates", "threads", "precision", "step us", "ms", "per second", "L1 error %", "worst L1 error %")
-    return Grid("Populations at one operating point", heads, made, 0)
+_METHODS: Columns = (
+    ("method", words("method")),
+    ("ms", column("seconds", 1e3)),
+    ("runs", words("runs")),
+    ("evaluations", lambda row: str(row["evaluations"] or "")),
+    ("L1 error %", column("L1_percent")),
+    ("volume error %", column("volume_percent")),
+    ("times the first", column("times_the_first")),
+)
+_THROUGHPUT: Columns = (
+    ("candidates", words("candidates")),
+    ("threads", words("threads")),
+    ("precision", words("precision")),
+    ("step us", column("time_step", 1e6)),
+    ("ms", column("seconds", 1e3)),
+    ("per second", column("per_second")),
+    ("L1 error %", column("L1_percent")),
+    ("worst L1 error %", column("worst_L1_percent")),
+)
 
 
 def _searches(rows: Sequence[Row]) -> Grid:
@@ -88,7 +109,7 @@ def _searches(rows: Sequence[Row]) -> Grid:
                 name,
                 package,
                 str(len(own)),
-                _number(median(row["seconds"] for row in own)),
+                number(median(row["seconds"] for row in own)),
                 f"{median(row['simulations'] for row in own):.0f}",
                 f"{median(found):.2f}",
                 f"{max(found):.2f}",
@@ -97,50 +118,8 @@ def _searches(rows: Sequence[Row]) -> Grid:
     return Grid("The paper's calibration, 50 members, 70 generations, on synthetic data", heads, made, 2)
 
 
-def _extrapolated(rows: Sequence[Row]) -> Grid:
-    made = [
-        (row["optimiser"], str(row["measured_simulations"]), str(row["simulations"]), _number(row["seconds"]))
-        for row in rows
-    ]
-    title = "The same by scalar solvers on one core: EXTRAPOLATED from the simulations measured"
-    return Grid(title, ("optimiser", "measured", "of simulations", "s"), made)
-
-
-def _curve(title: str, key: str, factor: float = 1.0) -> Callable[[Sequence[Row]], Grid]:
-    def make(rows: Sequence[Row]) -> Grid:
-        made = [
-            (_number(factor * row[key]), _number(row["seconds"]), _number(row["per_second"]), str(row["threads"]))
-            for row in rows
-        ]
-        return Grid(title, (title.lower(), "s", "simulations per second", "threads"), made, 0)
-
-    return make
-
-
-def _candidates(rows: Sequence[Row]) -> Grid:
-    made = []
-    for row in rows:
-        if "failed" in row:
-            made.append((str(row["candidates"]), row["failed"], "", ""))
-            continue
-        peak = "" if row["peak_bytes"] is None else _number(row["peak_bytes"] / 1e6)
-        made.append((str(row["candidates"]), _number(row["seconds"]), _number(row["per_second"]), peak))
-    return Grid("Candidates", ("candidates", "s", "per second", "greatest memory, MB"), made, 0)
-
-
-def _number(value: float | None) -> str:
-    if value is None:
-        return "failed"
-    return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
-
-
-_TABLES: dict[str, Callable[[Sequence[Row]], Grid]] = {
-    "methods": _methods,
-    "throughput": _throughput,
+TABLES: dict[str, Make] = {
+    "methods": tabulated("One simulation", _METHODS),
+    "throughput": tabulated("Populations at one operating point", _THROUGHPUT, 0),
     "searches": _searches,
-    "extrapolated": _extrapolated,
-    "points": _curve("Operating points", "points"),
-    "horizon": _curve("Horizon ms", "horizon", 1e3),
-    "threads": _curve("Threads", "threads"),
-    "candidates": _candidates,
 }

@@ -1,45 +1,28 @@
-"""The whole benchmark: stage by stage into one record, which is complete as far as it got when it is stopped."""
+"""The benchmark: stage by stage into one record, which is complete as far as it got when it is stopped."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
-from importlib.util import find_spec
 from typing import Any, NamedTuple
 
-from commonrail.bench import curves
 from commonrail.bench.accuracy import find_truth
 from commonrail.bench.case import CASE, injector
 from commonrail.bench.machine import busy, load, machine
-from commonrail.bench.methods import measure_methods, own_methods, peer_methods, right_hand_side
-from commonrail.bench.searches import OPTIMISERS, measure_search, reference_searches
+from commonrail.bench.methods import Method, measure_methods, own_methods
+from commonrail.bench.searches import OWN, Optimiser, measure_search
 from commonrail.bench.throughput import COUNTS, TIME_STEPS, measure_throughput
 from commonrail.bench.timing import Effort
 from commonrail.engine.lanes import Precision
 from commonrail.engine.simulate import usable_threads
 
-__all__ = ["EXTRA", "PACKAGES", "Options", "Stage", "missing_peers", "run_bench", "stages"]
+__all__ = ["Stage", "effort", "run_bench", "stages"]
 
-EXTRA = "pip install 'commonrail[bench]'"
-PACKAGES = {"sksundae": "SUNDIALS CVODE (scikit-sundae)", "pymoo": "pymoo", "cma": "pycma"}
 SEEDS = (1, 2, 3, 4, 5)
 LOAD_NOTE = (
     "The machine was busy with other work (a load of {load:.1f} or more on {threads} threads): "
     "times are too long, and ratios of them uncertain."
 )
-
-
-class Options(NamedTuple):
-    """What is wanted beyond commonrail's own methods."""
-
-    peers: bool = False
-    curves: bool = False
-    quick: bool = False
-
-    @property
-    def effort(self) -> Effort:
-        """How long each timing goes on."""
-        return Effort(3, 0.3) if self.quick else Effort(100, 2.0)
 
 
 class Stage(NamedTuple):
@@ -51,25 +34,29 @@ class Stage(NamedTuple):
     measure: Callable[[], Iterator[dict[str, Any]]]
 
 
-def missing_peers(found: Callable[[str], object | None] = find_spec) -> list[dict[str, str]]:
-    """Peers that are not installed, and how to install them."""
-    return [{"peer": name, "install": EXTRA} for module, name in PACKAGES.items() if found(module) is None]
+def effort(quick: bool) -> Effort:
+    """Length of each timing."""
+    return Effort(3, 0.3) if quick else Effort(100, 2.0)
 
 
 def run_bench(
-    options: Options,
+    planned: Sequence[Stage],
     tell: Callable[[str, int, int], None] | None = None,
-    planned: Callable[[Options], list[Stage]] | None = None,
+    *,
+    options: dict[str, bool],
+    missing: Sequence[dict[str, str]] = (),
 ) -> dict[str, Any]:
     """Measure.
 
     Parameters
     ----------
-    options : Options
+    planned : sequence of Stage
     tell : function of (title, rows done, rows in all), optional
         Told after every row.
-    planned : function, optional
-        Other stages.
+    options : dict
+        Kept in the record.
+    missing : sequence of dict
+        What was not installed ("peer") and how to install it ("install").
 
     Returns
     -------
@@ -83,15 +70,15 @@ def run_bench(
         "kind": "bench",
         "status": "finished",
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "options": options._asdict(),
+        "options": options,
         "case": CASE,
         "synthetic": f"SYNTHETIC: {injector().synthetic} The curve of the searches is the virtual test bench's.",
         "timing": "wall time, the shortest of several runs after one that is not counted; processor time beside it",
         "machine": machine(),
-        "missing": missing_peers() if options.peers else [],
+        "missing": list(missing),
     }
     try:
-        for stage in (planned or stages)(options):
+        for stage in planned:
             rows = record.setdefault(stage.key, [])
             if tell:
                 tell(stage.title, 0, stage.rows)
@@ -107,49 +94,35 @@ def run_bench(
     return record
 
 
-def stages(options: Options) -> list[Stage]:
-    """What is measured, in order."""
-    present = {module for module in PACKAGES if find_spec(module) is not None} | {"commonrail", "scipy", ""}
-    methods = own_methods(options.quick)
-    if options.peers:
-        methods += [m for m in peer_methods() if m.needs in present]
-    optimisers = [o for o in OPTIMISERS if o.module in present and (options.peers or o.module == "commonrail")]
-    seeds = SEEDS[:1] if options.quick else SEEDS
-    effort = options.effort
+def stages(quick: bool, methods: Sequence[Method] = (), optimisers: Sequence[Optimiser] = ()) -> list[Stage]:
+    """Stages of commonrail's own methods, in order.
+
+    Parameters
+    ----------
+    quick : bool
+        Shorter timings and fewer rows.
+    methods, optimisers : sequence, optional
+        Others to be measured behind them.
+    """
+    methods = [*own_methods(quick), *methods]
+    optimisers = [OWN, *optimisers]
+    seeds = SEEDS[:1] if quick else SEEDS
     truths: list[dict[str, Any]] = []
 
     def judged() -> Iterator[dict[str, Any]]:
         truth = find_truth()
         truths.append(truth.record())
-        yield from measure_methods(methods, truth, effort)
+        yield from measure_methods(methods, truth, effort(quick))
 
     populations = len(Precision) * len(TIME_STEPS) * len(COUNTS) * len({1, usable_threads()})
-    planned = [
+    return [
         Stage("methods", "one simulation by every method", len(methods), judged),
         Stage("truth", "the reference they are judged by", 1, lambda: iter(truths)),
-        Stage("throughput", "populations", populations, lambda: measure_throughput(effort)),
+        Stage("throughput", "populations", populations, lambda: measure_throughput(effort(quick))),
         Stage(
             "searches",
             "the paper's calibration",
             len(optimisers) * len(seeds),
-            lambda: (measure_search(o, seed, None) for seed in seeds for o in optimisers),
+            lambda: (measure_search(o, seed) for seed in seeds for o in optimisers),
         ),
-    ]
-    if options.peers:
-        planned += [
-            Stage("right_hand_side", "the right-hand side", 2, lambda: iter(right_hand_side())),
-            Stage("extrapolated", "searches by scalar solvers, a part of them", 3, reference_searches),
-        ]
-    return planned + (_curves(options.quick, effort) if options.curves else [])
-
-
-def _curves(quick: bool, effort: Effort) -> list[Stage]:
-    counts = curves.CANDIDATES[:4] if quick else curves.CANDIDATES
-    points, horizons = (curves.POINTS[:3], curves.HORIZONS[:3]) if quick else (curves.POINTS, curves.HORIZONS)
-    threads = usable_threads()
-    return [
-        Stage("points", "operating points", len(points), lambda: curves.point_curve(points, effort)),
-        Stage("horizon", "horizons", len(horizons), lambda: curves.horizon_curve(horizons, effort)),
-        Stage("threads", "threads", threads.bit_length(), lambda: curves.thread_curve(threads, effort)),
-        Stage("candidates", "candidates and memory", len(counts), lambda: curves.population_curve(counts, effort)),
     ]

@@ -1,4 +1,4 @@
-"""How many candidates a second the lanes simulate, on one core and on all."""
+"""Candidates per second that the lanes simulate, on one core and on all."""
 
 from __future__ import annotations
 
@@ -25,11 +25,19 @@ def measure_throughput(effort: Effort, clocks: Clocks = CLOCKS, judged: int = JU
 
     What does not depend on the candidates is prepared once, as it is for the generations of a search.
 
+    Parameters
+    ----------
+    effort : Effort
+        Length of each timing.
+    clocks : Clocks
+    judged : int
+        Candidates whose error is looked at.
+
     Yields
     ------
     dict
         candidates, threads, precision, time_step, seconds, cpu_seconds, runs, per_second (candidates), L1_percent of
-        the case, and worst_L1_percent of it and of `judged` candidates.
+        the case, and worst_L1_percent of it and of the judged candidates.
     """
     for precision in Precision:
         for step in TIME_STEPS:

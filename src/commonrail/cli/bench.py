@@ -1,8 +1,9 @@
-"""commonrail bench: time beside accuracy, commonrail's methods and others' on the same equations."""
+"""commonrail bench: time beside accuracy of commonrail's methods on this machine."""
 
 from __future__ import annotations
 
 import json as json_text
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,17 +16,17 @@ from commonrail.cli.output import check_file
 from commonrail.cli.progress import Bar, Stage
 
 if TYPE_CHECKING:
-    from commonrail.bench.run import Options
+    from collections.abc import Callable
 
-__all__ = ["bench"]
+    from commonrail.bench.record import Make
+
+__all__ = ["MEASURING", "bench", "show", "told"]
+
+MEASURING = "measuring; leave the machine alone meanwhile"
 
 
 def bench(
     *,
-    peers: Annotated[bool, typer.Option("--peers", help="Also other solvers and optimisers, those installed.")] = False,
-    curves: Annotated[
-        bool, typer.Option("--curves", help="Also time and memory against candidates, points, horizon, threads.")
-    ] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Shorter timings and fewer rows.")] = False,
     out: Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write the record to this file.")] = None,
     json: Json = False,
@@ -33,43 +34,52 @@ def bench(
     """Measure time and accuracy of simulations and searches here.
 
     Every method solves the same equations; its errors against a much finer reference stand beside its
-    time. Nothing passes or fails. Ctrl-C ends it with what was measured so far, status 130.
+    time. Nothing passes or fails. Ctrl-C ends it with what was measured so far, status 130. Other
+    solvers and optimisers are measured beside them from a clone of the repository: make bench.
 
     \b
     Example:
-      commonrail bench --quick
-      commonrail bench --peers --curves --out bench.json
+      commonrail bench --quick --out bench.json
     """
-    from commonrail.bench.run import Options
+    from commonrail.bench.run import run_bench, stages
 
     check_file(out, "--out")
-    record = _measure(Options(peers, curves, quick))
-    if out is not None:
-        from commonrail.files.atomic import write_text
+    with Bar(MEASURING) as bar:
+        record = run_bench(stages(quick), told(bar), options={"quick": quick})
+    show(record, out, json)
 
+
+def told(bar: Bar) -> Callable[[str, int, int], None]:
+    """Progress of a benchmark on a bar."""
+    return lambda title, done, total: bar.show(Stage(title, done, total, ""))
+
+
+def show(record: dict[str, Any], out: Path | None, json: bool, tables: Mapping[str, Make] | None = None) -> None:
+    """Write a record, print it as JSON or as tables, and end with status 130 if it was interrupted.
+
+    Parameters
+    ----------
+    record : dict
+    out : Path or None
+        File for the record.
+    json : bool
+    tables : mapping, optional
+        Of the record's parts; those of commonrail's own methods by default.
+    """
+    from commonrail.bench.record import grids, sentences
+    from commonrail.files.atomic import write_text
+
+    if out is not None:
         write_text(out, json_text.dumps(record, indent=1, allow_nan=False) + "\n")
     if json:
         print_json(record)
     else:
-        _print(record)
+        for grid in grids(record, tables):
+            print_rows(grid.heads, grid.rows, grid.title, texts=grid.texts)
+        for sentence in sentences(record):
+            typer.echo(sentence)
     if out is not None:
         say(f"record: {out}")
     if record["status"] == "interrupted":
         say("commonrail: interrupted; what was measured so far is above.")
         raise typer.Exit(INTERRUPTED)
-
-
-def _measure(options: Options) -> dict[str, Any]:
-    from commonrail.bench.run import run_bench
-
-    with Bar("measuring; leave the machine alone meanwhile") as bar:
-        return run_bench(options, lambda title, done, total: bar.show(Stage(title, done, total, "")))
-
-
-def _print(record: dict[str, Any]) -> None:
-    from commonrail.bench.record import grids, sentences
-
-    for grid in grids(record):
-        print_rows(grid.heads, grid.rows, grid.title, texts=grid.texts)
-    for sentence in sentences(record):
-        typer.echo(sentence)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from commonrail.cli.console import print_json
+from commonrail.cli.console import print_json, say
 from commonrail.cli.options import Json
 from commonrail.errors import InputError
 
@@ -28,13 +28,16 @@ def report(
       commonrail report runs/paper-1
     """
     from commonrail.fleet.results import RECORD
-    from commonrail.report.build import write_report
+    from commonrail.report.build import draw_plates, write_report
 
     if (run / RECORD).is_file():
         raise InputError(
             f"{run}: this is the folder of a fleet; `commonrail fleet FLEET --out {run}` makes its report."
         )
+    lacking = draw_plates(run)
     path = write_report(run)
+    if lacking:
+        say(lacking)
     if json:
         print_json({"kind": "report", "report": str(path)})
     else:

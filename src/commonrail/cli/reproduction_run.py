@@ -6,12 +6,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from commonrail.cli.console import say
 from commonrail.cli.progress import Bar, Stage
 from commonrail.cli.study_run import Outcome
 from commonrail.files.atomic import writing
 
 if TYPE_CHECKING:
-    from commonrail.reproduction.run import Progress
+    from commonrail.analysis.seeds import SeedProgress
 
 __all__ = ["run_reproduction"]
 
@@ -28,15 +29,13 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     SimulationError
         If the truth cannot be simulated; the empty folder is taken away again.
     """
+    from commonrail.analysis.virtual_bench import Bench
     from commonrail.files.injector_file import load_injector
-    from commonrail.files.reproduction_folder import read_reproduction, write_reproduction
+    from commonrail.files.reproduction_folder import write_reproduction
     from commonrail.files.run_folder import create_run_folder
     from commonrail.files.truth_file import load_truth
-    from commonrail.report.build import write_report
-    from commonrail.report.plates import write_plates
-    from commonrail.report.reproduction import PLATE_FOLDER
+    from commonrail.report.build import draw_plates, write_report
     from commonrail.reproduction.record import reproduction_record
-    from commonrail.reproduction.repetition import Bench
     from commonrail.reproduction.run import reproduce
     from commonrail.workers.interrupt import held_interrupts
 
@@ -55,9 +54,11 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
                 folder.rmdir()  # only if nothing was written
             raise
         with writing(folder):
-            write_plates(*read_reproduction(folder), folder / PLATE_FOLDER)
+            lacking = draw_plates(folder)
+        if lacking:
+            say(lacking)
         return Outcome(folder, write_report(folder), record)
 
 
-def _stage(p: Progress) -> Stage:
+def _stage(p: SeedProgress) -> Stage:
     return Stage("generations", p.generation, p.generations, f"{p.done} of {p.seeds} repetitions")

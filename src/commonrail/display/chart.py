@@ -1,14 +1,21 @@
-"""What a figure is, as plain numbers: panels of series over a common axis. `draw` turns it into a picture."""
+"""Figures as plain numbers: panels of series over a common axis. `draw` turns it into a picture."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-__all__ = ["BOTH", "LINES", "MARKERS", "Band", "Boxes", "Figure", "Panel", "Points", "Series"]
+__all__ = ["BOTH", "LINES", "MARKERS", "Band", "Boxes", "Figure", "Panel", "Points", "Series", "points"]
 
 Points = tuple[float | None, ...]
 
 LINES, MARKERS, BOTH = "lines", "markers", "lines+markers"
+
+
+def points(values: Iterable[float]) -> Points:
+    """Coordinates of a series; what is not finite is a gap."""
+    return tuple(float(v) if math.isfinite(v) else None for v in values)
 
 
 @dataclass(frozen=True)

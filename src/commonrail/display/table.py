@@ -40,6 +40,9 @@ class Table:
     texts: int = 1
 
 
+Column = tuple[str, str | Callable[[Any], str | Cell]]
+
+
 class Part(NamedTuple):
     """Columns of a table next to one another: their heads, and the cells that a row has in them."""
 
@@ -64,6 +67,28 @@ def table_of(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str =
     found = ((cell for part in parts for cell in part.cells(row)) for row in rows)
     cells = tuple(tuple(cell if isinstance(cell, Cell) else Cell(cell) for cell in row) for row in found)
     return Table(title, heads, cells, note, texts)
+
+
+def tabulated(title: str, rows: Iterable[Any], columns: Sequence[Column], note: str = "", texts: int = 1) -> Table:
+    """Table of any rows, column by column.
+
+    Parameters
+    ----------
+    title : str
+    rows : iterable
+        What the columns read, such as parts of a record.
+    columns : sequence of (str, str or function)
+        Head, and the key of a row or what makes its text or cell.
+    note : str
+    texts : int
+        Number of columns that are words.
+    """
+
+    def cell(row: Any, text: str | Callable[[Any], str | Cell]) -> str | Cell:
+        return str(row[text]) if isinstance(text, str) else text(row)
+
+    heads = [head for head, _ in columns]
+    return table_of(title, rows, [Part(heads, lambda row: (cell(row, text) for _, text in columns))], note, texts)
 
 
 def size_of(error: float | None, steps: Sequence[float]) -> str:

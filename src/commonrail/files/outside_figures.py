@@ -9,7 +9,7 @@ from importlib import resources
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.outside import INTERVAL, Outside, Run
+from commonrail.analysis.outside import INTERVAL, Run
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.files.injector_file import load_injector
@@ -20,7 +20,7 @@ _FOLDER = resources.files("commonrail.analysis") / "outside_figures"
 _STIFFNESS: Mapping[str, Mapping[str, float]] = {"theoretical": {}, "optimal": PAPER_OPTIMUM}  # of runs.csv
 
 
-def load_outside() -> Outside:
+def load_outside() -> tuple[Run, ...]:
     """Read the runs with their injectors, points and, where there are some, rates."""
     with resources.as_file(_FOLDER / "injector.toml") as path:
         theoretical = load_injector(path)
@@ -39,7 +39,7 @@ def load_outside() -> Outside:
                 rates.get(f"{row['stiffness']} {rail:g} {energising:g}"),
             )
         )
-    return Outside(tuple(runs))
+    return tuple(runs)
 
 
 def _rates() -> dict[str, NDArray[np.float64]]:

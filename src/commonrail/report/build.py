@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,27 +16,30 @@ from commonrail.arguments import file_path
 from commonrail.display.chart import Figure
 from commonrail.display.text import duration, significant
 from commonrail.errors import InputError
-from commonrail.files.atomic import write_text
+from commonrail.files.atomic import replacing, write_text, writing
 from commonrail.files.comparison_folder import COMPARISON, read_comparison
 from commonrail.files.reproduction_folder import RECORD, read_reproduction
 from commonrail.files.run_folder import RESULT, TRACES, read_run
 from commonrail.kinds.records import Record
 from commonrail.report.comparison import comparison_html
-from commonrail.report.draw import figure_html
+from commonrail.report.draw import drawings, figure_html
 from commonrail.report.figures import convergence_figure, figures_of
 from commonrail.report.headline import headline, parameter_lines, synthetic_notes, warning_lines
 from commonrail.report.html import render
 from commonrail.report.parameters import parameter_rows
 from commonrail.report.record import check_comparison, check_record, texts_of
-from commonrail.report.reproduction import check_reproduction, reproduction_html
+from commonrail.report.reproduction import PLATE_FOLDER, PLATES, check_reproduction, reproduction_html
 from commonrail.report.rerun import rerun_lines
 from commonrail.report.tables import tables_of
 
-__all__ = ["report_html", "write_report"]
+__all__ = ["draw_plates", "report_html", "write_report"]
 
 Floats = NDArray[np.float64]
 
-
+NO_PLATES = (
+    "figures for print (SVG, PDF) are left out, because they need matplotlib: install it with "
+    "pip install 'commonrail[plates]', then `commonrail report {}` draws them"
+)
 _BROKEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, UndefinedError)
 
 
@@ -66,15 +71,59 @@ def write_report(folder: str | Path) -> Path:
             f"{folder}: this is no folder; name one that `commonrail calibrate`, `compare` or `reproduce` left."
         )
     name, verb, make = next((k for k in _KINDS if (folder / k[0]).is_file()), _KINDS[-1])
-    try:
+    with _complete(folder, name, verb):
         page = make(folder)
+    path = folder / "report.html"
+    write_text(path, page)
+    return path
+
+
+def draw_plates(folder: Path) -> str:
+    """Draw the figures for print of a reproduction's folder, those that are missing.
+
+    Parameters
+    ----------
+    folder : Path
+        Run folder; one of another kind has no such figures.
+
+    Returns
+    -------
+    str
+        Empty, or a sentence with the extra that is to be installed.
+
+    Raises
+    ------
+    InputError
+        If the folder is not whole.
+    OutputError
+        If they cannot be written.
+    """
+    plates = folder / PLATE_FOLDER
+    if not (folder / RECORD).is_file() or _has_plates(folder):
+        return ""
+    if find_spec("matplotlib") is None:
+        return NO_PLATES.format(folder)
+    from commonrail.report.plates import make_plates
+
+    with _complete(folder, RECORD, "reproduce"):
+        drawn = make_plates(*read_reproduction(folder))
+    with writing(plates):
+        plates.mkdir(exist_ok=True)
+    for file, content in drawn.items():
+        with replacing(plates / file, "wb") as stream:
+            stream.write(content)
+    return ""
+
+
+@contextmanager
+def _complete(folder: Path, name: str, verb: str) -> Iterator[None]:
+    """Turn what a broken record leads to into a sentence."""
+    try:
+        yield
     except _BROKEN as error:
         raise InputError(
             f"{folder}: {name} or {TRACES} is incomplete ({type(error).__name__}: {error}); {verb} again."
         ) from error
-    path = folder / "report.html"
-    write_text(path, page)
-    return path
 
 
 def _calibrated(folder: Path) -> str:
@@ -89,7 +138,12 @@ def _compared(folder: Path) -> str:
 
 def _reproduced(folder: Path) -> str:
     record, traces = read_reproduction(folder)
-    return reproduction_html(check_reproduction(record, str(folder)), traces, folder.as_posix() or "RUN")
+    run = folder.as_posix() or "RUN"
+    return reproduction_html(check_reproduction(record, str(folder)), traces, run, _has_plates(folder))
+
+
+def _has_plates(folder: Path) -> bool:
+    return all((folder / PLATE_FOLDER / f"{name}.{kind}").is_file() for name in PLATES for kind in ("svg", "pdf"))
 
 
 # File that tells a folder's kind, the verb that leaves it, and what makes its page.
@@ -101,15 +155,22 @@ _KINDS: tuple[tuple[str, str, Callable[[Path], str]], ...] = (
 
 
 def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run: str = "RUN") -> str:
-    """The page of a result; `run` is the folder's name for the command lines in it."""
-    drawn = enumerate(figures_of(record, traces))
-    figures = [(figure, figure_html(figure, f"figure-{i}")) for i, figure in drawn]
+    """Page of a result.
+
+    Parameters
+    ----------
+    record, traces : mapping
+        Record, and curves by data set.
+    run : str
+        The folder's name, for the command lines in the page.
+    """
     return render(
         "report.html",
+        kind="Calibration",
         record=record,
         lines=headline(record),
         tables=tables_of(record["data"], texts_of(record)),
-        figures=figures,
+        figures=drawings(figures_of(record, traces)),
         convergence=_convergence(record),
         parameters=parameter_rows(record["parameters"]),
         parameter_lines=parameter_lines(record["parameters"]),

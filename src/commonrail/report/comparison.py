@@ -22,6 +22,7 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
     drawn = enumerate(comparison_figures(record, traces))
     return render(
         "comparison.html",
+        kind="Comparison",
         record=record,
         lines=comparison_lines(record),
         tables=comparison_tables(record),

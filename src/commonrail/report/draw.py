@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from html import escape
 from typing import Any
 
@@ -13,7 +14,7 @@ from plotly.subplots import make_subplots
 
 from commonrail.display.chart import Band, Boxes, Figure, Panel, Series
 
-__all__ = ["draw", "figure_html", "plotly_script"]
+__all__ = ["draw", "drawings", "figure_html", "plotly_script"]
 
 INK, SOFT, GRID = "#1d2733", "#586472", "#e3e7eb"
 ROUNDING = 1e-9  # of the largest value; differences of sums of doubles stay below
@@ -83,6 +84,11 @@ def figure_html(figure: Figure, key: str, height: int = 0) -> str:
         div_id=key,
     )
     return fragment
+
+
+def drawings(figures: Iterable[Figure], height: int = 0) -> list[tuple[Figure, str]]:
+    """Figures with their elements of a page, which are numbered; `height` [px] as for `figure_html`."""
+    return [(figure, figure_html(figure, f"figure-{i}", height)) for i, figure in enumerate(figures)]
 
 
 def _plain(text: str) -> str:

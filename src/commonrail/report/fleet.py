@@ -7,22 +7,35 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from commonrail.display.chart import Boxes, Figure, Panel, Series
-from commonrail.display.table import Cell, Table
+from commonrail.display.table import Column, Table, tabulated
 from commonrail.display.text import duration, fixed, listed, number, percent, quantity, significant
 from commonrail.files.atomic import write_text
 from commonrail.kinds.records import Record
-from commonrail.report.draw import figure_html
+from commonrail.report.draw import drawings
 from commonrail.report.html import render
 
 __all__ = ["fleet_figures", "fleet_html", "fleet_lines", "fleet_tables", "fleet_warnings", "write_fleet_report"]
 
 SHOWN = 100  # failures that the page lists
-_QUARTILES = ("minimum", "q1", "median", "q3", "maximum")
-_HEADS = ("least", "lower quartile", "median", "upper quartile", "greatest")
+# Keys of a spread, and what a table calls them.
+_QUARTILES = {
+    "minimum": "least",
+    "q1": "lower quartile",
+    "median": "median",
+    "q3": "upper quartile",
+    "maximum": "greatest",
+}
 
 
 def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
-    """Write ``report.html`` of a fleet; `command` is the line that continues or repeats it.
+    """Write ``report.html`` of a fleet.
+
+    Parameters
+    ----------
+    folder : Path
+    record : mapping
+    command : str
+        Line that continues or repeats the fleet.
 
     Raises
     ------
@@ -36,14 +49,15 @@ def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
 
 def fleet_html(record: Record, command: str) -> str:
     """The page of a fleet."""
-    drawn = enumerate(fleet_figures(record))
     return render(
         "fleet.html",
+        kind="Fleet",
         record=record,
+        synthetic=[record["synthetic"]] if record["synthetic"] else [],
         lines=fleet_lines(record),
         warnings=fleet_warnings(record),
         tables=fleet_tables(record),
-        figures=[(figure, figure_html(figure, f"figure-{i}", 380)) for i, figure in drawn],
+        figures=drawings(fleet_figures(record), 380),
         commands=[("Go on with this fleet, or write its results again", command)],
         facts=_facts(record),
     )
@@ -88,67 +102,69 @@ def fleet_tables(record: Record) -> list[Table]:
 
 
 def _data_table(record: Record) -> Table:
-    rows = []
-    for d in record["data"]:
-        best = d["best"] or {}
-        spread = [significant(best.get(key), 4) for key in _QUARTILES]
-        start = significant((d["start"] or {}).get("median"), 4)
-        rows.append(_row(d["name"], d["role"], f"{d['measure']}, {_sign(d['unit'])}", d["injectors"], start, *spread))
-    columns = ("data set", "role", "error", "injectors", "start, median", *_HEADS)
+    columns: list[Column] = [
+        ("data set", "name"),
+        ("role", "role"),
+        ("error", lambda d: f"{d['measure']}, {d['unit'].replace('mm3', 'mm³')}"),
+        ("injectors", "injectors"),
+        ("start, median", lambda d: significant((d["start"] or {}).get("median"), 4)),
+        *((head, lambda d, key=key: significant((d["best"] or {}).get(key), 4)) for key, head in _QUARTILES.items()),
+    ]
     note = "Errors of the calibrated injectors; those of the start values in one column."
-    return Table("Error of each data set over the fleet", columns, tuple(rows), note, 3)
-
-
-def _sign(unit: str) -> str:
-    return unit.replace("mm3", "mm³")
+    return tabulated("Error of each data set over the fleet", record["data"], columns, note, 3)
 
 
 def _parameter_table(record: Record) -> Table:
-    rows = []
-    for p in record["parameters"]:
+    def apart(p: Record) -> str:
         spread, median = p["best"], p["best"]["median"]
-        values = [quantity(spread[key], p["unit"]) for key in _QUARTILES]
-        share = percent((spread["q3"] - spread["q1"]) / abs(median) if median else None)
-        rows.append(_row(p["name"], *values, share, p["at_bound"]))
-    columns = ("parameter", *_HEADS, "between quartiles, %", "at a bound")
+        return percent((spread["q3"] - spread["q1"]) / abs(median) if median else None)
+
+    columns: list[Column] = [
+        ("parameter", "name"),
+        *((head, lambda p, key=key: quantity(p["best"][key], p["unit"])) for key, head in _QUARTILES.items()),
+        ("between quartiles, %", apart),
+        ("at a bound", "at_bound"),
+    ]
     note = "The share is that of the distance between the quartiles in the median; “at a bound” counts injectors."
-    return Table("Calibrated parameters over the fleet", columns, tuple(rows), note, 1)
+    return tabulated("Calibrated parameters over the fleet", record["parameters"], columns, note)
 
 
 def _verdict_table(record: Record) -> Table:
     total: Counter[str] = Counter()
     for p in record["parameters"]:
         total.update(p["verdicts"])
-    verdicts = [verdict for verdict, _ in total.most_common()]
-    rows = [_row(p["name"], *(p["verdicts"].get(v, 0) for v in verdicts)) for p in record["parameters"]]
+    columns: list[Column] = [
+        ("parameter", "name"),
+        *((v, lambda p, v=v: str(p["verdicts"].get(v, 0))) for v, _ in total.most_common()),
+    ]
     note = "Number of injectors. What is not pinned down must not be read as a measurement of the part."
-    return Table("What the data pin down", ("parameter", *verdicts), tuple(rows), note, 1)
+    return tabulated("What the data pin down", record["parameters"], columns, note)
 
 
 def _worst_table(record: Record) -> Table:
     median = (record["J"]["best"] or {}).get("median")
-    rows = []
-    for w in record["worst"]:
+
+    def times(w: Record) -> str:
         best = number(w["J"]["best"])
-        times = fixed(best / median if best is not None and median else None, 2)
-        rows.append(
-            _row(w["injector"], significant(w["J"]["start"]), significant(best), times, listed(w["at_bound"]) or "none")
-        )
-    columns = ("injector", "J, start", "J, calibrated", "times the median", "parameters at a bound")
+        return fixed(best / median if best is not None and median else None, 2)
+
+    columns: list[Column] = [
+        ("injector", "injector"),
+        ("J, start", lambda w: significant(w["J"]["start"])),
+        ("J, calibrated", lambda w: significant(number(w["J"]["best"]))),
+        ("times the median", times),
+        ("parameters at a bound", lambda w: listed(w["at_bound"]) or "none"),
+    ]
     note = "Each has a study of its own in the folder “injectors”, which commonrail calibrate runs to the same result."
-    return Table("Worst fits", columns, tuple(rows), note, 1)
+    return tabulated("Worst fits", record["worst"], columns, note)
 
 
 def _failure_table(record: Record) -> Table:
     failures = record["failures"]
-    rows = tuple(_row(f["injector"], f["reason"]) for f in failures[:SHOWN])
     more = len(failures) - SHOWN
     note = f"{more:,} more are in results.csv." if more > 0 else ""
-    return Table("Failures", ("injector", "reason"), rows, note, 2)
-
-
-def _row(*texts: object) -> tuple[Cell, ...]:
-    return tuple(Cell(str(text)) for text in texts)
+    columns: list[Column] = [("injector", "injector"), ("reason", "reason")]
+    return tabulated("Failures", failures[:SHOWN], columns, note, 2)
 
 
 def fleet_figures(record: Record) -> list[Figure]:

@@ -1,9 +1,9 @@
-"""Figures for print: the same charts as on the page, as SVG and PDF. The only file that knows matplotlib."""
+"""Figures for print: the same charts as on the page, as SVG and PDF, by matplotlib."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from io import BytesIO
 from typing import Any
 
 import matplotlib as mpl
@@ -14,15 +14,13 @@ from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from commonrail.display.chart import MARKERS, Band, Boxes, Figure, Panel, Series
-from commonrail.files.atomic import replacing
 from commonrail.kinds.records import Record
 from commonrail.report import reproduction_figures
 
-__all__ = ["PLATES", "write_plates"]
+__all__ = ["make_plates"]
 
 Floats = NDArray[np.float64]
 
-PLATES = ("fig4", "fig5", "fig6")
 MM = 1.0 / 25.4  # inch
 COLUMN, PAGE = 84.0, 174.0  # widths of print [mm]
 
@@ -54,16 +52,8 @@ _STYLE: Any = {  # matplotlib's own type for it lists every key there is
 }
 
 
-def write_plates(record: Record, traces: Mapping[int, Mapping[str, Mapping[str, Floats]]], folder: Path) -> list[Path]:
-    """Write figures 4, 5 and 6 of a reproduction as SVG and PDF.
-
-    Parameters
-    ----------
-    record, traces : as `commonrail.files.reproduction_folder.read_reproduction` gives them
-    folder : Path
-        Made if it is missing.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
+def make_plates(record: Record, traces: Mapping[int, Mapping[str, Mapping[str, Floats]]]) -> dict[str, bytes]:
+    """Figures 4, 5 and 6 of a reproduction as SVG and PDF, by the names of their files."""
     rates = reproduction_figures.rates(record, traces)
     with mpl.rc_context(_STYLE):
         sheets = {
@@ -71,7 +61,8 @@ def write_plates(record: Record, traces: Mapping[int, Mapping[str, Mapping[str, 
             "fig5": _single(reproduction_figures.search_boxes(record), (COLUMN, 66.0)),
             "fig6": _pairs(rates, (PAGE, 62.0 * len(rates))),
         }
-        return [path for name, sheet in sheets.items() for path in _save(sheet, folder / name)]
+        dates = {"svg": "Date", "pdf": "CreationDate"}
+        return {f"{name}.{kind}": _file(sheet, kind, dates[kind]) for name, sheet in sheets.items() for kind in dates}
 
 
 def _single(figure: Figure, size: tuple[float, float]) -> Sheet:
@@ -169,9 +160,7 @@ def _boxes(axes: Axes, boxes: Boxes) -> None:
     drawn["boxes"][0].set_label(boxes.label)
 
 
-def _save(sheet: Sheet, stem: Path) -> list[Path]:
-    paths = [stem.with_suffix(".svg"), stem.with_suffix(".pdf")]
-    for path, undated in zip(paths, ("Date", "CreationDate"), strict=True):
-        with replacing(path, "wb") as stream:
-            sheet.savefig(stream, format=path.suffix[1:], metadata={undated: None, "Creator": "commonrail"})
-    return paths
+def _file(sheet: Sheet, kind: str, date: str) -> bytes:
+    stream = BytesIO()
+    sheet.savefig(stream, format=kind, metadata={date: None, "Creator": "commonrail"})
+    return stream.getvalue()

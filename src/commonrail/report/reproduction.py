@@ -8,22 +8,25 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+import commonrail as cr
 from commonrail.display.text import duration, listed, percent, significant
-from commonrail.errors import InputError
 from commonrail.kinds.records import Record
 from commonrail.report import reproduction_figures as figures
 from commonrail.report import reproduction_tables as tables
 from commonrail.report.draw import figure_html
 from commonrail.report.html import render
 
-__all__ = ["PLATE_FOLDER", "check_reproduction", "reproduction_html", "verdicts"]
+__all__ = ["PLATES", "PLATE_FOLDER", "check_reproduction", "reproduction_html", "verdicts"]
 
 Floats = NDArray[np.float64]
 Traces = Mapping[int, Mapping[str, Mapping[str, Floats]]]
 
 SCHEMAS = (1, 2)  # 1 has no rigid body that is fitted
 FEWEST = 6  # seeds that can tell a claim from chance
-PLATE_FOLDER = "figures"
+NOT_COMPARABLE = (
+    "J depends on the data, so it cannot be compared with the paper's; what can be compared is the pattern."
+)
+PLATE_FOLDER, PLATES = "figures", ("fig4", "fig5", "fig6")  # for print, each as SVG and PDF
 
 
 def check_reproduction(record: Record, where: str) -> Record:
@@ -35,18 +38,31 @@ def check_reproduction(record: Record, where: str) -> Record:
         If it is not the record of a reproduction, or of another schema.
     """
     if not isinstance(record, Mapping) or record.get("kind") != "reproduction" or record.get("schema") not in SCHEMAS:
-        raise InputError(f"{where}: not a reproduction that this version reads (schema 1 or 2); reproduce again.")
+        raise cr.InputError(f"{where}: not a reproduction that this version reads (schema 1 or 2); reproduce again.")
     return record
 
 
-def reproduction_html(record: Record, traces: Traces, folder: str = "RUN") -> str:
-    """The page of a reproduction; `folder` is its name for the command lines in it."""
+def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plates: bool = True) -> str:
+    """Page of a reproduction.
+
+    Parameters
+    ----------
+    record : mapping
+    traces : mapping
+        Curves by seed and data set.
+    folder : str
+        Its name, for the command lines in the page.
+    plates : bool
+        Whether figures for print lie beside the page.
+    """
     charts = [figures.convergence(record), figures.search_boxes(record), *figures.rates(record, traces)]
     drawn = [(chart, figure_html(chart, f"figure-{i}", _height(i))) for i, chart in enumerate(charts)]
     return render(
         "reproduction.html",
+        kind="Reproduction",
         record=record,
-        verdicts=verdicts(record),
+        synthetic=[record["synthetic"], NOT_COMPARABLE],
+        lines=[verdicts(record)],
         signs=tables.SIGNS,
         claims=[_claim(claim) for claim in record["claims"]],
         table1=tables.table1(record),
@@ -62,7 +78,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN") -> st
         convergence=drawn[0],
         boxes=drawn[1],
         rates=drawn[2:],
-        plates=[(name, f"{PLATE_FOLDER}/{name}") for name in ("fig4", "fig5", "fig6")],
+        plates=[(name, f"{PLATE_FOLDER}/{name}") for name in PLATES if plates],
         commands=_commands(record, folder),
         facts=_facts(record),
     )

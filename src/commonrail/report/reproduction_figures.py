@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.display.chart import MARKERS, Band, Boxes, Figure, Panel, Points, Series
+from commonrail.display.chart import MARKERS, Band, Boxes, Figure, Panel, Series, points
 from commonrail.display.text import number
-from commonrail.kinds.curves.view import ERROR, RATE
 from commonrail.kinds.records import MICROSECOND, MM3_PER_MS, Record
 
 __all__ = ["convergence", "rates", "search_boxes"]
@@ -74,19 +73,22 @@ def rates(record: Record, traces: Mapping[int, Mapping[str, Mapping[str, Floats]
 
 
 def _rate(record: Record, data: Record, trace: Mapping[str, Floats]) -> Figure:
-    time = _points(trace["time_s"] * MICROSECOND)
+    time = points(trace["time_s"] * MICROSECOND)
     experiment = trace["experiment"]
     texts = record["labels"]
-    curves = [Series("synthetic experiment", "measured", time, _points(experiment * MM3_PER_MS))]
+    curves = [Series("synthetic experiment", "measured", time, points(experiment * MM3_PER_MS))]
     shown = [(k, look) for k, look in SHOWN.items() if k in texts]  # a former version fitted no rigid body
-    curves += [Series(texts[k], look, time, _points(trace[k] * MM3_PER_MS)) for k, look in shown]
-    errors = [Series("", look, time, _points((trace[k] - experiment) * MM3_PER_MS)) for k, look in shown]
+    curves += [Series(texts[k], look, time, points(trace[k] * MM3_PER_MS)) for k, look in shown]
+    errors = [Series("", look, time, points((trace[k] - experiment) * MM3_PER_MS)) for k, look in shown]
     return Figure(
         f"Rate of injection at {data['name']} ({data['role']}) (Fig. 6)",
         f"Energising time {data['energising_time'] * MICROSECOND:.0f} µs, seed {record['shown_seed']}; below, "
         "simulated − synthetic experiment.",
         "time, µs",
-        (Panel(RATE, tuple(curves), 0.6), Panel(ERROR, tuple(errors), 0.4, zero_line=True)),
+        (
+            Panel("rate, mm³/ms", tuple(curves), 0.6),
+            Panel("error, mm³/ms", tuple(errors), 0.4, zero_line=True),
+        ),
     )
 
 
@@ -97,7 +99,3 @@ def _boxes(rows: Sequence[Mapping[str, Any]], which: str) -> tuple[tuple[float, 
 def _seeds(record: Record) -> str:
     count = len(record["seeds"])
     return f"{count} seed{'' if count == 1 else 's'}"
-
-
-def _points(values: Floats) -> Points:
-    return tuple(float(v) if np.isfinite(v) else None for v in values)

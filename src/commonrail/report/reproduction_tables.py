@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from itertools import product
 from typing import Any
 
-from commonrail.display.table import Cell, Table
+from commonrail.display.table import Cell, Column, Table, tabulated
 from commonrail.display.text import fixed, number, signed, significant
 from commonrail.kinds.records import Record
 
@@ -24,153 +25,155 @@ __all__ = [
 SIGNS = {"holds": "✓", "does not hold": "✗", "cannot be told": "?"}
 PER_MICRON = 1e-6  # N/m to N/um
 MICROSECOND = 1e6
+_SCALES = {"m": (1e6, "µm"), "m3": (1e9, "mm³")}
+_EDGES = "An edge is where the rate passes 10 % of the experiment's greatest."
 
 
 def table1(record: Record) -> Table:
     """Table 1: theoretical, the paper's optimal and ours [N/um], and what the data pin down."""
-    rows = []
-    for k in record["table1"]:
-        change = k["change"]
-        rows.append(
-            (
-                k["symbol"],
-                significant(k["theoretical"], 4, PER_MICRON),
-                significant(k["paper"], 4, PER_MICRON),
-                _spread(k, 3, PER_MICRON),
-                _signed_percent(k["paper_change"]),
-                _signed_percent(change["median"]),
-                fixed(k["standard_error"], 1, PER_MICRON),
-                "; ".join(f"{verdict}: {count}" for verdict, count in k["verdicts"].items()),
-            )
-        )
-    columns = (
-        "",
-        "theoretical",
-        "paper's optimal",
-        "ours: median (quartiles)",
-        "paper's change, %",
-        "our change, %",
-        "standard error",
-        "what the curve at 160 MPa says, in seeds",
-    )
+    columns: list[Column] = [
+        ("", "symbol"),
+        ("theoretical", lambda k: significant(k["theoretical"], 4, PER_MICRON)),
+        ("paper's optimal", lambda k: significant(k["paper"], 4, PER_MICRON)),
+        ("ours: median (quartiles)", lambda k: _spread(k, 3, PER_MICRON)),
+        ("paper's change, %", lambda k: _signed_percent(k["paper_change"])),
+        ("our change, %", lambda k: _signed_percent(k["change"]["median"])),
+        ("standard error", lambda k: fixed(k["standard_error"], 1, PER_MICRON)),
+        (
+            "what the curve at 160 MPa says, in seeds",
+            lambda k: "; ".join(f"{verdict}: {count}" for verdict, count in k["verdicts"].items()),
+        ),
+    ]
     note = (
         "The stiffnesses of the bench's truth are given below. The standard error (median over the seeds) is that "
         "of the linearised fit; it says nothing about other minima."
     )
-    return Table("Table 1: stiffness, N/µm", columns, _cells(rows), note)
+    return tabulated("Table 1: stiffness, N/µm", record["table1"], columns, note)
 
 
 def table3(record: Record) -> Table:
     """Table 3: least J by (Gmax, Npop), median and quartiles over the seeds, beside the paper's."""
+    rows = record["table3"]
     names = [*(d["name"] for d in record["data"]), "mean"]
-    best = {name: _least(c["median"][name] for c in record["table3"]) for name in names}
-    rows = []
-    for c in record["table3"]:
-        cells = [Cell(f"({c['generations']}, {c['members']})")]
-        for name in names:
-            values = {key: c[key][name] for key in ("median", "q1", "q3")}
-            quartiles = f"{fixed(values['q1'], 0)}–{fixed(values['q3'], 0)}"
-            cells.append(Cell(f"{fixed(values['median'], 1)} ({quartiles})", best=values["median"] == best[name]))
-            cells.append(Cell(fixed(c["paper"][name], 2)))
-        rows.append(tuple(cells))
-    heads = [head for name in names for head in (f"{name}: ours", "paper's")]
-    readings = "; ".join(f"({c['generations']}, {c['members']}): {c['note']}" for c in record["table3"] if c["note"])
+    columns: list[Column] = [("(Gmax, Npop)", _configuration)]
+    columns += [column for name in names for column in _beside_the_paper(rows, name)]
+    readings = "; ".join(f"{_configuration(c)}: {c['note']}" for c in rows if c["note"])
     note = (
         f"{readings}. J is Σ |rate error| over the samples, mm³/ms: median (quartiles) over the seeds. ★ least of a "
         "column. J cannot be compared with the paper's, whose curves and unit are not published; the pattern can."
     )
-    return Table("Table 3: least J", ("(Gmax, Npop)", *heads), tuple(rows), note)
+    return tabulated("Table 3: least J", rows, columns, note)
+
+
+def _configuration(c: Record) -> str:
+    return f"({c['generations']}, {c['members']})"
+
+
+def _beside_the_paper(rows: list[Record], name: str) -> list[Column]:
+    """Columns of Table 3 for one pressure."""
+    best = min((m for c in rows if number(m := c["median"][name]) is not None), default=None)
+
+    def ours(c: Record) -> Cell:
+        median, q1, q3 = (c[key][name] for key in ("median", "q1", "q3"))
+        return Cell(f"{fixed(median, 1)} ({fixed(q1, 0)}–{fixed(q3, 0)})", best=median == best)
+
+    return [(f"{name}: ours", ours), ("paper's", lambda c: fixed(c["paper"][name], 2))]
 
 
 def j_table(record: Record) -> Table:
     """J of every model at every pressure, medians and quartiles."""
-    labels = record["labels"]
     spreads = record["J_spread"]
-    rows = [(d["name"], d["role"], *(_spread(spreads[d["name"]][k], 4) for k in labels)) for d in record["data"]]
+    columns: list[Column] = [
+        ("data", "name"),
+        ("role", "role"),
+        *((text, lambda d, k=k: _spread(spreads[d["name"]][k], 4)) for k, text in record["labels"].items()),
+    ]
     note = "The paper's optimal k are those of its Table 1, put into the fitted model, not those of a fit."
-    return Table("J of the models, mm³/ms", ("data", "role", *labels.values()), _cells(rows), note, 2)
+    return tabulated("J of the models, mm³/ms", record["data"], columns, note, 2)
 
 
 def rigid_tables(record: Record) -> list[Table]:
     """Stop and control volume of the rigid body that is fitted; none in a record of before it was."""
-    rows = []
-    for p in record.get("rigid_fit", ()):
-        scale, unit = _SCALES[p["unit"]]
-        drawing, lower, upper = (significant(p[key], 4, scale) for key in ("drawing", "lower", "upper"))
-        rows.append((f"{p['meaning']}, {unit}", drawing, f"{lower} to {upper}", _spread(p, 3, scale)))
+
+    def scaled(p: Record, key: str) -> str:
+        return significant(p[key], 4, _SCALES[p["unit"]][0])
+
+    columns: list[Column] = [
+        ("", lambda p: f"{p['meaning']}, {_SCALES[p['unit']][1]}"),
+        ("drawing", lambda p: scaled(p, "drawing")),
+        ("searched", lambda p: f"{scaled(p, 'lower')} to {scaled(p, 'upper')}"),
+        ("fitted: median (quartiles)", lambda p: _spread(p, 3, _SCALES[p["unit"]][0])),
+    ]
     note = (
         "Fitted at 160 MPa, as k1…k7 are, because the paper does not say how its rigid body was set up; its J is above."
     )
-    columns = ("", "drawing", "searched", "fitted: median (quartiles)")
-    return [Table("The rigid body that is fitted", columns, _cells(rows), note)] if rows else []
-
-
-_SCALES = {"m": (1e6, "µm"), "m3": (1e9, "mm³")}
+    rows = record.get("rigid_fit", ())
+    return [tabulated("The rigid body that is fitted", rows, columns, note)] if rows else []
 
 
 def phases_table(record: Record) -> Table:
     """Median J by phase."""
-    phases, labels = record["phases"], record["labels"]
-    rows = []
-    for d in record["data"]:
-        for key, text in labels.items():
-            rows.append((d["name"], text, *(fixed(j, 1) for j in phases["median"][d["name"]][key])))
+    names, medians = record["phases"]["names"], record["phases"]["median"]
+    columns: list[Column] = [
+        *_data_and_model(record),
+        *((p, lambda row, i=i: fixed(medians[row[0]["name"]][row[1]][i], 1)) for i, p in enumerate(names)),
+    ]
     note = f"Medians over the seeds; time counts from the opening of the synthetic experiment. {_EDGES}"
-    return Table("J by phase, mm³/ms", ("data", "model", *phases["names"]), _cells(rows), note, 2)
+    return tabulated("J by phase, mm³/ms", product(record["data"], record["labels"]), columns, note, 2)
 
 
 def edges_table(record: Record) -> Table:
     """Opening and closing of each model against the experiment's [us]."""
-    rows = []
-    for d in record["data"]:
-        for key, text in record["labels"].items():
-            found = record["edges"][d["name"]][key]
-            rows.append((d["name"], text, *(_signed_spread(found[w]) for w in ("opening", "closing"))))
+    found = record["edges"]
+    columns: list[Column] = [
+        *_data_and_model(record),
+        *((w, lambda row, w=w: _signed_spread(found[row[0]["name"]][row[1]][w])) for w in ("opening", "closing")),
+    ]
     note = f"Model − synthetic experiment, median (quartiles) over the seeds; + is late. {_EDGES}"
-    return Table("Opening and closing, µs", ("data", "model", "opening", "closing"), _cells(rows), note, 2)
+    return tabulated("Opening and closing, µs", product(record["data"], record["labels"]), columns, note, 2)
+
+
+def _data_and_model(record: Record) -> list[Column]:
+    """First columns of rows (data set, label)."""
+    return [("data", lambda row: row[0]["name"]), ("model", lambda row: record["labels"][row[1]])]
 
 
 def treatments_table(record: Record) -> Table:
-    """What becomes of infeasible trials: share of the slots simulated and J reached."""
-    rows = [
-        (t["text"], f"{t['slots']:,}", _spread({k: _times(v, 100.0) for k, v in t["share"].items()}, 3), _spread(t, 4))
-        for t in record["treatments"]
+    """Treatments of infeasible trials: share of the slots simulated, and J reached."""
+    columns: list[Column] = [
+        ("treatment", "text"),
+        ("slots", lambda t: f"{t['slots']:,}"),
+        ("simulated, %", lambda t: _percent_spread(t["share"])),
+        ("least J, mm³/ms", lambda t: _spread(t, 4)),
     ]
     note = (
         "The paper does not say how trials that break (14) to (16) were treated. Here (70, 50) at 160 MPa; median "
         "(quartiles) over the seeds; without a number where a search found no feasible member."
     )
-    columns = ("treatment", "slots", "simulated, %", "least J, mm³/ms")
-    return Table("Treatments of the constraints", columns, _cells(rows), note)
+    return tabulated("Treatments of the constraints", record["treatments"], columns, note)
 
 
 def overfitting_table(record: Record) -> Table:
     """J at the unseen pressures: fitted at 160 MPa against fitted there."""
-    rows = [
-        (
-            name,
-            _spread(found["theoretical"], 4),
-            _spread(found["fitted_at_160"], 4),
-            _spread(found["fitted_there"], 4),
-            _spread({k: _times(v, 100.0) for k, v in found["gain_kept"].items()}, 3),
-        )
-        for name, found in record["overfitting"].items()
+    columns: list[Column] = [
+        ("data", lambda row: row[0]),
+        ("theoretical", lambda row: _spread(row[1]["theoretical"], 4)),
+        ("fitted at 160 MPa", lambda row: _spread(row[1]["fitted_at_160"], 4)),
+        ("fitted to this curve", lambda row: _spread(row[1]["fitted_there"], 4)),
+        ("gain kept, %", lambda row: _percent_spread(row[1]["gain_kept"])),
     ]
     note = "The gain is that over the theoretical model; kept is the share that the fit at 160 MPa brings."
-    columns = ("data", "theoretical", "fitted at 160 MPa", "fitted to this curve", "gain kept, %")
-    return Table("What one pressure teaches about the others: J, mm³/ms", columns, _cells(rows), note)
-
-
-_EDGES = "An edge is where the rate passes 10 % of the experiment's greatest."
-
-
-def _cells(rows: Sequence[tuple[str, ...]]) -> tuple[tuple[Cell, ...], ...]:
-    return tuple(tuple(Cell(text) for text in row) for row in rows)
+    title = "What one pressure teaches about the others: J, mm³/ms"
+    return tabulated(title, record["overfitting"].items(), columns, note)
 
 
 def _spread(s: Mapping[str, Any], digits: int, scale: float = 1.0) -> str:
     median, q1, q3 = (significant(s[key], digits, scale) for key in ("median", "q1", "q3"))
     return f"{median} ({q1}–{q3})" if number(s["median"]) is not None else median
+
+
+def _percent_spread(s: Mapping[str, Any]) -> str:
+    return _spread({key: _times(value, 100.0) for key, value in s.items()}, 3)
 
 
 def _signed_spread(s: Mapping[str, Any]) -> str:
@@ -185,7 +188,3 @@ def _signed_percent(share: Any) -> str:
 def _times(value: Any, factor: float) -> float | None:
     found = number(value)
     return None if found is None else found * factor
-
-
-def _least(values: Any) -> float | None:
-    return min((v for v in values if number(v) is not None), default=None)

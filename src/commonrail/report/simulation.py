@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
 from commonrail.arguments import instance, mapping, plain_text
-from commonrail.display.chart import Figure, Panel, Points, Series
+from commonrail.display.chart import Figure, Panel, Series, points
 from commonrail.engine.solution import Solution
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.curves.view import RATE
@@ -16,8 +13,6 @@ from commonrail.report.draw import figure_html
 from commonrail.report.html import render
 
 __all__ = ["course_figure", "simulation_figure"]
-
-Floats = NDArray[np.float64]
 
 MICRO = 1e6
 MPA = 1e-6
@@ -101,22 +96,14 @@ def _series(solutions: Mapping[str, Solution], scale: float, channels: Mapping[s
         for index, (key, words) in enumerate(channels.items()):
             if key != "rate" and key not in solution.channels:
                 continue
-            time, values = _course(solution, key)
+            # the rate belongs to the middles of the samples, a channel to their bounds
+            time, values = (
+                (solution.sample_time, solution.rate) if key == "rate" else (solution.time, solution.channels[key])
+            )
             yield Series(
                 f"{words}, {name}" if name else words,
                 _DASHES[index % len(_DASHES)],
-                _points(time * MICRO),
-                _points(values * scale),
+                points(time * MICRO),
+                points(values * scale),
                 family=family if len(solutions) > 1 else _ORDER.index(key),
             )
-
-
-def _course(solution: Solution, key: str) -> tuple[Floats, Floats]:
-    """Times and values: the rate belongs to the middles of the samples, a channel to their bounds."""
-    if key == "rate":
-        return solution.sample_time, solution.rate
-    return solution.time, solution.channels[key]
-
-
-def _points(values: Floats) -> Points:
-    return tuple(float(v) if np.isfinite(v) else None for v in values)

@@ -68,7 +68,7 @@ def _ordering(f: Figures, name: str, rigid: _Rigid) -> Claim:
         sentence,
         f"rigid / theoretical / optimised: {medians} (medians)",
         (j["optimised"] < j["theoretical"]) & ordered,
-        f"The bench's truth is a flexible chain. {rigid.comment}",
+        comment=f"The bench's truth is a flexible chain. {rigid.comment}",
         valid=np.isfinite(np.array(list(j.values()))).all(axis=0),
         chance=float(np.mean((f.random_j(name) < j["theoretical"][:, None]) & ordered[:, None])),
     )
@@ -95,7 +95,7 @@ def _rigid_late(f: Figures, rigid: _Rigid) -> Claim:
         f"{rigid.comment} A compressed chain must stretch before its tip leaves the seat, and displaces fuel while it "
         "does; a rigid body need not. The paper does not say how its rigid model was set up."
     )
-    return judged(sentence, text, np.all(each > 0.0, axis=1), comment, valid=np.isfinite(each).all(axis=1))
+    return judged(sentence, text, np.all(each > 0.0, axis=1), comment=comment, valid=np.isfinite(each).all(axis=1))
 
 
 def _rigid_early(f: Figures, rigid: _Rigid) -> Claim:
@@ -108,7 +108,7 @@ def _rigid_early(f: Figures, rigid: _Rigid) -> Claim:
         "the last closing counts, that of a rebound included",
     )
     comment = f"{rigid.comment} When a rigid body closes depends on its stop."
-    return judged(sentence, text, np.all(each < 0.0, axis=1), comment, valid=np.isfinite(each).all(axis=1))
+    return judged(sentence, text, np.all(each < 0.0, axis=1), comment=comment, valid=np.isfinite(each).all(axis=1))
 
 
 def _theoretical_phases(f: Figures) -> Claim:

@@ -1,4 +1,4 @@
-"""The figures of all repetitions as arrays over the seeds: what claims and record are made from."""
+"""Figures of all repetitions as arrays over the seeds: claims and record are made from them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.calibration.sampling import sample_feasible
-from commonrail.calibration.space import Space
+import commonrail as cr
 from commonrail.reproduction import paper
 from commonrail.reproduction.measures import Edges, edges, j_by_phase, level_of, ninety_percent
 from commonrail.reproduction.paper import Configuration
@@ -37,25 +36,23 @@ class Figures:
         return [r.seed for r in self.repetitions]
 
     @property
-    def space(self) -> Space:
+    def space(self) -> cr.Space:
         """Bounds and ordering of k1…k7, the same for all."""
         return self.repetitions[0].space
 
     @property
-    def rigid_space(self) -> Space:
+    def rigid_space(self) -> cr.Space:
         """Bounds of the rigid body's stop and control volume, the same for all."""
         return self.repetitions[0].rigid_space
 
     @cached_property
     def j(self) -> dict[str, dict[str, Floats]]:
         """J (n,) by data and label [mm³/ms]."""
-        return {
-            name: {
-                label: np.array([float(r.data[i].misfit(r.rates[label][i])) for r in self.repetitions])
-                for label in LABELS
-            }
-            for i, name in enumerate(paper.RAIL_PRESSURES)
-        }
+
+        def of(label: str, i: int) -> Floats:
+            return np.array([float(r.data[i].misfit(r.rates[label][i])) for r in self.repetitions])
+
+        return {name: {label: of(label, i) for label in LABELS} for i, name in enumerate(paper.RAIL_PRESSURES)}
 
     @cached_property
     def change(self) -> Floats:
@@ -65,7 +62,7 @@ class Figures:
     @cached_property
     def random_change(self) -> Floats:
         """Random feasible over theoretical stiffness, less one, (`RANDOM_POINTS`, 7): what no search has chosen."""
-        return sample_feasible(self.space, RANDOM_POINTS, np.random.default_rng(0)) / self.theoretical - 1.0
+        return cr.sample_feasible(self.space, RANDOM_POINTS, np.random.default_rng(0)) / self.theoretical - 1.0
 
     def random_j(self, name: str) -> Floats:
         """J of random feasible stiffness (n, members) [mm³/ms]; NaN where the simulation failed."""
@@ -117,30 +114,35 @@ class Figures:
     @cached_property
     def phases(self) -> dict[str, dict[str, Floats]]:
         """J by phase (n, phases) by data and label; phases count from the experiment's opening."""
-        found: dict[str, dict[str, Floats]] = {}
-        for i, name in enumerate(paper.RAIL_PRESSURES):
-            found[name] = {}
-            for label in LABELS:
-                parts = []
-                for r in self.repetitions:
-                    d = r.data[i]
-                    opening = edges(d.rate, d.bounds, level_of(d.rate)).opening
-                    parts.append(j_by_phase(r.rates[label][i], d.rate, d.bounds, opening))
-                found[name][label] = np.array(parts)
-        return found
+
+        def of(label: str, i: int, r: Repetition) -> Floats:
+            d = r.data[i]
+            opening = edges(d.rate, d.bounds, level_of(d.rate)).opening
+            return j_by_phase(r.rates[label][i], d.rate, d.bounds, opening)
+
+        return {
+            name: {label: np.array([of(label, i, r) for r in self.repetitions]) for label in LABELS}
+            for i, name in enumerate(paper.RAIL_PRESSURES)
+        }
 
     def edge_errors(self, name: str, label: str, which: str) -> Floats:
-        """Opening or closing of a model minus the experiment's (n,) [s]."""
-        i = list(paper.RAIL_PRESSURES).index(name)
-        return np.array([self._edge_error(r, i, label, which) for r in self.repetitions])
+        """Difference (n,) of a model's opening or closing from the experiment's [s].
 
-    @staticmethod
-    def _edge_error(r: Repetition, i: int, label: str, which: str) -> float:
-        data = r.data[i]
-        level = level_of(data.rate)
-        model, experiment = (edges(rate, data.bounds, level) for rate in (r.rates[label][i], data.rate))
-        at = Edges._fields.index(which)
-        return model[at] - experiment[at]
+        Parameters
+        ----------
+        name, label : str
+            Of the data and of the model.
+        which : {"opening", "closing"}
+        """
+        i, at = list(paper.RAIL_PRESSURES).index(name), Edges._fields.index(which)
+
+        def of(r: Repetition) -> float:
+            data = r.data[i]
+            level = level_of(data.rate)
+            model, experiment = (edges(rate, data.bounds, level) for rate in (r.rates[label][i], data.rate))
+            return model[at] - experiment[at]
+
+        return np.array([of(r) for r in self.repetitions])
 
     def own_j(self, name: str) -> Floats:
         """J that a fit to the validation curve itself reaches (n,)."""
@@ -152,6 +154,6 @@ class Figures:
         return np.asarray((theoretical - self.j[name]["optimised"]) / (theoretical - self.own_j(name)))
 
     def verdicts(self, parameter: int) -> dict[str, int]:
-        """How many seeds pin the parameter down, and how."""
+        """Number of seeds that pin the parameter down, by verdict."""
         name = paper.NAMES[parameter]
         return dict(Counter(r.identified[name]["verdict"] for r in self.repetitions if name in r.identified))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.calibration.checkpoint import Generation
+import commonrail as cr
 
 __all__ = ["PHASES", "Box", "Edges", "Spread", "box", "edges", "j_by_phase", "ninety_percent", "spread"]
 
@@ -96,14 +96,24 @@ def level_of(measured: Floats) -> float:
 
 
 def j_by_phase(rate: Floats, measured: Floats, bounds: Floats, opening: float) -> Floats:
-    """Parts of J [mm³/ms] in the phases of `PHASES`, counted from the experiment's opening; they add up to J."""
+    """Parts of J [mm³/ms] in the phases of `PHASES`; they add up to J.
+
+    Parameters
+    ----------
+    rate, measured : (n,)
+        [m³/s].
+    bounds : (n + 1,)
+        Of the samples [s].
+    opening : float
+        Of the experiment [s]; phases count from it.
+    """
     middle = 0.5 * (bounds[1:] + bounds[:-1])
     phase = np.digitize(middle - opening, (0.0, PHASE_LENGTH, 2.0 * PHASE_LENGTH))
     error = np.abs(rate - measured) * 1e6
     return np.array([float(np.sum(error[phase == i])) for i in range(len(PHASES))])
 
 
-def ninety_percent(history: Sequence[Generation]) -> float:
+def ninety_percent(history: Sequence[cr.Generation]) -> float:
     """First generation at which 90 % of what the search gains over its initial population is reached."""
     best = np.array([g.best for g in history])
     if not np.isfinite(best[[0, -1]]).all():

@@ -1,14 +1,10 @@
-"""What Lino, Maione, Saponaro, Li (2016) did and printed: the problem, Tables 1 and 3, the constants of Sec. 5."""
+"""Problem, Tables 1 and 3 and constants of Sec. 5 of Lino, Maione, Saponaro, Li (2016)."""
 
 from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
-from commonrail.calibration.optimisers import EvolutionSettings, InitialSampling, Treatment
-from commonrail.calibration.parameter import Parameter, percent_bounds
-from commonrail.calibration.space import Space
-from commonrail.injector.definition import Injector, Source, parameter_quantities
+import commonrail as cr
 
 __all__ = [
     "BEST",
@@ -39,7 +35,7 @@ NAMES = tuple(f"plunger_needle.k{i}" for i in range(1, 8))
 
 # Table 1 [N/m]. A search starts from the injector's own values, which are these in `virtual-lino-2016`.
 TABLE1_THEORETICAL = dict(zip(NAMES, (1.22e8, 8.08e7, 8.21e7, 9.44e7, 9.43e7, 1.86e8, 5.82e7), strict=True))
-TABLE1_OPTIMAL = PAPER_OPTIMUM
+TABLE1_OPTIMAL = cr.PAPER_OPTIMUM
 
 # Eq. (14), (15).
 ORDER = " < ".join(f"plunger_needle.k{i}" for i in (7, 2, 3, 5, 4, 1, 6))
@@ -55,9 +51,9 @@ class Configuration(NamedTuple):
     members: int
 
     @property
-    def settings(self) -> EvolutionSettings:
+    def settings(self) -> cr.EvolutionSettings:
         """The paper's settings, Sec. 4 and 5."""
-        return EvolutionSettings(self.members, self.generations)
+        return cr.EvolutionSettings(self.members, self.generations)
 
 
 # Table 3: minimum J at 160, 120, 80 MPa and their mean, by (G_max, N_pop). Its unit is not stated.
@@ -81,63 +77,55 @@ class TreatmentCase(NamedTuple):
 
     name: str
     text: str
-    treatment: Treatment
-    initial: InitialSampling
+    treatment: str
+    initial: str
 
     @property
-    def settings(self) -> EvolutionSettings:
+    def settings(self) -> cr.EvolutionSettings:
         """The paper's (70, 50) with this treatment."""
-        return EvolutionSettings(BEST.members, BEST.generations, treatment=self.treatment, initial=self.initial)
+        treatment, initial = cr.Treatment(self.treatment), cr.InitialSampling(self.initial)
+        return cr.EvolutionSettings(BEST.members, BEST.generations, treatment=treatment, initial=initial)
 
 
 # The first is what this project uses; the second is the paper read literally, with (17) in the whole box.
 TREATMENTS = (
-    TreatmentCase("repair", "feasible start, repair", Treatment.REPAIR, InitialSampling.FEASIBLE),
-    TreatmentCase(
-        "literal", "uniform start (17), infeasible trials rejected", Treatment.REJECT, InitialSampling.UNIFORM
-    ),
-    TreatmentCase("reject", "feasible start, infeasible trials rejected", Treatment.REJECT, InitialSampling.FEASIBLE),
-    TreatmentCase(
-        "rules",
-        "uniform start (17), feasibility rules",
-        Treatment.FEASIBILITY_RULES,
-        InitialSampling.UNIFORM,
-    ),
-    TreatmentCase("resample", "feasible start, redrawn, then repair", Treatment.RESAMPLE, InitialSampling.FEASIBLE),
-    TreatmentCase(
-        "reference", "feasible start with the theoretical values, repair", Treatment.REPAIR, InitialSampling.REFERENCE
-    ),
+    TreatmentCase("repair", "feasible start, repair", "repair", "feasible"),
+    TreatmentCase("literal", "uniform start (17), infeasible trials rejected", "reject", "uniform"),
+    TreatmentCase("reject", "feasible start, infeasible trials rejected", "reject", "feasible"),
+    TreatmentCase("rules", "uniform start (17), feasibility rules", "feasibility_rules", "uniform"),
+    TreatmentCase("resample", "feasible start, redrawn, then repair", "resample", "feasible"),
+    TreatmentCase("reference", "feasible start with the theoretical values, repair", "repair", "reference"),
 )
 
 # The paper does not say how its rigid body was set up. A fair one is fitted, too: the two dimensions that decide how
 # far and how fast a rigid body moves, from a tenth to ten times the drawing's, far beyond where any search has ended.
 RIGID_NAMES = ("plunger_needle.stop_lift", "control_chamber.volume")
 RIGID_RANGE = 10.0
-RIGID_FIT = EvolutionSettings(30, 40)
+RIGID_FIT = cr.EvolutionSettings(30, 40)
 
 
-def space(injector: Injector) -> Space:
+def space(injector: cr.Injector) -> cr.Space:
     """The search space of Eq. (14) to (16) around the theoretical stiffness of an injector."""
     parameters = [
-        _parameter(injector, name, percent_bounds(injector.values[name], BELOW, ABOVE, name)) for name in NAMES
+        _parameter(injector, name, cr.percent_bounds(injector.values[name], BELOW, ABOVE, name)) for name in NAMES
     ]
-    return Space(parameters, [ORDER])
+    return cr.Space(parameters, [ORDER])
 
 
-def rigid_space(injector: Injector) -> Space:
+def rigid_space(injector: cr.Injector) -> cr.Space:
     """The search space of the rigid body's stop and control volume, around those of an injector."""
     own = {name: injector.values[name] for name in RIGID_NAMES}
     bounds = {name: (value / RIGID_RANGE, value * RIGID_RANGE) for name, value in own.items()}
-    return Space([_parameter(injector, name, bounds[name], "log") for name in RIGID_NAMES])
+    return cr.Space([_parameter(injector, name, bounds[name], "log") for name in RIGID_NAMES])
 
 
 def _parameter(
-    injector: Injector, name: str, bounds: tuple[float, float], scale: Literal["linear", "log"] = "linear"
-) -> Parameter:
+    injector: cr.Injector, name: str, bounds: tuple[float, float], scale: Literal["linear", "log"] = "linear"
+) -> cr.Parameter:
     """A free parameter with the injector's own value, unit, mark and source."""
-    source = injector.sources.get(name, Source("E", "no source stated"))
-    unit = parameter_quantities()[name].unit
-    return Parameter(
+    source = injector.sources.get(name, cr.Source("E", "no source stated"))
+    unit = cr.parameter_quantities()[name].unit
+    return cr.Parameter(
         name,
         injector.values[name],
         *bounds,

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.calibration.checkpoint import Generation
-from commonrail.injector.definition import parameter_quantities
+import commonrail as cr
 from commonrail.reproduction import paper
 from commonrail.reproduction.claims import claims
 from commonrail.reproduction.figures import Figures
@@ -56,8 +55,8 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
         "truth": {"title": bench.truth.title, "facts": [list(fact) for fact in bench.truth.facts()]},
         "data": _data(f),
         "labels": LABELS,
-        "J": {name: {label: _numbers(j) for label, j in models.items()} for name, models in f.j.items()},
-        "J_spread": {name: {label: _spread(j) for label, j in models.items()} for name, models in f.j.items()},
+        "J": _each(f.j, _numbers),
+        "J_spread": _each(f.j, _spread),
         "table1": _table1(f),
         "rigid_fit": _rigid_fit(f),
         "table3": [_configuration(f, c) for c in paper.CONFIGURATIONS],
@@ -93,18 +92,16 @@ def _table1(f: Figures) -> list[dict[str, Any]]:
     for i, p in enumerate(f.space.parameters):
         found = [r.identified[p.name] for r in f.repetitions if p.name in r.identified]
         errors = [e["standard_error"] for e in found if e["standard_error"] is not None]
+        optimal = paper.TABLE1_OPTIMAL[p.name]
         rows.append(
             {
                 "name": p.name,
                 "symbol": p.name.rpartition(".")[2],
                 "unit": p.unit,
                 "theoretical": p.reference,
-                "paper": paper.TABLE1_OPTIMAL[p.name],
-                "lower": p.lower,
-                "upper": p.upper,
-                "values": _numbers(values[:, i]),
-                **_spread(values[:, i]),
-                "paper_change": paper.TABLE1_OPTIMAL[p.name] / p.reference - 1.0,
+                "paper": optimal,
+                **_searched(p, values[:, i]),
+                "paper_change": optimal / p.reference - 1.0,
                 "change": _spread(f.change[:, i]),
                 "verdicts": f.verdicts(i),
                 "standard_error": _number(spread(errors).median),
@@ -116,24 +113,27 @@ def _table1(f: Figures) -> list[dict[str, Any]]:
 def _rigid_fit(f: Figures) -> list[dict[str, Any]]:
     """Stop and control volume of the rigid body fitted at 160 MPa."""
     values = np.array([r.rigid.x for r in f.repetitions])
+    meanings = cr.parameter_quantities()
     return [
         {
             "name": p.name,
             "unit": p.unit,
-            "meaning": parameter_quantities()[p.name].meaning,
+            "meaning": meanings[p.name].meaning,
             "drawing": p.reference,
-            "lower": p.lower,
-            "upper": p.upper,
-            "values": _numbers(values[:, i]),
-            **_spread(values[:, i]),
+            **_searched(p, values[:, i]),
         }
         for i, p in enumerate(f.rigid_space.parameters)
     ]
 
 
+def _searched(p: cr.Parameter, values: Floats) -> dict[str, Any]:
+    """Bounds of a parameter and what was found over the seeds."""
+    return {"lower": p.lower, "upper": p.upper, "values": _numbers(values), **_spread(values)}
+
+
 def _configuration(f: Figures, c: Configuration) -> dict[str, Any]:
     js = {name: f.table3[c][:, i] for i, name in enumerate(paper.RAIL_PRESSURES)} | {MEAN: f.mean_j[c]}
-    spreads = {name: spread(values) for name, values in js.items()}
+    spreads = {name: _spread(values) for name, values in js.items()}
     return {
         "generations": c.generations,
         "members": c.members,
@@ -141,9 +141,7 @@ def _configuration(f: Figures, c: Configuration) -> dict[str, Any]:
         "simulated": [r.table3[c][0].counts.simulated for r in f.repetitions],
         "J": {name: _numbers(js[name]) for name in paper.RAIL_PRESSURES},
         "mean": _numbers(js[MEAN]),
-        "median": {name: _number(s.median) for name, s in spreads.items()},
-        "q1": {name: _number(s.q1) for name, s in spreads.items()},
-        "q3": {name: _number(s.q3) for name, s in spreads.items()},
+        **{key: {name: s[key] for name, s in spreads.items()} for key in ("median", "q1", "q3")},
         "paper": dict(zip(js, paper.TABLE3[c], strict=True)),
         "note": _READINGS.get(c, ""),
     }
@@ -182,14 +180,9 @@ def _convergence(f: Figures) -> dict[str, Any]:
 
 def _band(searches: list[Found], which: str) -> dict[str, list[float | None]]:
     """Median and quartiles over the seeds in each generation."""
-    at = Generation._fields.index(which)
-    table = np.array([[float(g[at]) for g in s.history] for s in searches])
-    spreads = [spread(column) for column in table.T]
-    return {
-        "median": [_number(s.median) for s in spreads],
-        "low": [_number(s.q1) for s in spreads],
-        "high": [_number(s.q3) for s in spreads],
-    }
+    table = np.array([[float(getattr(g, which)) for g in s.history] for s in searches])
+    spreads = [_spread(column) for column in table.T]
+    return {key: [s[of] for s in spreads] for key, of in (("median", "median"), ("low", "q1"), ("high", "q3"))}
 
 
 def _search(f: Figures) -> list[dict[str, Any]]:
@@ -208,11 +201,16 @@ def _search(f: Figures) -> list[dict[str, Any]]:
 
 
 def _phases(f: Figures) -> dict[str, Any]:
-    each = {name: {k: [_numbers(row) for row in js] for k, js in models.items()} for name, models in f.phases.items()}
-    medians = {
-        name: {k: _numbers(np.median(js, axis=0)) for k, js in models.items()} for name, models in f.phases.items()
+    return {
+        "names": list(PHASES),
+        "J": _each(f.phases, lambda js: [_numbers(row) for row in js]),
+        "median": _each(f.phases, lambda js: _numbers(np.median(js, axis=0))),
     }
-    return {"names": list(PHASES), "J": each, "median": medians}
+
+
+def _each(found: dict[str, dict[str, Floats]], make: Callable[[Floats], Any]) -> dict[str, dict[str, Any]]:
+    """What is made of the arrays of each data set and label."""
+    return {name: {label: make(values) for label, values in models.items()} for name, models in found.items()}
 
 
 def _edges(f: Figures) -> dict[str, Any]:

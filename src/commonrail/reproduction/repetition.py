@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.identifiability import identify_at
-from commonrail.analysis.virtual_bench import Truth, bench_curve
-from commonrail.calibration.checkpoint import Generation
-from commonrail.calibration.objective import Objective
-from commonrail.calibration.optimisers import Counts, DifferentialEvolution, EvolutionSettings
-from commonrail.calibration.search import steps
-from commonrail.calibration.space import Space
-from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body
-from commonrail.kinds import RateData, Role
+import commonrail as cr
 from commonrail.reproduction import paper
 from commonrail.reproduction.paper import Configuration
 
-__all__ = ["LABELS", "Bench", "Found", "Repetition", "generations_of_one", "measure", "repeat", "search"]
+__all__ = ["LABELS", "Found", "Repetition", "generations_of_one", "measure", "repeat", "search"]
 
 Floats = NDArray[np.float64]
 
@@ -35,14 +25,6 @@ LABELS = {
     "paper": "paper's optimal k",
     "optimised": "optimised",
 }
-
-
-class Bench(NamedTuple):
-    """What is measured and what is fitted to it: the hidden truth, the injector as drawn, the time step [s]."""
-
-    truth: Truth
-    injector: Injector
-    time_step: float
 
 
 @dataclass(frozen=True)
@@ -65,8 +47,8 @@ class Found:
 
     x: Floats
     cost: float
-    counts: Counts
-    history: tuple[Generation, ...]
+    counts: cr.Counts
+    history: tuple[cr.Generation, ...]
     members: Floats
     injections: int
 
@@ -100,9 +82,9 @@ class Repetition:
     """
 
     seed: int
-    data: tuple[RateData, ...]
-    space: Space
-    rigid_space: Space
+    data: tuple[cr.RateData, ...]
+    space: cr.Space
+    rigid_space: cr.Space
     rates: dict[str, Floats]
     best: Found
     table3: dict[Configuration, tuple[Found, Floats]]
@@ -130,8 +112,8 @@ def generations_of_one() -> int:
     return table3 + others * (paper.BEST.generations + 1) + paper.RIGID_FIT.generations + 1
 
 
-def repeat(bench: Bench, seed: int, after: Callable[[], None]) -> Repetition:
-    """Measure and search.
+def repeat(bench: cr.Bench, seed: int, after: Callable[[], None]) -> Repetition:
+    """Measure and search, on one thread, because repetitions run side by side.
 
     Parameters
     ----------
@@ -147,116 +129,123 @@ def repeat(bench: Bench, seed: int, after: Callable[[], None]) -> Repetition:
         If the truth cannot be simulated.
     """
     data = measure(bench, seed)
-    run = _Searches(bench, data, after)
     fit = data[0]
-    best = run.search(fit, paper.BEST.settings, seed)
+    flexible, stiff = _models(bench)
+    best = flexible.search(fit, paper.BEST.settings, seed, after)
     configurations = {
-        c: best if c == paper.BEST else run.search(fit, c.settings, (seed, c.generations, c.members))
+        c: best if c == paper.BEST else flexible.search(fit, c.settings, (seed, c.generations, c.members), after)
         for c in paper.CONFIGURATIONS
     }
-    treatments = {t.name: run.search(fit, t.settings, seed) for t in paper.TREATMENTS[1:]}
-    own = {d.name: run.search(d, paper.BEST.settings, seed) for d in data[1:]}
-    rigid = run.search(fit, paper.RIGID_FIT, seed, run.rigid)
+    treatments = {t.name: flexible.search(fit, t.settings, seed, after) for t in paper.TREATMENTS[1:]}
+    own = {d.name: flexible.search(d, paper.BEST.settings, seed, after) for d in data[1:]}
+    rigid = stiff.search(fit, paper.RIGID_FIT, seed, after)
+    optimal = np.array([paper.TABLE1_OPTIMAL[name] for name in flexible.space.names])
+    shown = {
+        "rigid": (stiff, stiff.space.reference),
+        "rigid_fitted": (stiff, rigid.x),
+        "theoretical": (flexible, flexible.space.reference),
+        "paper": (flexible, optimal),
+        "optimised": (flexible, best.x),
+    }
     return Repetition(
         seed,
         data,
-        run.space,
-        run.rigid.space,
-        run.model_rates(best.x, rigid.x),
+        flexible.space,
+        stiff.space,
+        {label: model.rates(data, x) for label, (model, x) in shown.items()},
         best,
-        {c: (found, run.costs(found.x[None, :])[:, 0]) for c, found in configurations.items()},
+        {c: (found, flexible.costs(data, found.x[None, :])[:, 0]) for c, found in configurations.items()},
         {paper.TREATMENTS[0].name: best, **treatments},
         own,
         rigid,
-        run.costs(best.members[0]),
-        identify_at(run.space, run.objective(fit), best.x) if np.isfinite(best.cost) else {},
+        flexible.costs(data, best.members[0]),
+        cr.identify_at(flexible.space, flexible.objective(fit), best.x) if np.isfinite(best.cost) else {},
     )
 
 
-def measure(bench: Bench, seed: int) -> tuple[RateData, ...]:
-    """The synthetic measurement of one seed: curves at 160, 120 and 80 MPa with their rail pressure traces."""
+def measure(bench: cr.Bench, seed: int) -> tuple[cr.RateData, ...]:
+    """Synthetic measurement of one seed: curves at 160, 120 and 80 MPa with their rail pressure traces."""
     found = []
     for name, rail_pressure in paper.RAIL_PRESSURES.items():
-        curve = bench_curve(bench.truth, bench.injector, rail_pressure, paper.ENERGISING_TIME, seed)
+        curve = cr.bench_curve(bench.truth, bench.injector, rail_pressure, paper.ENERGISING_TIME, seed)
         bounds = np.concatenate(([0.0], curve.time))
-        point = OperatingPoint(
-            Trace.of(curve.trace_time, curve.rail), paper.ENERGISING_TIME, horizon=float(curve.time[-1])
-        )
-        role = Role.FIT if name == paper.FIT else Role.VALIDATION
+        rail = cr.Trace.of(curve.trace_time, curve.rail)
+        point = cr.OperatingPoint(rail, paper.ENERGISING_TIME, horizon=float(curve.time[-1]))
+        role = cr.Role.FIT if name == paper.FIT else cr.Role.VALIDATION
         source = f"virtual test bench of commonrail, seed {seed}"
-        found.append(RateData(name, role, point, bounds, curve.rate, 1.0, source, bench.truth.synthetic))
+        found.append(cr.RateData(name, role, point, bounds, curve.rate, 1.0, source, bench.truth.synthetic))
     return tuple(found)
 
 
-def search(bench: Bench, data: RateData, settings: EvolutionSettings, seed: int | tuple[int, ...]) -> Found:
-    """Fit k1…k7 to one curve."""
-    return _Searches(bench, (data,), lambda: None).search(data, settings, seed)
+def search(bench: cr.Bench, data: cr.RateData, settings: cr.EvolutionSettings, seed: int | tuple[int, ...]) -> Found:
+    """Fit k1…k7 to one curve.
+
+    Parameters
+    ----------
+    bench : Bench
+    data : RateData
+    settings : EvolutionSettings
+    seed : int or tuple of int
+        Of the search.
+    """
+    return _models(bench)[0].search(data, settings, seed, lambda: None)
 
 
 class _Model(NamedTuple):
-    """Subject of a search: free parameters, and how plunger and needle move."""
+    """Subject of a search: an injector with its body, and its free parameters; the time step [s]."""
 
-    space: Space
-    body: Body
+    injector: cr.Injector
+    space: cr.Space
+    time_step: float
 
-
-class _Searches:
-    """Searches and simulations of one repetition; on one thread, because repetitions run side by side."""
-
-    def __init__(self, bench: Bench, data: tuple[RateData, ...], after: Callable[[], None]) -> None:
-        self.bench, self.data, self.after = bench, data, after
-        self.flexible = _Model(paper.space(bench.injector), Body.FLEXIBLE)
-        self.rigid = _Model(paper.rigid_space(bench.injector), Body.RIGID)
-
-    @property
-    def space(self) -> Space:
-        """Bounds and ordering of k1…k7."""
-        return self.flexible.space
-
-    def objective(self, data: RateData, model: _Model | None = None) -> Objective:
-        """Objective of one curve, of the flexible model unless another is given."""
-        space, body = model or self.flexible
-        injector = self.bench.injector
-        injector = replace(injector, variant=injector.variant._replace(body=body))
-        return Objective(injector, space.names, [data], self.bench.time_step, threads=1)
+    def objective(self, data: cr.RateData) -> cr.Objective:
+        """Objective of one curve."""
+        return cr.Objective(self.injector, self.space.names, [data], self.time_step, threads=1)
 
     def search(
         self,
-        data: RateData,
-        settings: EvolutionSettings,
+        data: cr.RateData,
+        settings: cr.EvolutionSettings,
         seed: int | tuple[int, ...],
-        model: _Model | None = None,
+        after: Callable[[], None],
     ) -> Found:
-        """Differential evolution on one curve."""
-        model = model or self.flexible
-        optimiser = DifferentialEvolution(model.space, np.random.default_rng(seed), settings)
-        history: list[Generation] = []
+        """Fit the free parameters to one curve by differential evolution.
+
+        Parameters
+        ----------
+        data, settings, seed
+            As for `search`.
+        after : function
+            Called after every generation.
+        """
+        optimiser = cr.DifferentialEvolution(self.space, np.random.default_rng(seed), settings)
+        history: list[cr.Generation] = []
         members: list[Floats] = []
         injections = 0
-        for step in steps(optimiser, self.objective(data, model)):
+        for step in cr.steps(optimiser, self.objective(data)):
             injections += step.simulations
-            history.append(Generation.of(len(history), optimiser))
+            history.append(cr.Generation.of(len(history), optimiser))
             members.append(optimiser.population)
-            self.after()
+            after()
         best = optimiser.best
         return Found(best.x, best.cost, optimiser.counts, tuple(history), np.array(members), injections)
 
-    def costs(self, x: Floats) -> Floats:
-        """J of stiffness (n, 7) at all pressures (3, n)."""
-        return np.array([self.objective(d).misfits(x)[:, 0] for d in self.data])
+    def costs(self, data: Sequence[cr.RateData], x: Floats) -> Floats:
+        """J of values (n, d) on each curve (curves, n)."""
+        return np.array([self.objective(d).misfits(x)[:, 0] for d in data])
 
-    def model_rates(self, best: Floats, fitted: Floats) -> dict[str, Floats]:
-        """Rates of the models of `LABELS` at all pressures, given the best stiffness and the rigid body's best."""
-        theoretical = self.space.reference
-        optimal = np.array([paper.TABLE1_OPTIMAL[name] for name in self.space.names])
-        models = {
-            "rigid": (self.rigid, self.rigid.space.reference),
-            "rigid_fitted": (self.rigid, fitted),
-            "theoretical": (self.flexible, theoretical),
-            "paper": (self.flexible, optimal),
-            "optimised": (self.flexible, best),
-        }
-        return {
-            label: np.array([d.simulated(self.objective(d, model).simulator, x[None, :])[0] for d in self.data])
-            for label, (model, x) in models.items()
-        }
+    def rates(self, data: Sequence[cr.RateData], x: Floats) -> Floats:
+        """Rate of injection (curves, samples) [m³/s] with the values x (d,)."""
+        return np.array([d.simulated(self.objective(d).simulator, x[None, :])[0] for d in data])
+
+
+def _models(bench: cr.Bench) -> tuple[_Model, _Model]:
+    """Flexible model with k1…k7 free, and rigid one with stop and control volume free."""
+    injector = bench.injector
+    flexible, rigid = (
+        replace(injector, variant=injector.variant._replace(body=body)) for body in (cr.Body.FLEXIBLE, cr.Body.RIGID)
+    )
+    return (
+        _Model(flexible, paper.space(injector), bench.time_step),
+        _Model(rigid, paper.rigid_space(injector), bench.time_step),
+    )

@@ -1,34 +1,15 @@
-"""Run the repetitions side by side, in the order of their seeds, until all are done or the user stops."""
+"""Repetitions of the paper's study for many seeds."""
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import suppress
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from commonrail.analysis.truth import Truth
-from commonrail.arguments import function, instance, sequence, thread_count, whole
-from commonrail.engine.simulate import check_step, usable_threads
-from commonrail.errors import ConfigurationError
-from commonrail.injector.definition import Injector
-from commonrail.reproduction.repetition import Bench, Repetition, generations_of_one, repeat
-from commonrail.workers.interrupt import Wish, held_interrupts
+import commonrail as cr
+from commonrail.reproduction.repetition import Repetition, generations_of_one, repeat
 
-__all__ = ["Progress", "Reproduction", "reproduce"]
-
-
-class Progress(NamedTuple):
-    """Generations done and in all, repetitions done and in all, seconds since the start."""
-
-    generation: int
-    generations: int
-    done: int
-    seeds: int
-    seconds: float
+__all__ = ["Reproduction", "reproduce"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +26,7 @@ class Reproduction:
     seconds : float
     """
 
-    bench: Bench
+    bench: cr.Bench
     repetitions: tuple[Repetition, ...]
     asked: int
     seconds: float
@@ -57,11 +38,11 @@ class Reproduction:
 
 
 def reproduce(
-    bench: Bench,
+    bench: cr.Bench,
     seeds: Sequence[int],
     *,
     threads: int | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[cr.SeedProgress], None] | None = None,
 ) -> Reproduction:
     """Repeat the paper's study once for each seed.
 
@@ -75,7 +56,7 @@ def reproduce(
         Distinct.
     threads : int, optional
         Repetitions side by side; all usable processors by default.
-    progress : function of Progress, optional
+    progress : function of SeedProgress, optional
         Called now and then, from the calling thread.
 
     Raises
@@ -87,73 +68,17 @@ def reproduce(
     KeyboardInterrupt
         If the user stops before one repetition is complete.
     """
-    bench = _checked(bench)
-    threads = thread_count(threads)
-    function(progress, "progress")
-    seeds = [whole(seed, "seed") for seed in sequence(seeds, "seeds", "[1, 2, 3]")]
-    if not seeds or len(set(seeds)) < len(seeds):
-        raise ConfigurationError("The seeds of a reproduction must be at least one, each once.")
+    if not isinstance(bench, cr.Bench):
+        raise cr.ConfigurationError(
+            f"The bench must be a Bench, not a {type(bench).__name__}; "
+            "write commonrail.Bench(truth, injector, time_step)."
+        )
     start = time.perf_counter()
-    counter = _Counter()
-    with held_interrupts() as wish, ThreadPoolExecutor(threads or usable_threads()) as pool:
-        counter.wish = wish
-        futures = [pool.submit(repeat, bench, seed, counter.count) for seed in seeds]
-        try:
-            _watch(futures, counter, progress, start)
-        finally:
-            counter.ended = True
-            for future in futures:
-                future.cancel()
-    found = tuple(f.result() for f in futures if not f.cancelled() and f.exception() is None)
-    if not found:
-        raise KeyboardInterrupt
+    found = cr.for_seeds(
+        lambda seed, after: repeat(bench, seed, after),
+        seeds,
+        generations=generations_of_one(),
+        threads=threads,
+        progress=progress,
+    )
     return Reproduction(bench, found, len(seeds), time.perf_counter() - start)
-
-
-def _checked(bench: Bench) -> Bench:
-    """The bench with its time step as a number."""
-    instance(bench, Bench, "bench")
-    instance(bench.truth, Truth, "truth of the bench")
-    instance(bench.injector, Injector, "injector of the bench")
-    return bench._replace(time_step=check_step(bench.time_step))
-
-
-class _Counter:
-    """Counts generations of all threads, and ends them if the user wishes or a repetition has failed."""
-
-    def __init__(self) -> None:
-        self.wish: Wish | None = None
-        self.ended = False
-        self.generations = 0
-        self._lock = threading.Lock()
-
-    def count(self) -> None:
-        """One more generation; raises KeyboardInterrupt to end the repetition."""
-        with self._lock:
-            self.generations += 1
-        if self.ended:
-            raise KeyboardInterrupt
-        if self.wish is not None:
-            self.wish.heed()
-
-
-def _watch(
-    futures: Sequence[Future[Repetition]],
-    counter: _Counter,
-    progress: Callable[[Progress], None] | None,
-    start: float,
-) -> None:
-    """Tell the progress until all repetitions have ended; raise what ended one of them."""
-    pending = set(futures)
-    while pending:
-        done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
-        for future in done:
-            error = future.exception()
-            if error is not None and not isinstance(error, KeyboardInterrupt):
-                raise error
-        if progress is not None:
-            finished = len(futures) - len(pending)
-            seconds = time.perf_counter() - start
-            total = len(futures) * generations_of_one()
-            with suppress(OSError, ValueError):  # a terminal that went away must not end the work
-                progress(Progress(counter.generations, total, finished, len(futures), seconds))

@@ -54,7 +54,7 @@ def _best_configuration(f: Figures) -> Claim:
         f"at ({first.generations}, {first.members}); {test}"
     )
     comment = "Chance alone would make (70, 50) the best of nine in 11 % of the seeds."
-    return judged(sentence, figure, np.argmin(means, axis=0) == at, comment, verdict)
+    return judged(sentence, figure, np.argmin(means, axis=0) == at, comment=comment, verdict=verdict)
 
 
 def _compared(means: Floats, at: int) -> tuple[Verdict, str]:

@@ -36,7 +36,7 @@ def _stiffer(f: Figures) -> Claim:
     figure = f"smallest change of the seven {low} (quartiles {q1} to {q3})"
     comment = f"{_TRUE_K} Whether friction alone would raise k is not tested here."
     chance = float(np.mean(np.all(f.random_change > 0.0, axis=1)))
-    return judged(sentence, figure, np.all(f.change > 0.0, axis=1), comment, chance=chance)
+    return judged(sentence, figure, np.all(f.change > 0.0, axis=1), comment=comment, chance=chance)
 
 
 _TRUE_K = "It depends on the bench's true k, which the default truth takes from the paper's optimum."
@@ -117,7 +117,7 @@ def _stiffness(f: Figures, group: _Group) -> Claim:
     if not _pinned(f, group.symbols):
         comment += " The curve at 160 MPa does not determine them by themselves."
     chance = float(np.mean(group.true(f.random_change)))
-    return judged(sentence, _changes(f, group.symbols), group.true(f.change), comment, chance=chance)
+    return judged(sentence, _changes(f, group.symbols), group.true(f.change), comment=comment, chance=chance)
 
 
 _GROUPS = _groups()
@@ -135,4 +135,4 @@ def _k6_at_maximum(f: Figures) -> Claim:
         "The paper's maximum is not printed; here it is 3 times the theoretical value. Of random feasible points "
         f"{share(f.k6_high_at_random)} lie there, because the ordering makes k6 the largest."
     )
-    return judged(sentence, f"{share(s.median)} of the members (median)", f.k6_high > 0.5, comment)
+    return judged(sentence, f"{share(s.median)} of the members (median)", f.k6_high > 0.5, comment=comment)

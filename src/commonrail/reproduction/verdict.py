@@ -62,15 +62,25 @@ def judged(
     s: Sentence,
     figure: str,
     true: ArrayLike,
+    *,
     comment: str = "",
     verdict: Verdict | None = None,
     valid: ArrayLike = True,
     chance: float | None = None,
 ) -> Claim:
-    """Claim from what is true in each seed; a verdict given stands, otherwise the interval of the share decides.
+    """Claim from what is true in each seed.
 
-    It holds if the 95 % interval lies above one half, and does not if it lies below. Seeds without a number, those
-    that are not `valid`, are left out.
+    It holds if the 95 % interval of the share lies above one half, and does not if it lies below.
+
+    Parameters
+    ----------
+    s : Sentence
+    figure, comment, chance
+        As for `Claim`.
+    true, valid : (seeds,) bool
+        Whether it is true; seeds without a number, those that are not valid, are left out.
+    verdict : str, optional
+        Stands in place of that of the interval.
     """
     each = np.asarray(true, bool)
     each = each[np.broadcast_to(np.asarray(valid, bool), each.shape)]

@@ -7,7 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from commonrail.bench import curves
+from benchmarks import curves
 from commonrail.bench.timing import Effort
 
 EFFORT = Effort(1, 0.0)

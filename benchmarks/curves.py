@@ -1,14 +1,12 @@
-"""How time and memory grow: with candidates, operating points, horizon and threads."""
+"""Growth of time and memory with candidates, operating points, horizon and threads."""
 
 from __future__ import annotations
 
-import json
-import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 from commonrail.bench.case import POINT, candidates, injector
-from commonrail.bench.child import reason, run_child
+from commonrail.bench.child import Runner, ask_child, run_child
 from commonrail.bench.timing import CLOCKS, Clocks, Effort, time_best
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch, usable_threads
@@ -23,8 +21,6 @@ FULL = 512  # candidates
 MANY = 4096
 LONGEST = 900.0  # what a population may take in its own process, compilation included [s]
 
-Runner = Callable[[str, list[str], float], subprocess.CompletedProcess[str]]
-
 
 def population_curve(counts: tuple[int, ...], effort: Effort, run: Runner = run_child) -> Iterator[dict[str, Any]]:
     """Time and greatest memory against candidates, each population in a process of its own.
@@ -36,15 +32,8 @@ def population_curve(counts: tuple[int, ...], effort: Effort, run: Runner = run_
         per_second; or candidates and failed, a sentence, where the process did not end well.
     """
     for count in counts:
-        try:
-            done = run("commonrail.bench.probe", [str(count), str(effort.runs), str(effort.seconds)], LONGEST)
-        except subprocess.TimeoutExpired:
-            yield {"candidates": count, "failed": f"not done within {LONGEST:g} s"}
-            continue
-        if done.returncode != 0:
-            yield {"candidates": count, "failed": reason(done)}
-            continue
-        yield json.loads(done.stdout)
+        found = ask_child("benchmarks.probe", [str(count), str(effort.runs), str(effort.seconds)], LONGEST, run)
+        yield {"candidates": count} | found
 
 
 def point_curve(counts: tuple[int, ...], effort: Effort, clocks: Clocks = CLOCKS) -> Iterator[dict[str, Any]]:

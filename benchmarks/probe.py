@@ -1,4 +1,4 @@
-"""One population in a process of its own: ``python -m commonrail.bench.probe CANDIDATES RUNS SECONDS`` prints JSON.
+"""One population in a process of its own: ``python -m benchmarks.probe CANDIDATES RUNS SECONDS`` prints JSON.
 
 Only a fresh process can tell the greatest memory of one population.
 """

@@ -1,0 +1,58 @@
+"""Searches by other optimisers share one objective; what is extrapolated says so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks import searches
+from benchmarks.searches import OPTIMISERS, Scalar, Tally, reference_searches
+from commonrail.bench.case import paper_study
+from commonrail.bench.searches import Optimiser
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate
+from commonrail.engine.solution import Solution
+from commonrail.errors import ConfigurationError
+from commonrail.injector.definition import Injector
+
+
+def test_only_what_keeps_to_the_ordering_can_be_best() -> None:
+    study = paper_study()
+    tally = Tally(study, 1)
+    backwards = study.space.upper - (study.space.centre - study.space.lower)
+    assert not study.space.satisfies(backwards)
+    costs = tally.costs(np.array([study.space.centre, backwards]))
+    assert tally.simulations == 2
+    assert tally.best == costs[0]
+
+
+@pytest.mark.parametrize("optimiser", OPTIMISERS, ids=lambda o: o.package)
+def test_every_optimiser_improves_on_the_start(optimiser: Optimiser) -> None:
+    pytest.importorskip(optimiser.module, reason="an extra")
+    found = optimiser.run(paper_study(1, 4))
+    start = Tally(paper_study(), 1)
+    start.costs(start.space.reference[None, :])
+    assert 0 < found.simulations <= 50 * 5
+    assert found.best < start.best
+
+
+def test_a_search_by_the_reference_is_extrapolated_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+
+    def slow(injector: Injector, point: OperatingPoint, interval: float) -> Solution:
+        nonlocal now
+        now += 2.0
+        return simulate(injector, point, time_step=1e-6, sample_interval=interval)
+
+    monkeypatch.setattr(searches, "SCALARS", (Scalar("slow", slow),))
+    (row,) = reference_searches(5, lambda: now)
+    assert row["measured_simulations"] == 5
+    assert row["simulations"] == 50 * 71
+    assert row["seconds"] == pytest.approx(2.0 * 50 * 71)
+    assert row["extrapolated"] is True
+    assert row["J"] is None
+
+
+def test_too_few_members_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match="5 members"):
+        next(reference_searches(4))
