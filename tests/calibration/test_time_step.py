@@ -13,8 +13,8 @@ from commonrail.calibration.objective import Objective, of_role
 from commonrail.calibration.plausibility import of_settings
 from commonrail.calibration.study import Role
 from commonrail.calibration.time_step import longest_for_all, step_for_all
-from commonrail.engine.simulate import DEFAULT_STEP
 from commonrail.engine.status import Status
+from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.errors import ConfigurationError
 from commonrail.files.study_file import load_study
 

@@ -13,9 +13,10 @@ from commonrail.engine.lanes import Misfit, Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare, reference_densities
 from commonrail.engine.sampling import sampled_rates
-from commonrail.engine.simulate import check_step, simulate_batch
+from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status, which_failed
+from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 

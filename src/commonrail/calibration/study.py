@@ -28,7 +28,7 @@ from commonrail.calibration.optimisers.evolution_settings import EvolutionSettin
 from commonrail.calibration.space import Space
 from commonrail.engine.lanes import Precision
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.simulate import check_step
+from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.injector.definition import Injector
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.simulate import reference_density
+from commonrail.engine.plan import reference_density
 from commonrail.files.place import Place
 from commonrail.files.reach import Reach
 from commonrail.injector.definition import Injector

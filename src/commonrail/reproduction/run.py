@@ -13,7 +13,8 @@ from typing import NamedTuple
 from commonrail.analysis.truth import Truth
 from commonrail.arguments import function, instance, sequence, thread_count, whole
 from commonrail.calibration.interrupt import Wish, held_interrupts
-from commonrail.engine.simulate import check_step, usable_threads
+from commonrail.engine.simulate import usable_threads
+from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.reproduction.repetition import Bench, Repetition, generations_of_one, repeat
