@@ -29,6 +29,7 @@ from commonrail.bench.case import POINT, TIME_STEP, candidates, injector
 from commonrail.bench.timing import Effort, time_best
 from commonrail.compile import compiler_choices
 from commonrail.engine import lanes, plan
+from commonrail.engine.population import candidate_matrix
 from commonrail.reproduction import paper
 
 CHAIN_LATENCY = 6  # cycles of three dependent shifts and exclusive ors
@@ -202,10 +203,10 @@ def measure(precision: lanes.Precision) -> dict[str, Any]:
     vector = lanes.VECTORS[precision]
     values = candidates(8 * vector.lanes)
     steps = round(POINT.duration / TIME_STEP)
-    theta = plan.candidate_matrix(injector(), paper.NAMES, values)
-    job = plan.make_job(injector(), theta, [POINT], TIME_STEP, False, vector.lanes)
-    lanes.run(job, variant, None, 1, precision)
-    seconds = _best(lambda: lanes.run(job, variant, None, 1, precision), 30)
+    theta = candidate_matrix(injector(), paper.NAMES, values)
+    job = plan.make_job(plan.prepare(injector(), [POINT], TIME_STEP), theta, False, vector.lanes)
+    lanes.run(job, variant, precision=precision)
+    seconds = _best(lambda: lanes.run(job, variant, precision=precision), 30)
     hertz = clock()
     with compiler_choices():  # the machine code is made once more
         kernel: Any = lanes.compiled(variant, precision)

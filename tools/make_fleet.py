@@ -19,8 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.plan import reference_density
 from commonrail.engine.sampling import sampled_rates
-from commonrail.engine.simulate import DEFAULT_STEP, reference_density, simulate_batch
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.files.injector_file import load_injector
 from commonrail.injector.definition import Injector, parameter_quantities
 

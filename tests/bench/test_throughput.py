@@ -8,8 +8,8 @@ from commonrail.bench import throughput
 from commonrail.bench.accuracy import lane_errors
 from commonrail.bench.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
 from commonrail.bench.timing import Effort
-from commonrail.engine import plan
 from commonrail.engine.lanes import Precision
+from commonrail.engine.population import candidate_matrix
 from commonrail.engine.stability import medium_of, too_long
 from commonrail.reproduction import paper
 
@@ -27,7 +27,7 @@ def test_there_is_a_row_for_each_precision_step_count_and_number_of_threads(monk
 
 def test_the_long_step_is_a_whole_part_of_the_case_and_bears_all_its_candidates() -> None:
     assert POINT.duration / LONG_STEP == pytest.approx(round(POINT.duration / LONG_STEP), abs=1e-9)
-    theta = plan.candidate_matrix(injector(), paper.NAMES, candidates(512))
+    theta = candidate_matrix(injector(), paper.NAMES, candidates(512))
     assert not too_long(injector(), paper.NAMES, theta, medium_of(injector(), 160e6), LONG_STEP).any()
 
 

@@ -12,8 +12,8 @@ import pytest
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility import of_settings
 from commonrail.calibration.time_step import longest_for_all, step_for_all
-from commonrail.engine.simulate import DEFAULT_STEP
 from commonrail.engine.status import Status
+from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.errors import ConfigurationError
 from commonrail.files.study_file import load_study
 from commonrail.kinds import Role, of_role

@@ -133,7 +133,7 @@ def test_parts_do_not_change_a_bit(simulated: dict[str, np.ndarray]) -> None:
 
 def test_samples_are_due_when_the_lanes_take_them() -> None:
     bounds = np.array([[0.0, 0.5, 1.0, 1.25, 1.75, 4.0, 9.5]])
-    found = cuda.samples(Misfit(np.array([7]), bounds, 2.0 * bounds, 3.0 * bounds, np.ones((1, 1))), 0.5)
+    found = Misfit(np.array([7]), bounds, 2.0 * bounds, 3.0 * bounds, np.ones((1, 1))).samples(0.5)
     taken, bound = [], 0
     for k in range(10):
         while bound < 7 and bounds[0, bound] <= k + 1.0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.engine import plan
+from commonrail.engine import plan, population
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector, parameter_paths
@@ -28,7 +28,7 @@ def test_figures_come_back_in_the_candidates_order() -> None:
 
 def test_candidates_differ_in_the_named_columns_only(regulated: Injector) -> None:
     names = ("valve.mass", "fuel.temperature")
-    theta = plan.candidate_matrix(regulated, names, np.array([[6e-3, 353.15], [5e-3, 313.15]]))
+    theta = population.candidate_matrix(regulated, names, np.array([[6e-3, 353.15], [5e-3, 313.15]]))
     mass = parameter_paths().index("valve.mass")
     assert theta[:, mass].tolist() == [6e-3, 5e-3]
     known = len(parameter_paths())
@@ -40,58 +40,50 @@ def test_candidates_differ_in_the_named_columns_only(regulated: Injector) -> Non
 def test_inputs_are_means_over_a_step_and_clocks(regulated: Injector) -> None:
     rail = Trace((0.0, 10e-6, 20e-6), (100e6, 110e6, 100e6))
     point = OperatingPoint(rail, (Energising(2e-6, 3e-6), Energising(8e-6, 4e-6)), start=-4e-6, horizon=20e-6)
-    theta = plan.candidate_matrix(regulated, (), np.empty((1, 0)))
-    job = plan.make_job(regulated, theta, [point], 1e-6, True)
-    inputs = job.inputs[0]
+    courses = plan.prepare(regulated, [point], 1e-6).courses
+    inputs = courses.inputs[0]
     begin = -4e-6 + 1e-6 * np.arange(20)
     middle = np.interp(begin + 0.5e-6, rail.time, rail.value)
     assert inputs[:, 0] == pytest.approx(middle, rel=1e-12)  # no knot lies inside a step
     assert inputs[12, 4:] == pytest.approx([0.0, -4e-6], abs=1e-12)  # t = 8 us: the second begins
     assert inputs[11, 4:] == pytest.approx([5e-6, 2e-6], abs=1e-12)
     # rail: the mean of the trace before the first energising, from 100 to 102 MPa
-    assert job.settings == pytest.approx(np.array([[101e6, 5e6, 0.5e6]]), rel=1e-12)
-    assert job.quiet[0] == round((12e-6 + 4e-6 + plan.LOOK_AFTER) / 1e-6)
+    assert courses.settings == pytest.approx(np.array([[101e6, 5e6, 0.5e6]]), rel=1e-12)
+    assert courses.quiet[0] == round((12e-6 + 4e-6 + plan.LOOK_AFTER) / 1e-6)
 
 
 def test_the_ring_holds_the_longest_delay(regulated: Injector) -> None:
-    theta = plan.candidate_matrix(regulated, ("feed_pipe.length",), np.array([[0.1], [2.0]]))
-    job = plan.make_job(regulated, theta, [OperatingPoint(160e6, 1e-3)], 1e-6, True)
+    theta = population.candidate_matrix(regulated, ("feed_pipe.length",), np.array([[0.1], [2.0]]))
+    job = plan.make_job(plan.prepare(regulated, [OperatingPoint(160e6, 1e-3)], 1e-6), theta, True)
     assert job.ring & (job.ring - 1) == 0
     assert job.ring > 2.0 / plan.SLOWEST_WAVE / 1e-6
 
 
 def test_what_lies_outside_its_domain_is_told(regulated: Injector) -> None:
     values = np.array([[1e-3, 1.0], [-1e-3, 1.0], [1e-3, np.nan], [1e-3, 1.5]])
-    inside = plan.admissible(("valve.mass", "control_chamber.z_hole_from_inlet"), values)
+    inside = population.admissible(("valve.mass", "control_chamber.z_hole_from_inlet"), values)
     assert inside.tolist() == [True, False, False, False]
 
 
 def test_each_of_several_in_a_domain_is_looked_at() -> None:
     names = ("valve.mass", "plunger_needle.k1", "plunger_needle.k2")
-    assert plan.admissible(names, 1.5 - np.eye(3)).all()
-    assert not plan.admissible(names, 1.0 - 2.0 * np.eye(3)).any()
+    assert population.admissible(names, 1.5 - np.eye(3)).all()
+    assert not population.admissible(names, 1.0 - 2.0 * np.eye(3)).any()
 
 
 def test_a_traced_drive_needs_its_trace(by_current: Injector) -> None:
-    theta = plan.candidate_matrix(by_current, (), np.empty((1, 0)))
     with pytest.raises(ConfigurationError, match="current trace"):
-        plan.make_job(by_current, theta, [OperatingPoint(160e6, 1e-3)], 1e-6, True)
+        plan.prepare(by_current, [OperatingPoint(160e6, 1e-3)], 1e-6)
 
 
 def test_too_many_steps_are_refused(regulated: Injector) -> None:
-    theta = plan.candidate_matrix(regulated, (), np.empty((1, 0)))
     with pytest.raises(ConfigurationError, match="steps"):
-        plan.make_job(regulated, theta, [OperatingPoint(160e6, 1e-3, horizon=1.0)], 1e-8, True)
+        plan.prepare(regulated, [OperatingPoint(160e6, 1e-3, horizon=1.0)], 1e-8)
 
 
 @pytest.mark.parametrize("names", [("valve.mass", "plunger_needle.k3"), ("fuel.temperature", "valve.mass"), ()])
-def test_what_was_prepared_gives_the_same_job(regulated: Injector, names: tuple[str, ...]) -> None:
+def test_the_injectors_own_row_gives_the_same_candidates(regulated: Injector, names: tuple[str, ...]) -> None:
     values = np.array([[regulated.values[name] for name in names]]) * np.array([[1.0], [0.9], [1.1]])
-    rail = Trace((0.0, 10e-6, 20e-6), (100e6, 110e6, 100e6))
-    points = [OperatingPoint(rail, 300e-6), OperatingPoint(80e6, 500e-6, cylinder_pressure=7e6)]
-    prepared = plan.prepare(regulated, points, 1e-6)
-    theta = plan.candidate_matrix(regulated, names, values)
-    assert np.array_equal(plan.candidate_matrix(regulated, names, values, prepared), theta)
-    fresh = plan.make_job(regulated, theta, points, 1e-6, True)
-    for mine, other in zip(plan.make_job(regulated, theta, points, 1e-6, True, prepared=prepared), fresh, strict=True):
-        assert np.array_equal(mine, other)
+    prepared = plan.prepare(regulated, [OperatingPoint(160e6, 300e-6)], 1e-6)
+    theta = population.candidate_matrix(regulated, names, values)
+    assert np.array_equal(population.candidate_matrix(regulated, names, values, prepared.row), theta)

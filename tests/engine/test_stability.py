@@ -11,10 +11,11 @@ from scipy.linalg import eigh
 from commonrail.analysis.ringing import chain_matrices
 from commonrail.engine import stability
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.plan import candidate_matrix
+from commonrail.engine.population import candidate_matrix
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.stability import Medium, longest_step, medium_of, stiffest_corner, too_long
-from commonrail.engine.status import Status, nice_step, step_advice
+from commonrail.engine.status import Status
+from commonrail.engine.time_step import nice_step, step_advice
 from commonrail.injector.definition import Injector, parameter_paths, parameter_quantities
 from commonrail.injector.variants import Body
 

@@ -32,7 +32,7 @@ def test_parts_give_the_same_bits_as_the_whole(
     parts = []
     monkeypatch.setattr(engine, "AT_A_TIME", {engine.Engine.LANES: part})
     inner = engine._simulate
-    monkeypatch.setattr(engine, "_simulate", lambda *a: parts.append(len(a[2])) or inner(*a))
+    monkeypatch.setattr(engine, "_simulate", lambda *a: parts.append(len(a[1])) or inner(*a))
     streamed = simulate_batch(regulated, POINTS, K, values, **settings)
     many = max(part // 2, 1)
     assert parts == [min(many, 41 - first) for first in range(0, 41, many)]

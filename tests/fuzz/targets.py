@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.calibration.study import Study
-from commonrail.engine.plan import candidate_matrix, make_job
+from commonrail.engine.plan import make_job, prepare
+from commonrail.engine.population import candidate_matrix
 from commonrail.engine.stability import longest_step, medium_of
 from commonrail.errors import CommonrailError
 from commonrail.files.injector_file import load_injector
@@ -139,7 +140,7 @@ def _plan_study(study: Study) -> None:
         assert isinstance(data, QuantityData | RateData)
         steps = max(point.duration for point in points) / study.time_step * len(points)
         if steps <= PLANNED:
-            make_job(study.injector, theta, points, study.time_step, True)
+            make_job(prepare(study.injector, points, study.time_step), theta, True)
 
 
 def _read_truth(folder: Path) -> None:

@@ -31,13 +31,14 @@ LAYOUT = layout_of(Outer, (("open", Inner),))
 def test_paths_are_dotted_names_in_row_order() -> None:
     assert LAYOUT.paths == ("a", "inner.x", "inner.y", "open.x", "open.y")
     assert LAYOUT.row("open.x") == 3
+    assert LAYOUT.row("inner") == 1
 
 
 def test_load_reads_the_column_of_a_lane() -> None:
     array = np.arange(10 * LANES, dtype=float)
     first, lane = 2, 5
     values = [(first + row) * LANES + lane for row in range(5)]
-    assert LAYOUT.load(array, first, LANES, lane) == (values[0], tuple(values[1:3]), tuple(values[3:]))
+    assert LAYOUT.load(array, first * LANES + lane, LANES) == (values[0], tuple(values[1:3]), tuple(values[3:]))
 
 
 @pytest.mark.parametrize("kind", [Parameters, Coefficients, "flexible", "rigid"])
@@ -46,9 +47,9 @@ def test_store_and_load_are_inverse_and_touch_one_lane(kind: Any) -> None:
     layout = layout_of(State, (("body", states[kind]),)) if isinstance(kind, str) else layout_of(kind)
     rows = len(layout.paths)
     array = np.random.default_rng(2).normal(size=rows * LANES)
-    value = layout.load(array, 0, LANES, 3)
+    value = layout.load(array, 3, LANES)
     other = np.zeros(rows * LANES)
-    layout.store(other, 0, LANES, 3, value)
+    layout.store(other, 3, LANES, value)
     assert np.array_equal(other[3::LANES], array[3::LANES])
     assert np.count_nonzero(np.delete(other.reshape(rows, LANES), 3, axis=1)) == 0
 

@@ -12,7 +12,8 @@ from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.joints import make_room, seat_pressure
 from commonrail.injector.model import Coefficients, Setting
-from commonrail.parts import plunger_needle
+from commonrail.injector.variants import Variant, wiring
+from commonrail.parts import plunger_needle, valve
 from commonrail.parts.plunger_needle import Motion
 
 AT = Setting(160e6, 5e6, 0.5e6, 1e-6)
@@ -39,9 +40,8 @@ def test_eddy_share_is_that_of_an_exponential(regulated: Injector, c: Coefficien
 
 
 def test_state_at_rest_has_the_pressures_it_is_given(c: Coefficients) -> None:
-    body = plunger_needle.at_rest(c.plunger_needle, setup.seat_contact(c), setup.static_loads(c, AT))
-    lifts = plunger_needle.motion(body)
-    s = setup.state_at_rest(c, AT, body, lifts)
+    s = wiring(Variant()).rest(c, AT)
+    lifts = plunger_needle.lifts(s.body.z)
     assert lifts.tip < 0.0
     for held in (s.control_chamber.fuel, s.accumulation.fuel, s.rail):
         assert held.pressure == pytest.approx(160e6, rel=1e-11)  # rounding of a density
@@ -53,7 +53,7 @@ def test_state_at_rest_has_the_pressures_it_is_given(c: Coefficients) -> None:
 
 
 def test_valve_at_rest_balances_spring_pressure_and_seat(c: Coefficients, regulated: Injector) -> None:
-    lift = setup.valve_rest(c, AT)
+    lift = valve.at_rest(c.valve, AT.rail - AT.low).lift
     area = math.pi / 4 * 0.5e-3**2
     stiffness = regulated.values["valve.contact_stiffness"]
     assert -stiffness * lift == pytest.approx(72.0 + 2e4 * lift - area * 159.5e6, rel=1e-9)

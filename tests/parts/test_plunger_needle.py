@@ -9,7 +9,8 @@ from scipy.linalg import eigh
 
 from commonrail.injector.definition import Injector
 from commonrail.parts import plunger_needle
-from commonrail.parts.plunger_needle import Loads, Nine, SeatContact, State
+from commonrail.parts.chain import Nine
+from commonrail.parts.plunger_needle import Loads, SeatContact, State
 
 Floats = NDArray[np.float64]
 

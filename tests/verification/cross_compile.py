@@ -26,13 +26,13 @@ def assembly(precision: Precision) -> str:
     """Return the text of the regulated variant's kernel."""
     injector = replace(load_injector("virtual-lino-2016"), variant=Variant())
     lanes_of_block = lanes.VECTORS[precision].lanes
-    theta = plan.candidate_matrix(injector, (), np.empty((1, 0)))
-    job = plan.make_job(injector, theta, [OperatingPoint(160e6, 1e-4, horizon=1e-5)], 1e-6, True, lanes_of_block)
-    misfit = lanes.Misfit.none(1)
+    prepared = plan.prepare(injector, [OperatingPoint(160e6, 1e-4, horizon=1e-5)], 1e-6)
+    job = plan.make_job(prepared, prepared.row[None], True, lanes_of_block)
+    samples = lanes.Misfit.none(1).samples(job.dt)
     out = np.empty((1, lanes_of_block, len(lanes.Outcome._fields)))
     kernel = lanes.compiled(injector.variant, precision).compiled  # type: ignore[attr-defined]
     with laws.compiler_choices():
-        kernel.compile(tuple(map(numba.typeof, (*job, *misfit, np.empty((0, 0, 0, 0)), out, 0, 1))))
+        kernel.compile(tuple(map(numba.typeof, (job, samples, np.empty((0, 0, 0, 0)), out, 0, 1))))
     return "\n".join(kernel.inspect_asm().values())
 
 

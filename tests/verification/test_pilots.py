@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.plan import admissible
+from commonrail.engine.population import admissible
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import OK
 from commonrail.files.injector_file import load_injector

@@ -12,7 +12,8 @@ from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.injector.definition import Injector
 from commonrail.parts import plunger_needle
-from commonrail.parts.plunger_needle import Loads, Nine, SeatContact, State
+from commonrail.parts.chain import Nine
+from commonrail.parts.plunger_needle import Loads, SeatContact, State
 
 Floats = NDArray[np.float64]
 
@@ -27,9 +28,8 @@ def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Fl
     dt : float
         Time step [s].
     """
-    theta = plan.candidate_matrix(injector, (), np.empty((1, 0)))
-    job = plan.make_job(injector, theta, [point], dt, False)
-    _, trace = lanes.run_traced(job, injector.variant)
+    prepared = plan.prepare(injector, [point], dt)
+    _, trace = lanes.run(plan.make_job(prepared, prepared.row[None], False), injector.variant, traced=True)
     rows = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T.copy(), strict=True))
     return rows | {"time": point.start + dt * np.arange(trace.shape[1])}
 

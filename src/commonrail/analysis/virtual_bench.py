@@ -18,8 +18,8 @@ from commonrail.analysis.truth import Truth
 from commonrail.arguments import instance, number, settle, whole
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import simulate_reference
-from commonrail.engine.simulate import check_step
 from commonrail.engine.solution import Solution
+from commonrail.engine.time_step import check_step
 from commonrail.errors import SimulationError
 from commonrail.injector.definition import Injector
 from commonrail.units import to_text

@@ -11,7 +11,7 @@ from commonrail.calibration.optimisers import EvolutionSettings, Settings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.space import Space
 from commonrail.engine.lanes import Precision
-from commonrail.engine.simulate import check_step
+from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.injector.definition import Injector
 from commonrail.kinds import ANY_KIND, DataSet

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from commonrail.calibration.space import Space
-from commonrail.engine.simulate import DEFAULT_STEP
 from commonrail.engine.stability import longest, medium_of, stiffest_corner
-from commonrail.engine.status import SMALLEST_STEP, nice_step
+from commonrail.engine.time_step import DEFAULT_STEP, TIME_STEPS, nice_step
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 
@@ -28,7 +27,7 @@ def step_for_all(injector: Injector, space: Space) -> float:
         If no step that the engines accept is short enough.
     """
     step = min(DEFAULT_STEP, nice_step(longest_for_all(injector, space)))
-    if step < SMALLEST_STEP:
+    if step < TIME_STEPS.low:
         raise ConfigurationError(
             "No time step is short enough for the stiffest parameters within the bounds; narrow the bounds of "
             "stiffnesses, masses, volumes and lengths, or check their units."

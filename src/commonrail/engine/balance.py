@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.fuel.coefficients import fuel_coefficients
-from commonrail.injector import setup
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.model import Setting
+from commonrail.engine.plan import coefficients_at
+from commonrail.injector.definition import Injector
 from commonrail.parts import feed_pipe
 
 Floats = NDArray[np.float64]
@@ -21,28 +19,31 @@ SMALL = 1e-6  # a small pilot's mass [kg]: without an injection there is nothing
 _VOLUMES = ("control_chamber.fuel.mass", "accumulation.fuel.mass", "sac.mass")
 
 
-def relative_balance(injector: Injector, point: OperatingPoint, names: Sequence[str], rows: Floats, dt: float) -> float:
-    """Balance of `relative_to_injected` from the state after every step, (steps + 1, rows).
+def relative_balance(injector: Injector, point: OperatingPoint, states: Mapping[str, Floats], dt: float) -> float:
+    """Balance of `relative_to_injected`.
 
     In: drawn from the rail. Out: injected, returned. Stored: the three volumes and the feed pipe.
+
+    Parameters
+    ----------
+    injector : Injector
+    point : OperatingPoint
+    states : mapping of str to (steps + 1,)
+        State after every step, by the names of `lanes.trace_paths`.
+    dt : float
+        Time step [s].
     """
-    at = Setting(*point.initial_pressures(), dt)
-    fuel = fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE])
-    c = setup.coefficients(injector.parameters, fuel, at)
-
-    def column(name: str) -> Floats:
-        return np.asarray(rows[:, names.index(name)])
-
-    stored = sum(float(column(name)[-1] - column(name)[0]) for name in _VOLUMES)
-    stored += _pipe(column("waves.down"), c.delays.feed, dt * c.feed_pipe.admittance / 2)
-    stored += _pipe(column("waves.up"), c.delays.feed, dt * c.feed_pipe.admittance / 2)
-    inlet, end = column("feed_pipe.inlet_flow")[-1], column("feed_pipe.end_flow")[-1]
+    c = coefficients_at(injector, point, dt)
+    stored = sum(float(states[name][-1] - states[name][0]) for name in _VOLUMES)
+    stored += _pipe(states["waves.down"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
+    stored += _pipe(states["waves.up"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
+    inlet, end = states["feed_pipe.inlet_flow"][-1], states["feed_pipe.end_flow"][-1]
     # the ends' friction of the last step, taken off when a wave leaves and when it arrives, is still on its way
     late = feed_pipe.end_loss(c.feed_pipe, float(inlet)) - feed_pipe.end_loss(c.feed_pipe, float(end))
     stored += dt * c.feed_pipe.admittance / 2 * late
-    injected = float(column("nozzle.injected")[-1])
-    put_in = float(column("books.supplied")[-1])
-    taken_out = injected + float(column("books.returned")[-1])
+    injected = float(states["nozzle.injected"][-1])
+    put_in = float(states["books.supplied"][-1])
+    taken_out = injected + float(states["books.returned"][-1])
     left = put_in - taken_out - stored
     return relative_to_injected(left, injected)
 

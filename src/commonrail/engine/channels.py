@@ -1,49 +1,66 @@
-"""Names and values that a person reads off the rows of a trace."""
+"""Channels of a solution, read off the states of an engine."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.plan import coefficients_at
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body, Boundary
+from commonrail.injector.model import Coefficients
+from commonrail.injector.variants import Boundary, Variant, wiring
 from commonrail.parts import nozzle, solenoid
 
 Floats = NDArray[np.float64]
+States = Mapping[str, Floats]
 
 
-def read_channels(
-    injector: Injector, point: OperatingPoint, names: Sequence[str], time: Floats, rows: Floats
-) -> dict[str, Floats]:
-    """Channels of a `Solution` from the state at times (samples,) [s], rows (samples, rows)."""
+def read_channels(injector: Injector, point: OperatingPoint, time: Floats, states: States) -> dict[str, Floats]:
+    """Channels of a `Solution` of the fast engines.
 
-    def row(name: str) -> Floats:
-        return np.asarray(rows[:, names.index(name)])
-
-    flexible = injector.variant.body is Body.FLEXIBLE
-    p = injector.parameters
-    magnet = solenoid.coefficients(p.solenoid)
-    gap = p.valve.lift - row("valve.lift")
-    holes = nozzle.coefficients(p.nozzle, point.at_start(point.rail_pressure), 1.0)
+    Parameters
+    ----------
+    injector : Injector
+    point : OperatingPoint
+    time : (samples,)
+        [s].
+    states : mapping of str to (samples,)
+        State at those times, by the names of `lanes.trace_paths`.
+    """
     if injector.variant.boundary is Boundary.VOLUME or not isinstance(point.rail_pressure, Trace):
-        rail = row("rail.pressure")
+        rail = states["rail.pressure"]
     else:
         rail = point.rail_pressure.at(time)
-    return {
-        "needle_lift": row("body.z.i9" if flexible else "body.z"),
-        "plunger_lift": row("body.z.i1" if flexible else "body.z"),
-        "valve_lift": row("valve.lift"),
-        "control_pressure": row("control_chamber.fuel.pressure"),
-        "accumulation_pressure": row("accumulation.fuel.pressure"),
-        "sac_pressure": row("sac.pressure"),
+    pressures = {
+        "control_pressure": states["control_chamber.fuel.pressure"],
+        "accumulation_pressure": states["accumulation.fuel.pressure"],
+        "sac_pressure": states["sac.pressure"],
         "rail_pressure": rail,
-        "return_pressure": row("return_line.pressure"),
-        "coil_current": np.array(
-            [solenoid.circuit(magnet, f, g).current for f, g in zip(row("solenoid.flux"), gap, strict=True)]
-        ),
-        "magnetic_force": np.array([solenoid.pull(magnet, f) for f in row("solenoid.pulling_flux")]),
-        "discharge_coefficient": np.array([nozzle.discharge(holes, z) for z in row("nozzle.lift_reached")]),
+        "return_pressure": states["return_line.pressure"],
+    }
+    return all_channels(coefficients_at(injector, point, 1e-6), injector.variant, states, pressures)
+
+
+def all_channels(c: Coefficients, variant: Variant, states: States, pressures: States) -> dict[str, Floats]:
+    """Lifts, the given pressures, and what follows from flux and lift reached, as any engine names them.
+
+    Parameters
+    ----------
+    c : Coefficients
+    variant : Variant
+    states, pressures : mapping of str to (samples,)
+    """
+    body = wiring(variant).body
+    magnet = solenoid.circuit(c.solenoid, states["solenoid.flux"], c.valve.lift - states["valve.lift"])  # type: ignore[arg-type]
+    return {
+        "needle_lift": states[f"body.{body.TIP}"],
+        "plunger_lift": states[f"body.{body.TOP}"],
+        "valve_lift": states["valve.lift"],
+        **pressures,
+        "coil_current": np.asarray(magnet.current),
+        "magnetic_force": np.asarray(solenoid.pull(c.solenoid, states["solenoid.pulling_flux"])),  # type: ignore[arg-type]
+        "discharge_coefficient": np.array([nozzle.discharge(c.nozzle, z) for z in states["nozzle.lift_reached"]]),
     }

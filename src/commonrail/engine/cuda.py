@@ -7,17 +7,18 @@ that its memory holds. Nothing of CUDA is imported before it is asked for.
 from __future__ import annotations
 
 import importlib.util
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.engine.block import FUEL, PARAMETERS
-from commonrail.engine.lanes import VECTORS, Job, Misfit, Outcome, Precision, trace_paths
+from commonrail.engine.block import FUEL, PARAMETERS, Job
+from commonrail.engine.lanes import VECTORS, Misfit, Precision, trace_paths
+from commonrail.engine.notes import Outcome
 from commonrail.errors import ConfigurationError
 from commonrail.injector.variants import Variant
 
-__all__ = ["missing", "require_device", "run", "run_traced"]
+__all__ = ["missing", "require_device", "run"]
 
 Floats = NDArray[np.float64]
 
@@ -26,26 +27,6 @@ Floats = NDArray[np.float64]
 GROUP = 64
 SHARE = 0.5  # of the device's free memory for rings and traces
 INSTALL = "install it with: pip install 'commonrail[cuda]'"
-
-
-class Samples(NamedTuple):
-    """Samples in the form in which a thread takes them: `Misfit` with all that can be known beforehand worked out.
-
-    Attributes
-    ----------
-    bound_count : (points,) int
-    due : (points, bounds) int
-        Step in which a sample ends.
-    samples : (points, bounds, 4)
-        Part of that step at which it ends, width [s], target [m³/s] and weight.
-    density : (1 or candidates, points)
-        As in `Misfit`.
-    """
-
-    bound_count: NDArray[np.int64]
-    due: NDArray[np.int64]
-    samples: Floats
-    density: Floats
 
 
 def missing() -> str | None:
@@ -91,36 +72,25 @@ def require_device() -> None:
         raise ConfigurationError(sentence)
 
 
-def run(job: Job, variant: Variant, misfit: Misfit | None = None, precision: Precision = Precision.F64) -> Outcome:
+def run(
+    job: Job,
+    variant: Variant,
+    misfit: Misfit | None = None,
+    precision: Precision = Precision.F64,
+    traced: bool = False,
+) -> tuple[Outcome, Floats]:
     """Run all blocks of a job, each of one lane.
+
+    Parameters
+    ----------
+    job, variant, misfit, precision, traced
+        As of `lanes.run`.
 
     Raises
     ------
     ConfigurationError
         If the device failed. Whether there is one is for the caller to ask, before any other work.
     """
-    return _run(job, variant, misfit, precision, False)[0]
-
-
-def run_traced(job: Job, variant: Variant, precision: Precision = Precision.F64) -> tuple[Outcome, Floats]:
-    """Run all blocks and keep the state after every step: (blocks, steps + 1, rows, 1)."""
-    return _run(job, variant, None, precision, True)
-
-
-def samples(misfit: Misfit, dt: float) -> Samples:
-    """A misfit's samples as a thread takes them."""
-    bounds = misfit.bounds
-    # as the lanes do it: in the first step whose end reaches the bound, and in order
-    due = np.maximum.accumulate(np.maximum(np.ceil(bounds) - 1.0, 0.0), axis=1)
-    width = np.ones(bounds.shape)
-    width[:, 1:] = dt * (bounds[:, 1:] - bounds[:, :-1])
-    columns = np.stack([bounds - due, width, misfit.target, misfit.weight], axis=2)
-    return Samples(misfit.bound_count, due.astype(np.int64), columns, misfit.density)
-
-
-def _run(
-    job: Job, variant: Variant, misfit: Misfit | None, precision: Precision, traced: bool
-) -> tuple[Outcome, Floats]:
     from numba.cuda.cudadrv.driver import CudaAPIError
 
     try:
@@ -138,42 +108,30 @@ def _launch(
 
     kernel = cuda_kernel.compiled(variant, precision, traced)
     real = VECTORS[precision].real
-    before, after = (_to_device(cuda, part, real) for part in _arguments(job, misfit))
+    samples = _to_device(cuda, (misfit or Misfit.none(len(job.courses.steps))).samples(job.dt), real)
+    given = _to_device(cuda, job._replace(blocks=job.blocks[:0]), real)
     slots = max(3 * job.ring, len(PARAMETERS.paths) + len(FUEL.paths))
     paths, n = len(trace_paths(variant)), len(job.blocks)
-    stored = (int(job.steps.max()) + 1, paths, 1) if traced else (0, 0, 0)
+    stored = (int(job.courses.steps.max()) + 1, paths, 1) if traced else (0, 0, 0)
     many = _at_a_time(cuda, n, (slots + int(np.prod(stored))) * np.dtype(real).itemsize)
     rings = cuda.device_array((slots, many), real)
     out, trace = np.empty((n, len(Outcome._fields)), real), np.full((n if traced else 0, *stored), np.nan, real)
     for first in range(0, n, many):
         part = slice(first, first + many)
-        blocks = np.ascontiguousarray(job.blocks[part])
+        blocks = cuda.to_device(np.ascontiguousarray(job.blocks[part]))
         states, figures = cuda.to_device(trace[part]), cuda.device_array((len(blocks), out.shape[1]), real)
-        groups = -(-len(blocks) // GROUP)
-        kernel[groups, GROUP](
-            *before,
-            cuda.to_device(blocks),
-            real(job.dt),
-            job.ring,
-            job.look_every,
-            job.patience,
-            *after,
-            rings,
-            states,
-            figures,
-        )
+        kernel[-(-len(blocks) // GROUP), GROUP](given._replace(blocks=blocks), samples, rings, states, figures)
         out[part], trace[part] = figures.copy_to_host(), states.copy_to_host()
     return Outcome(*out.astype(float).T[:, :, None]), trace.astype(float)
 
 
-def _arguments(job: Job, misfit: Misfit | None) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Arrays that all launches read: those before the blocks, and the samples."""
-    return job[:5], samples(misfit or Misfit.none(len(job.settings)), job.dt)
-
-
-def _to_device(cuda: Any, arrays: tuple[Any, ...], real: Any) -> list[Any]:
-    kinds = (real if array.dtype == np.float64 else np.int64 for array in arrays)
-    return [cuda.to_device(np.ascontiguousarray(array, kind)) for array, kind in zip(arrays, kinds, strict=True)]
+def _to_device(cuda: Any, given: Any, real: Any) -> Any:
+    """A named tuple with its arrays on the device, and all floats in the numbers of the kernel."""
+    if isinstance(given, tuple):
+        return given._make(_to_device(cuda, part, real) for part in given)  # type: ignore[attr-defined]
+    if isinstance(given, np.ndarray):
+        return cuda.to_device(np.ascontiguousarray(given, real if given.dtype == np.float64 else np.int64))
+    return real(given) if isinstance(given, float) else given
 
 
 def _at_a_time(cuda: Any, count: int, size: int) -> int:

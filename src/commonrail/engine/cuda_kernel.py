@@ -20,26 +20,22 @@ import numpy as np
 from numba import cuda
 
 from commonrail.compile import offer_laws, physics
-from commonrail.engine.block import (
-    copy_number,
-    look,
-    make_advance,
-    make_begin,
-    make_ferry,
-    make_rows,
-    record,
-    report_rest,
-    sample,
-    set_densities,
-)
+from commonrail.engine.block import Courses, Job, Memory, Samples, copy_number, make_simulate
 from commonrail.engine.lanes import VECTORS, Precision
-from commonrail.injector.model import Inputs, Setting
+from commonrail.engine.notes import record
+from commonrail.engine.rows import make_rows
 from commonrail.injector.variants import Variant
 
 
 @functools.cache
 def compiled(variant: Variant, precision: Precision, traced: bool) -> Any:
-    """The kernel of a variant, compiled for the device of this process at its first call."""
+    """The kernel of a variant, compiled for the device of this process at its first call.
+
+    Parameters
+    ----------
+    variant, precision, traced
+        As of `make_march`.
+    """
     march = make_march(variant, precision, traced)
     if numba.config.ENABLE_CUDASIM:
         return cuda.jit(march)
@@ -59,9 +55,11 @@ def open_device() -> None:
 def signature(precision: Precision) -> Any:
     """Types of the kernel's arguments."""
     real, whole = numba.from_dtype(np.dtype(VECTORS[precision].real)), numba.int64
-    job = (real[:, ::1], real[:, ::1], real[:, :, ::1], whole[::1], whole[::1], whole[:, ::1])
-    samples = (whole[::1], whole[:, ::1], real[:, :, ::1], real[:, ::1])
-    return numba.void(*job, real, whole, whole, whole, *samples, real[:, ::1], real[:, :, :, ::1], real[:, ::1])
+    named = numba.types.NamedTuple
+    courses = named((real[:, ::1], real[:, :, ::1], whole[::1], whole[::1]), Courses)
+    job = named((real[:, ::1], courses, whole[:, ::1], real, whole, whole, whole), Job)
+    samples = named((whole[::1], whole[:, ::1], real[:, :, ::1], real[:, ::1]), Samples)
+    return numba.void(job, samples, real[:, ::1], real[:, :, :, ::1], real[:, ::1])
 
 
 @physics
@@ -76,42 +74,23 @@ def keep_state(work, rows, trace, thread, k):  # type: ignore[no-untyped-def]
 
 
 def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable[..., Any]:
-    """The loop over the steps; arguments as in `signature`. It has no constants of its own: see `physics`."""
+    """The loop over the steps; arguments as in `signature`. It has no constants of its own: see `physics`.
+
+    Parameters
+    ----------
+    variant : Variant
+    precision : Precision
+    traced : bool
+        Keep the state after every step.
+    """
     rows, real = make_rows(variant, 1), VECTORS[precision].real
-    begin, advance = make_begin(variant, rows), make_advance(variant, rows)
-    arrive, leave = make_ferry(rows, copy_number)
-    keep = keep_state if traced else keep_nothing
+    simulate = make_simulate(variant, rows, real, copy_number, keep_state if traced else keep_nothing)
     count, kind = rows.end, numba.from_dtype(np.dtype(real))
 
-    def march(  # type: ignore[no-untyped-def]
-        theta, settings, inputs, steps, quiet, blocks, step_size, ring, look_every, patience,
-        bound_count, due, samples, density, rings, trace, out,
-    ):  # fmt: skip
+    def march(job, samples, rings, trace, out):  # type: ignore[no-untyped-def]
         thread = cuda.grid(1)
-        if thread >= blocks.shape[0]:
-            return
-        work = cuda.local.array(count, kind)
-        waves, figures = rings[:, thread], out[thread : thread + 1]
-        point = blocks[thread, 0]
-        setting = Setting(settings[point, 0], settings[point, 1], settings[point, 2], step_size)
-        begin(work, waves, ring, theta, blocks[thread], setting, figures)
-        set_densities(work, rows, blocks[thread], density, point)
-        keep(work, rows, trace, thread, 0)
-        bound = 0
-        for k in range(steps[point]):
-            x = inputs[point, k]
-            u = Inputs(x[0], x[1], x[2], x[3], x[4], x[5])
-            arrive(work, waves, ring, k, True)
-            advance(work, real(k + 1), u, step_size)
-            leave(work, waves, ring, k)
-            while bound < bound_count[point] and due[point, bound] <= k:
-                s = samples[point, bound]
-                sample(work, rows, s[0], s[1], s[2], s[3], bound == 0)
-                bound += 1
-            keep(work, rows, trace, thread, k + 1)
-            if k % look_every == look_every - 1:  # noqa: SIM102
-                if look(work, rows, u.cylinder, k >= quiet[point], patience, look_every, figures):
-                    break
-        report_rest(work, rows, inputs[point, steps[point] - 1, 1], figures)
+        if thread < job.blocks.shape[0]:
+            memory = Memory(cuda.local.array(count, kind), rings[:, thread], job.ring)
+            simulate(memory, job, samples, thread, trace, out[thread : thread + 1])
 
     return march

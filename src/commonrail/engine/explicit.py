@@ -17,9 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.compile import kernel, physics
+from commonrail.engine.instant import AT, past_limit
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.rates import CORE, make_rates, make_sac_rate, past_limit, tip_index
+from commonrail.engine.rates import make_rates, make_sac_rate
 from commonrail.engine.timetable import courses, knots, segments, value_at
+from commonrail.engine.vector import CORE, make_frame
 from commonrail.injector.joints import CLEAR_LIFT, REOPENED
 from commonrail.injector.model import Coefficients
 from commonrail.injector.variants import Drive, Variant, wiring
@@ -32,13 +34,31 @@ Floats = NDArray[np.float64]
 # Runge's stages: where in the step each is taken (there is no fifth), and what its slope contributes
 AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
 SHARE = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
-INJECTED = CORE.index("injected")
+INJECTED = CORE.row("nozzle.injected")
 MET = 1e-9  # the current meets its limit, relative to the band
 SETTLED = 1.0  # share of the SAC's settling time that a step may take; Runge-Kutta's limit of stability is 2.8
 SHORTEST = 0.02  # of the step: shorter it does not get for that
 TRIES = 40  # to meet it; three suffice
 RUNAWAY = 2e-3  # a tip this far off [m], or 1 kg through the nozzle, is no injection any more
 SAME = 1e-13  # stops nearer than this are one [s]
+
+
+class Fixed(NamedTuple):
+    """What the rates need beside the state, in the order in which they take it.
+
+    Attributes
+    ----------
+    constants : array
+        `Coefficients` as one lane of a layout.
+    cells : (2,) int array
+        Of the feed pipe and of the return line.
+    friction : (9, 2) array
+        [N], [N s/m].
+    """
+
+    constants: Floats
+    cells: NDArray[np.int64]
+    friction: Floats
 
 
 class Problem(NamedTuple):
@@ -49,12 +69,7 @@ class Problem(NamedTuple):
     variant : Variant
     point : OperatingPoint
     coefficients : Coefficients
-    constants : array
-        The same as one lane of a layout.
-    cells : (2,) int array
-        Of the feed pipe and of the return line.
-    friction : (9, 2) array
-        [N], [N s/m].
+    fixed : Fixed
     start : array
         State at rest.
     """
@@ -62,9 +77,7 @@ class Problem(NamedTuple):
     variant: Variant
     point: OperatingPoint
     coefficients: Coefficients
-    constants: Floats
-    cells: NDArray[np.int64]
-    friction: Floats
+    fixed: Fixed
     start: Floats
 
 
@@ -108,14 +121,13 @@ def march(problem: Problem, time: Floats, step: float) -> Marched:
     states = np.full((len(time), len(problem.start)), np.nan)
     noted = np.append(np.full(3, np.nan), (0.0, 0.0))
     loop = compiled_march(problem.variant)
-    p = problem
-    finished = loop(*plan, min(step, passage(p)), p.constants, p.cells, p.friction, p.start.copy(), states, noted)
+    finished = loop(plan, problem.fixed, min(step, passage(problem)), problem.start, states, noted)
     return Marched(states, Instants(*noted[:3].tolist()), bool(finished))
 
 
 def passage(problem: Problem) -> float:
     """Time in which a wave passes a cell [s]: twelve per cent less than Runge–Kutta's limit for staggered volumes."""
-    c, (feed, line) = problem.coefficients, problem.cells
+    c, (feed, line) = problem.coefficients, problem.fixed.cells
     return float(min(c.feed_pipe.travel_time / feed, 0.5 * c.return_line.round_trip / line if line else math.inf))
 
 
@@ -135,22 +147,45 @@ def _plan(problem: Problem, time: Floats) -> _Plan:
 
 @functools.cache
 def compiled_march(variant: Variant) -> Callable[..., bool]:
-    """The loop of a variant, compiled: takes a `_Plan`'s fields, the step, the problem's arrays and its outputs."""
+    """The loop of a variant, compiled: function (plan, fixed, step, start, states, noted)."""
     return kernel(_make_march(variant), f"march: {variant.label}")  # type: ignore[no-any-return]
 
 
 @physics
-def set_courses(outside: Any, courses: Any, stops: Any, k: int, t: float) -> None:
-    """Boundary courses at time t between stops k and k + 1, linear."""
+def set_courses(outside: Any, plan: Any, k: int, t: float) -> None:
+    """Boundary courses at time t between stops k and k + 1, linear.
+
+    Parameters
+    ----------
+    outside : array
+        Fields of `rates.Outside`, to be set.
+    plan : _Plan
+    k : int
+    t : float
+        [s].
+    """
+    stops, courses = plan.stops, plan.courses
     share = (t - stops[k]) / (stops[k + 1] - stops[k])
     for i in range(3):
         outside[i] = courses[k, i] + share * (courses[k + 1, i] - courses[k, i])
-    outside[6] = courses[k, 3] + share * (courses[k + 1, 3] - courses[k, 3])
+    outside[AT.trace] = courses[k, 3] + share * (courses[k + 1, 3] - courses[k, 3])
 
 
 @physics
 def note_instants(noted: Any, now: float, h: float, old: float, new: float, injected: float) -> None:
-    """Keep the fields of `Instants`; then 1 while the needle is clear, and the mass injected when it left its seat."""
+    """Keep the fields of `Instants`; then 1 while the needle is clear, and the mass injected when it left its seat.
+
+    Parameters
+    ----------
+    noted : (5,) array
+        To be set.
+    now, h : float
+        Start and length of the step [s].
+    old, new : float
+        Tip before and after it [m].
+    injected : float
+        Mass injected by then [kg].
+    """
     if old <= 0.0:
         noted[4] = injected
     if old <= CLEAR_LIFT < new:
@@ -171,70 +206,68 @@ def stride(left: float, step: float) -> float:
 
 
 def _make_march(variant: Variant) -> Callable[..., bool]:
-    load = wiring(variant).coefficients.load
+    load, load_core, frame = wiring(variant).coefficients.load, CORE.load, make_frame(variant)
     rates, sac_rate = physics(make_rates(variant)), make_sac_rate(variant)
     switching = variant.drive is Drive.PWM
-    tip_in_core = tip_index(variant)
 
     @physics
-    def runge_kutta(y: Any, h: float, now: float, outside: Any, course: Any, fixed: Any, work: Any) -> None:
-        """State after a step of length h from `now`, in the first of three rows of `work`."""
-        courses, stops, k = course
-        constants, cells, friction = fixed
-        new, trial, slope = work[0], work[1], work[2]
+    def runge_kutta(work: Any, now: float, h: float, outside: Any, course: Any, fixed: Any) -> None:
+        """From the state in the first row of `work` to the one after a step of length h from `now`, in the second."""
+        plan, k = course
+        y, new, trial, slope = work[0], work[1], work[2], work[3]
         for i in range(len(y)):
             new[i] = trial[i] = y[i]
         for stage in range(4):
-            set_courses(outside, courses, stops, k, now + AHEAD[stage] * h)
-            rates(trial, outside, constants, cells, friction, slope)
+            set_courses(outside, plan, k, now + AHEAD[stage] * h)
+            rates(trial, outside, fixed.constants, fixed.cells, fixed.friction, slope)
             for i in range(len(y)):
                 new[i] += SHARE[stage] * h * slope[i]
                 trial[i] = y[i] + AHEAD[stage + 1] * h * slope[i]
 
     @physics
     def past(c: Coefficients, core: int, y: Any, outside: Any) -> float:
-        if not switching or outside[3] < 0.5:
+        if not switching or outside[AT.on] < 0.5:
             return -1.0
-        return past_limit(c, outside[4], outside[5], y[core], y[core + 2])
+        return past_limit(c, outside[AT.peak], outside[AT.conducting], load_core(y, core, 1))
 
-    def loop(  # type: ignore[no-untyped-def]
-        stops, courses, schedule, rows, step, constants, cells, friction, y, states, noted
-    ):
-        c = load(constants, 0, 1, 0)
-        core = 2 * cells[0] + 1
-        tip = core + tip_in_core
-        outside, work = np.zeros(7), np.empty((3, len(y)))
-        outside[5] = 2.0
+    def loop(plan, fixed, step, start, states, noted):  # type: ignore[no-untyped-def]
+        stops, rows, cells = plan.stops, plan.rows, fixed.cells
+        c, at = load(fixed.constants, 0, 1), frame(cells)
+        core, tip, injected = at.core, at.line - 2, at.core + INJECTED
+        outside, work = np.zeros(len(AT)), np.empty((4, len(start)))
+        y, new = work[0], work[1]
+        y[:] = start
+        outside[AT.conducting] = 2.0
         states[rows[0]] = y
         for k in range(len(stops) - 1):
-            outside[3], outside[4] = schedule[k, 0], schedule[k, 1]
-            outside[5] = outside[5] if outside[3] > 0.5 else 2.0
+            outside[AT.on], outside[AT.peak] = plan.schedule[k, 0], plan.schedule[k, 1]
+            outside[AT.conducting] = outside[AT.conducting] if outside[AT.on] > 0.5 else 2.0
             if past(c, core, y, outside) > MET:
-                outside[5] = turned(outside[5])
+                outside[AT.conducting] = turned(outside[AT.conducting])
             now, stop, tries = stops[k], stops[k + 1], 0
             short, gap, long, over = 0.0, past(c, core, y, outside), 0.0, 0.0
             while now < stop:
-                settling = SETTLED / sac_rate(c, y, cells, outside[1])
+                settling = SETTLED / sac_rate(c, y, cells, outside[AT.cylinder])
                 fits = max(min(step, settling), SHORTEST * step)
                 h = short - gap * (long - short) / (over - gap) if long > 0.0 else stride(stop - now, fits)
-                runge_kutta(y, h, now, outside, (courses, stops, k), (constants, cells, friction), work)
-                ahead = past(c, core, work[0], outside)
+                runge_kutta(work, now, h, outside, (plan, k), fixed)
+                ahead = past(c, core, new, outside)
                 tries += 1
                 if abs(ahead) > MET and (ahead > 0.0 or long > 0.0) and tries < TRIES:
                     # the PWM switches in this step: shorten it to the instant
                     short, gap = (short, gap) if ahead > 0.0 else (h, ahead)
                     long, over = (h, ahead) if ahead > 0.0 else (long, over)
                     continue
-                note_instants(noted, now, h, y[tip], work[0, tip], work[0, core + INJECTED])
+                note_instants(noted, now, h, y[tip], new[tip], new[injected])
                 now = stop if h >= stop - now else now + h
-                y[:] = work[0]
+                y[:] = new
                 if long > 0.0:
-                    outside[5] = turned(outside[5])
+                    outside[AT.conducting] = turned(outside[AT.conducting])
                 short, gap, long, tries = 0.0, past(c, core, y, outside), 0.0, 0
             if rows[k + 1] >= 0:
                 states[rows[k + 1]] = y
                 # not isfinite(), which "reassoc" folds to true; any comparison with NaN is false
-                if not (abs(y[tip]) < RUNAWAY and abs(y[core + INJECTED]) < 1.0):
+                if not (abs(y[tip]) < RUNAWAY and abs(y[injected]) < 1.0):
                     return False
         return True
 

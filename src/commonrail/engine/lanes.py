@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.compile import kernel
-from commonrail.engine.block import Vector, make_loop
+from commonrail.engine.block import Job, Samples, Vector, make_loop
+from commonrail.engine.notes import Outcome
 from commonrail.engine.threads import side_by_side
 from commonrail.injector.model import Waves
 from commonrail.injector.variants import Variant, wiring
@@ -68,68 +69,18 @@ class Misfit(NamedTuple):
         empty = np.zeros((points, 0))
         return cls(np.zeros(points, np.int64), empty, empty, empty, np.ones((1, points)))
 
+    def samples(self, dt: float) -> Samples:
+        """The samples as a loop over steps of length `dt` [s] takes them."""
+        # in the first step whose end reaches the bound, and in order
+        due = np.maximum.accumulate(np.maximum(np.ceil(self.bounds) - 1.0, 0.0), axis=1)
+        width = np.ones(self.bounds.shape)
+        width[:, 1:] = dt * (self.bounds[:, 1:] - self.bounds[:, :-1])
+        columns = np.stack([self.bounds - due, width, self.target, self.weight], axis=2)
+        return Samples(self.bound_count, due.astype(np.int64), columns, self.density)
+
     def own_where_open(self, own: Floats) -> Misfit:
         """The same samples with each candidate's own density, (1 or candidates, points), where none is given."""
         return self._replace(density=np.where(np.isnan(self.density), own, self.density))
-
-
-class Outcome(NamedTuple):
-    """Per lane figures of a run; shapes (blocks, lanes).
-
-    `opening`, `closing` and `first_closing` are in steps (NaN where there is none); masses in kg; `absolute` and
-    `squared` are the weighted sums of the samples' errors [m³/s], [(m³/s)²]; `sound` is 1 for a run that stayed
-    finite and inside its stops, `closed_at_start` for needle and valve at rest before energising, `closed_at_end` for
-    a needle on its seat and a SAC that had emptied when the simulation ended.
-    """
-
-    injected: Floats
-    returned: Floats
-    supplied: Floats
-    opening: Floats
-    closing: Floats
-    greatest_lift: Floats
-    absolute: Floats
-    squared: Floats
-    sound: Floats
-    closed_at_start: Floats
-    closed_at_end: Floats
-    first_closing: Floats
-
-
-class Job(NamedTuple):
-    """All that a run needs, as arrays.
-
-    Attributes
-    ----------
-    theta : (candidates, parameters + fuel coefficients)
-    settings : (points, 3)
-        Rail, cylinder and return pressure at time zero [Pa].
-    inputs : (points, steps, 6)
-        Fields of `Inputs`, means over each step.
-    steps : (points,) int
-    quiet : (points,) int
-        First step at which an injection may have ended.
-    blocks : (blocks, 1 + lanes) int
-        Operating point, then the candidates of the lanes.
-    dt : float
-    ring : int
-        Slots of a ring buffer, a power of two above the longest delay.
-    look_every : int
-        Steps between looks at health and rest.
-    patience : int
-        Looks for which needle and valve must have rested before a simulation ends; 0: it runs to its horizon.
-    """
-
-    theta: Floats
-    settings: Floats
-    inputs: Floats
-    steps: NDArray[np.int64]
-    quiet: NDArray[np.int64]
-    blocks: NDArray[np.int64]
-    dt: float
-    ring: int
-    look_every: int
-    patience: int
 
 
 @functools.cache
@@ -149,34 +100,34 @@ def run(
     job: Job,
     variant: Variant,
     misfit: Misfit | None = None,
-    threads: int = 1,
     precision: Precision = Precision.F64,
-) -> Outcome:
-    """Run all blocks of a job."""
-    out = _run(job, compiled(variant, precision), misfit, np.empty((0, 0, 0, 0)), threads)
-    return Outcome(*np.moveaxis(out, 2, 0))
-
-
-def run_traced(
-    job: Job, variant: Variant, threads: int = 1, precision: Precision = Precision.F64
+    traced: bool = False,
+    threads: int = 1,
 ) -> tuple[Outcome, Floats]:
-    """Run all blocks and keep the state after every step: (blocks, steps + 1, rows, lanes).
+    """Run all blocks of a job.
 
-    Of a block that there are not enough candidates for, only their lanes are kept.
+    Parameters
+    ----------
+    job : Job
+    variant : Variant
+    misfit : Misfit, optional
+        Samples to compare with.
+    precision : Precision
+    traced : bool
+        Keep the state after every step.
+    threads : int
+        The result does not depend on it.
+
+    Returns
+    -------
+    outcome : Outcome
+    trace : (blocks, steps + 1, rows, lanes), empty unless traced
+        Of a block that there are not enough candidates for, only their lanes are kept.
     """
-    kept = min(job.blocks.shape[1] - 1, len(job.theta))
-    trace = np.full((len(job.blocks), int(job.steps.max()) + 1, len(trace_paths(variant)), kept), np.nan)
-    return Outcome(*np.moveaxis(_run(job, compiled(variant, precision), None, trace, threads), 2, 0)), trace
-
-
-def _run(job: Job, loop: Callable[..., None], misfit: Misfit | None, trace: Floats, threads: int) -> Floats:
-    n = len(job.blocks)
-    out = np.empty((n, job.blocks.shape[1] - 1, len(Outcome._fields)))
-    samples = misfit or Misfit.none(len(job.settings))
-    share = max(1, -(-n // threads))
-
-    def work(first: int) -> None:
-        loop(*job, *samples, trace, out, first, min(first + share, n))
-
-    side_by_side(work, range(0, n, share))
-    return out
+    n, lanes = len(job.blocks), job.blocks.shape[1] - 1
+    loop, samples = compiled(variant, precision), (misfit or Misfit.none(len(job.courses.steps))).samples(job.dt)
+    out, share = np.empty((n, lanes, len(Outcome._fields))), max(1, -(-n // threads))
+    kept = (int(job.courses.steps.max()) + 1, len(trace_paths(variant)), min(lanes, len(job.theta)))
+    trace = np.full((n, *kept) if traced else (0, 0, 0, 0), np.nan)
+    side_by_side(lambda first: loop(job, samples, trace, out, first, min(first + share, n)), range(0, n, share))
+    return Outcome(*np.moveaxis(out, 2, 0)), trace

@@ -1,9 +1,9 @@
-"""What an injector is asked to do: pressures, energisings, horizon."""
+"""Operating point of a simulation: pressures, energisings, horizon."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -150,7 +150,7 @@ class OperatingPoint:
     return_pressure: Course = 0.5e6
     drive: Trace | None = None
     horizon: float | None = None
-    start: float = 0.0
+    start: float = field(default=0.0, kw_only=True)
 
     if TYPE_CHECKING:  # what is accepted is wider than what is kept
 
@@ -162,6 +162,7 @@ class OperatingPoint:
             return_pressure: Course | str = 0.5e6,
             drive: Trace | None = None,
             horizon: Quantity | None = None,
+            *,
             start: Quantity = 0.0,
         ) -> None: ...
 

@@ -1,4 +1,4 @@
-"""From injectors and operating points to the arrays that the lanes run on."""
+"""From injectors and operating points to the arrays that the fast engines run on."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.engine.block import FUEL
-from commonrail.engine.lanes import VECTORS, Job, Precision
+from commonrail.engine.block import Courses, Job
+from commonrail.engine.lanes import VECTORS, Precision
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
+from commonrail.engine.population import candidate_matrix, columns
 from commonrail.engine.stability import Medium, medium_of
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
-from commonrail.fuel.fuel import Fuel
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
+from commonrail.injector import setup
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.injector.model import Coefficients, Inputs, Setting
 from commonrail.injector.variants import Drive
-from commonrail.parts.furniture import Domain
 
 Floats = NDArray[np.float64]
 
@@ -35,11 +36,13 @@ class Prepared(NamedTuple):
 
     Attributes
     ----------
+    injector : Injector
     points : sequence of OperatingPoint
+    dt : float
+        Time step [s].
     row : (parameters + fuel coefficients,)
         The injector's own full vector.
-    settings, inputs, steps, quiet
-        As in `Job`.
+    courses : Courses
     begin : (points,)
         Time at which a simulation begins [s].
     densities : (1, points)
@@ -48,12 +51,11 @@ class Prepared(NamedTuple):
         Fuel at the largest rail pressure of all points, which decides how long a step may be.
     """
 
+    injector: Injector
     points: Sequence[OperatingPoint]
+    dt: float
     row: Floats
-    settings: Floats
-    inputs: Floats
-    steps: NDArray[np.int64]
-    quiet: NDArray[np.int64]
+    courses: Courses
     begin: Floats
     densities: Floats
     medium: Medium
@@ -61,6 +63,13 @@ class Prepared(NamedTuple):
 
 def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Prepared:
     """Work out once what many batches need.
+
+    Parameters
+    ----------
+    injector : Injector
+    points : sequence of OperatingPoint
+    dt : float
+        Time step [s].
 
     Raises
     ------
@@ -70,16 +79,16 @@ def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> 
     for point in points:
         check_point(injector, point)
     steps = np.array([_steps(point, dt) for point in points])
-    inputs = np.zeros((len(points), int(steps.max()), 6))
+    inputs = np.zeros((len(points), int(steps.max()), len(Inputs._fields)))
     for i, point in enumerate(points):
         inputs[i, : steps[i]] = _inputs(injector, point, dt, int(steps[i]))
+    settings = np.array([point.initial_pressures() for point in points])
     return Prepared(
+        injector,
         points,
+        dt,
         candidate_matrix(injector, (), np.empty((1, 0)))[0],
-        np.array([point.initial_pressures() for point in points]),
-        inputs,
-        steps,
-        np.array([_quiet(point, dt) for point in points]),
+        Courses(settings, inputs, steps, np.array([_quiet(point, dt) for point in points])),
         np.array([point.start for point in points]),
         reference_densities(injector, points),
         medium_of(injector, max(_largest(point.rail_pressure) for point in points)),
@@ -88,6 +97,20 @@ def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> 
 
 def _largest(course: Course) -> float:
     return max(course.value) if isinstance(course, Trace) else course
+
+
+def coefficients_at(injector: Injector, point: OperatingPoint, dt: float) -> Coefficients:
+    """Coefficients of an injector at a point.
+
+    Parameters
+    ----------
+    injector : Injector
+    point : OperatingPoint
+    dt : float
+        Time step [s].
+    """
+    fuel = fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE])
+    return setup.coefficients(injector.parameters, fuel, Setting(*point.initial_pressures(), dt))
 
 
 def reference_density(injector: Injector, point: OperatingPoint) -> float:
@@ -121,97 +144,32 @@ def reference_densities(
     return np.asarray(injector.fuel.density(pressure, warmth[:, None])[candidate][:, column])
 
 
-def candidate_matrix(
-    injector: Injector, names: Sequence[str], values: Floats, prepared: Prepared | None = None
-) -> Floats:
-    """Full parameter vectors of candidates: (candidates, parameters + fuel coefficients).
-
-    Parameters
-    ----------
-    injector : Injector
-        Gives the values that do not vary.
-    names : sequence of str
-        Dotted names of the values that vary; "fuel.temperature" may be among them.
-    values : (candidates, names)
-        SI values.
-    prepared : Prepared, optional
-        Of the same injector.
-    """
-    if prepared is not None and FUEL_TEMPERATURE not in names:
-        theta = np.empty((len(values), len(prepared.row)))
-        theta[:] = prepared.row
-        theta[:, _columns(tuple(names))] = values
-        return theta
-    paths = parameter_paths()
-    theta = np.empty((len(values), len(paths) + len(FUEL.paths)))
-    theta[:, : len(paths)] = [injector.values[path] for path in paths]
-    temperature = np.full(len(values), injector.values[FUEL_TEMPERATURE])
-    for column, name in enumerate(names):
-        if name == FUEL_TEMPERATURE:
-            temperature = values[:, column]
-        else:
-            theta[:, paths.index(name)] = values[:, column]
-    distinct, which = np.unique(temperature, return_inverse=True)
-    fuels = np.array([fuel_coefficients(injector.fuel, float(t)) for t in distinct])
-    theta[:, len(paths) :] = fuels[which]
-    return theta
-
-
-@functools.lru_cache(maxsize=64)
-def _columns(names: tuple[str, ...]) -> NDArray[np.intp]:
-    """Where parameters stand in a full vector."""
-    paths = parameter_paths()
-    return np.array([paths.index(name) for name in names], np.intp)
-
-
-def admissible(names: Sequence[str], values: Floats, fuel: Fuel | None = None) -> NDArray[np.bool_]:
-    """Which candidates lie in the domain of their parameters, and in the fuel's range of temperature: (candidates,)."""
-    inside = np.isfinite(values)
-    if fuel is not None and FUEL_TEMPERATURE in names:
-        column = list(names).index(FUEL_TEMPERATURE)
-        inside[:, column] &= fuel.defined_at(values[:, column])
-    for domain, columns in _domains(tuple(names)):
-        inside[:, columns] &= domain.admits(values[:, columns])
-    return np.asarray(inside.all(axis=1))
-
-
-@functools.lru_cache(maxsize=64)
-def _domains(names: tuple[str, ...]) -> list[tuple[Domain, list[int] | slice]]:
-    """Domains of parameters, and the places of those that lie in each."""
-    known = parameter_quantities()
-    found: dict[Domain, list[int]] = {}
-    for column, name in enumerate(names):
-        found.setdefault(known[name].domain, []).append(column)
-    if len(found) == 1:
-        return [(domain, slice(None)) for domain in found]
-    return list(found.items())
-
-
 def make_job(
-    injector: Injector,
-    theta: Floats,
-    points: Sequence[OperatingPoint],
-    dt: float,
-    stop_when_closed: bool,
-    width: int = VECTORS[Precision.F64].lanes,
-    prepared: Prepared | None = None,
+    prepared: Prepared, theta: Floats, stop_when_closed: bool, width: int = VECTORS[Precision.F64].lanes
 ) -> Job:
     """Every candidate at every point, candidates of a point side by side.
 
     With a `width` of 8 lanes block b of a point holds candidates 8 b … 8 b + 7; a last block that is not full repeats
     its last candidate.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    theta : (candidates, parameters + fuel coefficients)
+        Of `candidate_matrix`.
+    stop_when_closed : bool
+        End a simulation once its needle has closed for good.
+    width : int
+        Lanes of a block.
     """
-    given = prepared or prepare(injector, points, dt)
+    dt, courses = prepared.dt, prepared.courses
     every = max(round(LOOK_INTERVAL / dt), 1)
     return Job(
         np.ascontiguousarray(theta),
-        given.settings,
-        given.inputs,
-        given.steps,
-        given.quiet,
-        blocks(len(theta), len(points), width),
+        courses,
+        blocks(len(theta), len(courses.steps), width),
         dt,
-        _ring(theta, dt, int(given.steps.max())),
+        _ring(theta, dt, int(courses.steps.max())),
         every,
         max(round(RESTING / (every * dt)), 1) if stop_when_closed else 0,
     )
@@ -219,7 +177,14 @@ def make_job(
 
 @functools.lru_cache(maxsize=4)
 def blocks(candidates: int, points: int, width: int) -> NDArray[np.int64]:
-    """Blocks of a full product of points and candidates: (blocks, 1 + width)."""
+    """Blocks of a full product of points and candidates: (blocks, 1 + width).
+
+    Parameters
+    ----------
+    candidates, points : int
+    width : int
+        Lanes of a block.
+    """
     per_point = -(-candidates // width)
     lanes = np.minimum(np.arange(per_point * width), candidates - 1).reshape(per_point, width)
     column = np.repeat(np.arange(points), per_point)[:, None]
@@ -227,7 +192,13 @@ def blocks(candidates: int, points: int, width: int) -> NDArray[np.int64]:
 
 
 def by_candidate(figures: Floats, candidates: int, points: int) -> Floats:
-    """Lane figures (blocks, lanes) of a full product as (candidates, points)."""
+    """Lane figures of a full product as (candidates, points).
+
+    Parameters
+    ----------
+    figures : (blocks, lanes)
+    candidates, points : int
+    """
     return np.asarray(figures.reshape(points, -1)[:, :candidates].T)
 
 
@@ -242,20 +213,20 @@ def _steps(point: OperatingPoint, dt: float) -> int:
 
 def _inputs(injector: Injector, point: OperatingPoint, dt: float, steps: int) -> Floats:
     begin: Floats = np.asarray(point.start + dt * np.arange(steps), float)
-    columns = np.empty((steps, 6))
+    inputs = np.empty((steps, len(Inputs._fields)))
     for i, course in enumerate(
         (point.rail_pressure, point.cylinder_pressure, point.return_pressure, _drive(injector, point))
     ):
-        columns[:, i] = _mean(course, begin, dt)
+        inputs[:, i] = _mean(course, begin, dt)
     starts = np.array([p.start for p in point.pulses])
     ends = np.array([p.start + p.duration for p in point.pulses])
     if not len(starts):
-        columns[:, 4:] = -1.0
-        return columns
+        inputs[:, 4:] = -1.0
+        return inputs
     current = np.maximum(np.searchsorted(starts, begin + dt * (1.0 - 1e-9), side="left") - 1, 0)
-    columns[:, 4] = begin - starts[current] + _still_on(starts, ends, current, begin, dt)
-    columns[:, 5] = begin - ends[current]
-    return columns
+    inputs[:, 4] = begin - starts[current] + _still_on(starts, ends, current, begin, dt)
+    inputs[:, 5] = begin - ends[current]
+    return inputs
 
 
 def _still_on(starts: Floats, ends: Floats, current: NDArray[np.intp], begin: Floats, dt: float) -> Floats:
@@ -293,7 +264,7 @@ def _quiet(point: OperatingPoint, dt: float) -> int:
 
 
 def _ring(theta: Floats, dt: float, steps: int) -> int:
-    pipe, line = _columns(("feed_pipe.length", "return_line.length"))
+    pipe, line = columns(("feed_pipe.length", "return_line.length"))
     feed = theta[:, pipe].max()
     back = 2.0 * theta[:, line].max()
     longest = min(max(feed, back) / SLOWEST_WAVE / dt, float(steps)) + 4.0

@@ -15,24 +15,24 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from commonrail.engine.balance import relative_to_injected
-from commonrail.engine.explicit import Instants, Problem, march
+from commonrail.engine.channels import all_channels
+from commonrail.engine.explicit import Fixed, Instants, Problem, march
+from commonrail.engine.instant import AT, Inlet, feed, inlet_law, past_limit
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.rates import CORE, Outside, compiled_rates, feed, inlet_law, past_limit, start_vector, tip_index
-from commonrail.engine.simulate import reference_density
+from commonrail.engine.plan import coefficients_at, reference_density
+from commonrail.engine.rates import compiled_rates, make_hydraulics
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.engine.timetable import courses, segments, value_at
 from commonrail.engine.validity import check_point
+from commonrail.engine.vector import CORE, make_frame, start_vector, typical_sizes, vector_states
 from commonrail.errors import ConfigurationError
-from commonrail.fuel.coefficients import fuel_coefficients
-from commonrail.injector import setup
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.joints import CLEAR_LIFT, REOPENED, make_room
+from commonrail.injector.definition import Injector
+from commonrail.injector.joints import CLEAR_LIFT, REOPENED
 from commonrail.injector.model import Setting
-from commonrail.injector.variants import Body, Boundary, Drive, wiring
-from commonrail.parts import drive, nozzle, solenoid
+from commonrail.injector.variants import Boundary, Drive, wiring
+from commonrail.parts import drive
 from commonrail.parts.contents import contents
-from commonrail.parts.plunger_needle import Motion
 
 Floats = NDArray[np.float64]
 
@@ -124,23 +124,19 @@ class Model:
         self.injector, self.point, self.resolution = injector, point, resolution
         variant = injector.variant
         at = Setting(*point.initial_pressures(), 1e-6)
-        self.c = setup.coefficients(
-            injector.parameters, fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE]), at
-        )
+        self.c = coefficients_at(injector, point, at.dt)
         wired = wiring(variant)
-        body = wired.body.at_rest(self.c.plunger_needle, setup.seat_contact(self.c), setup.static_loads(self.c, at))
-        lifts: Motion = wired.body.motion(body)
-        state = setup.state_at_rest(self.c, at, body, lifts)
-        self.closed_at_start = lifts.tip < 0.0 and state.valve.lift < 0.0
+        state = wired.rest(self.c, at)
+        self.closed_at_start = wired.body.lifts(state.body.z).tip < 0.0 and state.valve.lift < 0.0
         line = resolution.cells[1] if self.c.return_line.impedance > 0.0 else 0
         self.cells = np.array((resolution.cells[0], line))
-        self.start = start_vector(variant, self.c, state, (resolution.cells[0], line), at)
-        self.core = 2 * resolution.cells[0] + 1
+        self.start = start_vector(variant, state, self.cells, at)
+        self.at = make_frame(variant)(self.cells)
         self.constants = np.zeros(len(wired.coefficients.paths))
-        wired.coefficients.store(self.constants, 0, 1, 0, self.c)
+        wired.coefficients.store(self.constants, 0, 1, self.c)
         self.friction = np.zeros((9, 2)) if friction is None else np.ascontiguousarray(friction, float)
         self.rates = compiled_rates(variant)
-        self.outside = np.zeros(7)
+        self.outside = np.zeros(len(AT))
         self.variant = variant
         self._evaluations, self._looked_at = 0, point.start
         self.last = self.start
@@ -148,7 +144,8 @@ class Model:
     @property
     def problem(self) -> Problem:
         """What the explicit march solves."""
-        return Problem(self.variant, self.point, self.c, self.constants, self.cells, self.friction, self.start)
+        fixed = Fixed(self.constants, self.cells, self.friction)
+        return Problem(self.variant, self.point, self.c, fixed, self.start)
 
     # --- time -------------------------------------------------------------------------------------
 
@@ -157,17 +154,17 @@ class Model:
         states = np.full((len(time), len(self.start)), np.nan)
         states[0] = y = self.start
         crossings = Crossings([], [], [])
-        self.outside[5] = 2.0
+        self.outside[AT.conducting] = 2.0
         now = time[0]
         for segment in segments(self.point, self.c.drive.peak_duration, time[0], time[-1]):
-            self.outside[3:5] = segment.on, segment.peak
+            self.outside[AT.on], self.outside[AT.peak] = segment.on, segment.peak
             if not segment.on:
-                self.outside[5] = 2.0
+                self.outside[AT.conducting] = 2.0
             while now < segment.stop - 1e-15:
                 if not np.isfinite(y).all():  # SciPy would refuse it with an error of its own
                     return states, instants(crossings), False
                 if self.past_limit(y) > 1e-9:
-                    self.outside[5] = drive.turned(self.outside[5])
+                    self.outside[AT.conducting] = drive.turned(self.outside[AT.conducting])
                 inside = time[(time > now) & (time <= segment.stop)]
                 result = self.solve(now, segment.stop, y, inside)
                 if not result.success:
@@ -180,12 +177,12 @@ class Model:
                 switched = result.status == 1
                 now, y = (result.t_events[-1][-1], result.y_events[-1][-1]) if switched else (segment.stop, self.last)
                 if switched:
-                    self.outside[5] = drive.turned(self.outside[5])
+                    self.outside[AT.conducting] = drive.turned(self.outside[AT.conducting])
         return states, instants(crossings), True
 
     def _note(self, crossings: Crossings, result: Any) -> None:
         """Add what a solve has seen, with the mass injected by then [kg]."""
-        injected = self.core + CORE.index("injected")
+        injected = self.at.core + CORE.row("nozzle.injected")
         for kept, times, states in zip(crossings, result.t_events, result.y_events, strict=False):
             kept.extend((float(t), float(y[injected])) for t, y in zip(times, states, strict=True))
 
@@ -212,7 +209,7 @@ class Model:
 
     def events(self) -> list[Callable[[float, Floats], float]]:
         """Those of `Crossings`; then the PWM's current meets its limit, which ends a solve."""
-        tip = self.core + tip_index(self.variant)
+        tip = self.at.tip
 
         def closes(t: float, y: Floats) -> float:
             return float(y[tip])
@@ -237,7 +234,7 @@ class Model:
         The pipe's inlet needs the rail's mass only where the rail has a volume; that far corner is left to the
         iteration, which converges without it.
         """
-        return len(CORE) + (18 if self.variant.body is Body.FLEXIBLE else 2) + 2
+        return self.at.line - self.at.core + 2
 
     # --- right-hand side --------------------------------------------------------------------------
 
@@ -258,34 +255,27 @@ class Model:
 
     def _set_outside(self, t: float) -> None:
         at_time = [value_at(course, t) for course in courses(self.point)]
-        self.outside[:3], self.outside[6] = at_time[:3], at_time[3]
+        self.outside[:3], self.outside[AT.trace] = at_time[:3], at_time[3]
 
     def past_limit(self, y: Floats) -> float:
         """How far the PWM's current is past its limit, relative to the band; negative before it."""
-        if self.variant.drive is not Drive.PWM or not self.outside[3]:
+        if self.variant.drive is not Drive.PWM or not self.outside[AT.on]:
             return -1.0
-        return past_limit(self.c, self.outside[4], self.outside[5], float(y[self.core]), float(y[self.core + 2]))
+        core = CORE.load(y, self.at.core, 1)
+        return float(past_limit(self.c, self.outside[AT.peak], self.outside[AT.conducting], core))
 
     def scales(self) -> Floats:
         """Typical size of each state, for absolute tolerances."""
-        rail = self.outside[0] or self.point.at_start(self.point.rail_pressure)
-        pipe = np.empty(2 * self.cells[0] + 1)
-        pipe[0::2], pipe[1::2] = 1e-1, rail
-        core = np.abs(self.start[self.core : self.core + len(CORE)])
-        core[:4] = 1e-4, 1e-4, 1e-5, 1e-1
-        core[7] = 1e-4
-        core[8:11] = 1e-5
-        body = np.tile((1e-4, 1.0), 9 if self.variant.body is Body.FLEXIBLE else 1)
-        line = np.tile((1e6, 1e-1), int(self.cells[1]))
-        return np.concatenate((pipe, core, body, line))
+        rail = self.outside[AT.rail] or self.point.at_start(self.point.rail_pressure)
+        return typical_sizes(self.variant, self.start, self.cells, rail)
 
     # --- result -----------------------------------------------------------------------------------
 
     def solution(self, time: Floats, states: Floats, found: Instants, finished: bool) -> Solution:
         """States as a `Solution`."""
-        core = states[:, self.core : self.core + len(CORE)]
-        injected = core[:, CORE.index("injected")]
-        channels = self._channels(time, states)
+        named = vector_states(self.variant, states, self.cells)
+        injected = named["nozzle.injected"]
+        channels = all_channels(self.c, self.variant, named, self._pressures(time, states))
         still = channels["needle_lift"][-1] > 0.0
         status = Status.STILL_INJECTING if still else Status.OK
         if not finished:
@@ -298,7 +288,7 @@ class Model:
             injected,
             channels,
             float(injected[-1]),
-            float(core[-1, CORE.index("returned")]),
+            float(named["books.returned"][-1]),
             *found,
             reference_density(self.injector, self.point),
             status,
@@ -306,57 +296,35 @@ class Model:
             self._balance(states),
         )
 
-    def _channels(self, time: Floats, states: Floats) -> dict[str, Floats]:
-        core = states[:, self.core : self.core + len(CORE)]
-        body = self.core + len(CORE)
-        flexible = self.variant.body is Body.FLEXIBLE
-        top, shoulder, tip = (states[:, body + i] for i in ((0, 14, 16) if flexible else (0, 0, 0)))
-
-        def pressure(name: str, volume: Callable[[Motion], float]) -> Floats:
-            rooms = [volume(Motion(*row)) for row in zip(top, shoulder, tip, strict=True)]
-            masses = core[:, CORE.index(name)]
-            return np.array([contents(self.c.fuel, m, 1.0 / v).pressure for m, v in zip(masses, rooms, strict=True)])
-
-        gap = self.c.valve.lift - core[:, 2]
-        control = pressure("control_mass", lambda m: make_room(self.c, m).control)
-        store = pressure("store_mass", lambda m: make_room(self.c, m).store)
+    def _pressures(self, time: Floats, states: Floats) -> dict[str, Floats]:
+        """In the volumes, in the rail and at the feed pipe's inlet; these two differ where the rail is a volume."""
+        hydraulics, law, masses = make_hydraulics(self.variant), inlet_law(self.variant), wiring(self.variant).positions
+        rail = np.array([value_at(self.point.rail_pressure, t) for t in time])
+        found = np.empty((len(time), 4))
+        for i, y in enumerate(states):
+            core = CORE.load(y, self.at.core, 1)
+            h = hydraulics(self.c, core, masses.load(y, self.at.body, 2))
+            inlet = feed(self.c, law, Inlet(rail[i], core.rail_mass, y[0]), h.store.pressure, h.chamber.pressure).inlet
+            found[i] = h.chamber.pressure, h.store.pressure, h.sac.pressure, inlet
+            if self.variant.boundary is Boundary.VOLUME:
+                rail[i] = contents(self.c.fuel, core.rail_mass, 1.0 / self.c.rail.volume).pressure
+        control, store, sac, at_inlet = found.T.copy()
         return {
-            "needle_lift": tip,
-            "plunger_lift": top,
-            "valve_lift": core[:, 2],
             "control_pressure": control,
             "accumulation_pressure": store,
-            "sac_pressure": pressure("sac_mass", lambda m: make_room(self.c, m).sac),
-            **self._supply(time, states, store, control),
-            "coil_current": np.array(
-                [solenoid.circuit(self.c.solenoid, f, g).current for f, g in zip(core[:, 0], gap, strict=True)]
-            ),
-            "magnetic_force": np.array([solenoid.pull(self.c.solenoid, f) for f in core[:, 1]]),
-            "discharge_coefficient": np.array([nozzle.discharge(self.c.nozzle, z) for z in core[:, 7]]),
+            "sac_pressure": sac,
+            "rail_pressure": rail,
+            "inlet_pressure": at_inlet,
         }
-
-    def _supply(self, time: Floats, states: Floats, store: Floats, control: Floats) -> dict[str, Floats]:
-        """Pressure in the rail and at the feed pipe's inlet, which differ where the rail is a volume."""
-        law = inlet_law(self.variant)
-        rail = np.array([value_at(self.point.rail_pressure, t) for t in time])
-        masses = states[:, self.core + CORE.index("rail_mass")]
-        inlet = [
-            feed(self.c, Outside(p, *[0.0] * 6), law, mass, flow, high, low).inlet
-            for p, mass, flow, high, low in zip(rail, masses, states[:, 0], store, control, strict=True)
-        ]
-        if self.variant.boundary is Boundary.VOLUME:
-            rail = np.array([contents(self.c.fuel, m, 1.0 / self.c.rail.volume).pressure for m in masses])
-        return {"rail_pressure": rail, "inlet_pressure": np.array(inlet)}
 
     def _balance(self, states: Floats) -> float:
         """Balance of `relative_to_injected`."""
         gain = states[-1] - states[0]
-        core = dict(zip(CORE, gain[self.core : self.core + len(CORE)], strict=True))
+        core = CORE.load(gain, self.at.core, 1)
         per_cell = self.c.feed_pipe.travel_time / self.cells[0] / self.c.feed_pipe.impedance
-        stored = core["control_mass"] + core["store_mass"] + core["sac_mass"]
-        stored += per_cell * float(np.sum(gain[1 : 2 * self.cells[0] : 2]))
-        left = core["supplied"] - core["injected"] - core["returned"] - stored
-        return relative_to_injected(left, core["injected"])
+        stored = sum(core.fuel) + per_cell * float(np.sum(gain[1 : self.at.core : 2]))
+        left = core.books.supplied - core.nozzle.injected - core.books.returned - stored
+        return relative_to_injected(left, core.nozzle.injected)
 
 
 def instants(crossings: Crossings) -> Instants:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.population import candidate_matrix
 from commonrail.injector.definition import Injector
 
 Floats = NDArray[np.float64]
@@ -25,10 +26,17 @@ def sampled_rates(
     """Mean mass flow between time bounds [s] for each candidate: (candidates, bounds − 1) [kg/s].
 
     Rows of failed simulations hold values that are not finite.
+
+    Parameters
+    ----------
+    injector, point, names, values, time_step
+        As in `simulate_batch`.
+    bounds : (n,)
+        [s].
     """
-    theta = plan.candidate_matrix(injector, names, values)
-    job = plan.make_job(injector, theta, [point], time_step, False)
-    outcome, trace = lanes.run_traced(job, injector.variant)
+    theta = candidate_matrix(injector, names, values)
+    job = plan.make_job(plan.prepare(injector, [point], time_step), theta, False)
+    outcome, trace = lanes.run(job, injector.variant, traced=True)
     row = lanes.trace_paths(injector.variant).index("nozzle.injected")
     injected = np.moveaxis(trace[:, :, row, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
     time = point.start + time_step * np.arange(trace.shape[1])

@@ -8,43 +8,30 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from enum import Enum
-from typing import Any, NamedTuple, ParamSpec
+from typing import NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.arguments import (
-    Limits,
-    Quantity,
-    amount,
-    array,
-    chosen,
-    flag,
-    instance,
-    instances,
-    known_names,
-    number,
-    sequence,
-    thread_count,
-)
+from commonrail.arguments import Quantity, chosen, flag, instance, instances, known_names, number, thread_count
 from commonrail.engine import lanes, plan
 from commonrail.engine.balance import relative_balance
 from commonrail.engine.channels import read_channels
-from commonrail.engine.lanes import VECTORS, Job, Misfit, Outcome, Precision
+from commonrail.engine.lanes import VECTORS, Misfit, Precision
+from commonrail.engine.notes import Outcome
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.plan import Prepared, reference_density
+from commonrail.engine.plan import Prepared
+from commonrail.engine.population import admissible, candidate_matrix, read_candidates
 from commonrail.engine.solution import Batch, Solution
 from commonrail.engine.stability import longest_step, too_long
 from commonrail.engine.status import OK, STILL_INJECTING, Status, which_failed
+from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.injector.variants import Variant
 
 Floats = NDArray[np.float64]
 
-TIME_STEPS = Limits(1e-9, 1e-4, (50e-9, 10e-6), ("us", "ns"))
 BACKFLOW = 1e-7  # largest mass that a SAC takes back from the cylinder [kg]; more is an injector that has run empty
-DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail verify`
 
 
 _Given = ParamSpec("_Given")
@@ -136,39 +123,36 @@ def simulate(
                 f"The sample interval must lie between 1 ns and the simulated {point.duration * 1e3:g} ms, "
                 f"not {sample_interval:g} s."
             )
-    real = _precision(precision)
+    real = chosen(precision, Precision, "precision")
     if engine is Engine.REFERENCE:
         if real is not Precision.F64:
             raise ConfigurationError(f"The reference computes in f64 alone, not in {real.value}; use the lanes for it.")
         from commonrail.engine.reference import simulate_reference
 
         return simulate_reference(injector, point, sample_interval or 3e-6)
-    prepared = plan.prepare(injector, [point], time_step)
-    theta = plan.candidate_matrix(injector, (), np.empty((1, 0)), prepared)
-    job = plan.make_job(injector, theta, [point], time_step, False, _width(engine, real), prepared)
-    outcome, trace = _run_traced(job, injector.variant, engine, real)
+    how = _How(plan.prepare(injector, [point], time_step), None, False, real, engine, True)
+    theta = how.prepared.row[None]
+    outcome, trace = _run(theta, how, how.prepared.densities)
     stride = max(round((sample_interval or time_step) / time_step), 1)
-    rows = trace[0, ::stride, :, 0]
-    names = lanes.trace_paths(injector.variant)
-    time: Floats = np.asarray(point.start + time_step * stride * np.arange(len(rows)), float)
-    injected = rows[:, names.index("nozzle.injected")]
-    beyond = _beyond(injector, (), theta, prepared, outcome, time_step)
+    states = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T, strict=True))
+    time: Floats = np.asarray(point.start + time_step * stride * np.arange(-(-trace.shape[1] // stride)), float)
+    injected = states["nozzle.injected"][::stride]
     reached = float(np.nan_to_num(outcome.greatest_lift[0, 0]))
     return Solution(
         time,
         np.diff(injected) / np.diff(time),
         injected,
-        read_channels(injector, point, names, time, rows),
-        float(trace[0, -1, names.index("nozzle.injected"), 0]),  # at the horizon, which a sample need not meet
-        float(trace[0, -1, names.index("books.returned"), 0]),
+        read_channels(injector, point, time, {name: row[::stride] for name, row in states.items()}),
+        float(states["nozzle.injected"][-1]),  # at the horizon, which a sample need not meet
+        float(states["books.returned"][-1]),
         point.start + time_step * float(outcome.opening[0, 0]),
         point.start + time_step * float(outcome.closing[0, 0]),
         point.start + time_step * float(outcome.first_closing[0, 0]),
-        reference_density(injector, point),
-        Status(int(_status(outcome, beyond, 1)[0, 0])),
+        float(how.prepared.densities[0, 0]),
+        Status(int(_status((), theta, how, outcome)[0, 0])),
         engine.value,
-        relative_balance(injector, point, names, trace[0, :, :, 0], time_step),
-        longest_step(injector, theta[0], prepared.medium, reached),
+        relative_balance(injector, point, states, time_step),
+        longest_step(injector, theta[0], how.prepared.medium, reached),
     )
 
 
@@ -210,7 +194,7 @@ def simulate_batch(
     prepared : Prepared, optional
         `plan.prepare` of the same injector, points and time step: saves time where many batches follow each other.
     engine : Engine or str
-        "lanes", or "cuda" for one simulation on each thread of an NVIDIA GPU; `threads` are then of no account.
+        "lanes", or "cuda" for one simulation on each thread of an NVIDIA GPU; `threads` is then ignored.
 
     Raises
     ------
@@ -224,66 +208,21 @@ def simulate_batch(
     if not points:
         raise ConfigurationError("At least one operating point is needed among the points.")
     names = known_names(names, parameter_quantities(), "names", "valve.spring_preload")
-    candidates = _candidates(names, values)
+    candidates = read_candidates(names, values)
     for given, kind, what in ((misfit, Misfit, "misfit"), (prepared, Prepared, "prepared")):
         if given is not None:
             instance(given, kind, what)
     how = _How(
         prepared or plan.prepare(injector, points, time_step),
-        time_step,
-        threads or usable_threads(),
         misfit,
         flag(stop_when_closed, "stop_when_closed") and misfit is None,
-        _precision(precision),
+        chosen(precision, Precision, "precision"),
         _batch_engine(engine),
+        threads=threads or usable_threads(),
     )
     many = max(AT_A_TIME[how.engine] // len(points), 1)
-    parts = [
-        _simulate(injector, names, candidates[first : first + many], how) for first in range(0, len(candidates), many)
-    ]
+    parts = [_simulate(names, candidates[first : first + many], how) for first in range(0, len(candidates), many)]
     return parts[0] if len(parts) == 1 else _joined(parts)
-
-
-def _candidates(names: Sequence[str], values: ArrayLike | None) -> Floats:
-    """Values (candidates, names) as SI numbers; text is read in the unit of its own column."""
-    if values is None:
-        candidates = np.empty((1, 0))
-    elif isinstance(values, np.ndarray) and values.dtype.kind in "iuf":
-        candidates = np.atleast_2d(np.asarray(values, float))
-    else:
-        candidates = _read_rows(names, values)
-    if candidates.ndim != 2 or candidates.shape[1] != len(names):
-        raise ConfigurationError(
-            f"{len(names)} names but {candidates.shape[-1]} values a candidate were given: the values must have a row "
-            "for each candidate and in it one value for each name, such as [[1e-3], [2e-3]] for one name."
-        )
-    if not len(candidates):
-        raise ConfigurationError("At least one candidate is needed among the values.")
-    return candidates
-
-
-def _read_rows(names: Sequence[str], values: Any) -> Floats:
-    rows = sequence(values, "values", "[[1e-3], [2e-3]], a row for each candidate")
-    if not any(isinstance(row, Sequence | np.ndarray) and not isinstance(row, str) for row in rows):
-        rows = [rows]
-    known = parameter_quantities()
-    read = []
-    for i, row in enumerate(rows, start=1):
-        what = f"values of candidate {i}"
-        items = sequence(row, what, "[1e-3]")
-        if len(items) != len(names):
-            raise ConfigurationError(f"{len(names)} names but {len(items)} {what} were given; give one for each name.")
-        read.append(
-            [
-                float(array(item, known[name].unit, f"{what}, {name}", 0, finite=False))
-                for item, name in zip(items, names, strict=True)
-            ]
-        )
-    return np.reshape(read, (len(read), len(names))).astype(float)
-
-
-def _precision(name: Precision | str) -> Precision:
-    return chosen(name, Precision, "precision")
 
 
 def _engine(name: Engine | str) -> Engine:
@@ -304,52 +243,39 @@ def _batch_engine(name: Engine | str) -> Engine:
     return engine
 
 
-def _width(engine: Engine, precision: Precision) -> int:
-    return 1 if engine is Engine.CUDA else VECTORS[precision].lanes
-
-
 class _How(NamedTuple):
     prepared: Prepared
-    time_step: float
-    threads: int
     misfit: Misfit | None
     stop_when_closed: bool
     precision: Precision
     engine: Engine
+    traced: bool = False
+    threads: int = 1
 
 
-def _run(job: Job, variant: Variant, how: _How, densities: Floats) -> Outcome:
-    misfit = how.misfit and how.misfit.own_where_open(densities)
+def _run(theta: Floats, how: _How, densities: Floats) -> tuple[Outcome, Floats]:
+    misfit, variant = how.misfit and how.misfit.own_where_open(densities), how.prepared.injector.variant
     if how.engine is Engine.CUDA:
         from commonrail.engine import cuda
 
-        return cuda.run(job, variant, misfit, how.precision)
-    return lanes.run(job, variant, misfit, how.threads, how.precision)
+        job = plan.make_job(how.prepared, theta, how.stop_when_closed, 1)
+        return cuda.run(job, variant, misfit, how.precision, how.traced)
+    job = plan.make_job(how.prepared, theta, how.stop_when_closed, VECTORS[how.precision].lanes)
+    return lanes.run(job, variant, misfit, how.precision, how.traced, how.threads)
 
 
-def _run_traced(job: Job, variant: Variant, engine: Engine, precision: Precision) -> tuple[Outcome, Floats]:
-    if engine is Engine.CUDA:
-        from commonrail.engine import cuda
-
-        return cuda.run_traced(job, variant, precision)
-    return lanes.run_traced(job, variant, precision=precision)
-
-
-def _simulate(injector: Injector, names: Sequence[str], candidates: Floats, how: _How) -> Batch:
+def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:
     """A part of a population that is small enough to have all its parameters in memory."""
-    prepared, points = how.prepared, how.prepared.points
-    inside = plan.admissible(names, candidates, injector.fuel)
+    prepared, injector, points = how.prepared, how.prepared.injector, how.prepared.points
+    inside = admissible(names, candidates, injector.fuel)
     if not inside.all():
         own = np.array([injector.values[name] for name in names])
         candidates = np.where(inside[:, None], candidates, own)
-    theta = plan.candidate_matrix(injector, names, candidates, prepared)
-    width = _width(how.engine, how.precision)
-    job = plan.make_job(injector, theta, points, how.time_step, how.stop_when_closed, width, prepared)
+    theta = candidate_matrix(injector, names, candidates, prepared.row)
     varies = FUEL_TEMPERATURE in names
     densities = plan.reference_densities(injector, points, names, candidates) if varies else prepared.densities
-    outcome = _run(job, injector.variant, how, densities)
-    beyond = _beyond(injector, names, theta, prepared, outcome, how.time_step)
-    status = _status(outcome, beyond, len(points))
+    outcome, _ = _run(theta, how, densities)
+    status = _status(names, theta, how, outcome)
     status[~inside] = Status.OUTSIDE_DOMAIN
 
     failed = which_failed(status)
@@ -359,13 +285,12 @@ def _simulate(injector: Injector, names: Sequence[str], candidates: Floats, how:
         table = plan.by_candidate(values, len(theta), len(points))
         return np.where(failed, np.nan, table) if some_failed else np.ascontiguousarray(table)
 
-    begin = prepared.begin
     return Batch(
         figure(outcome.injected),
         figure(outcome.returned),
-        begin + how.time_step * figure(outcome.opening),
-        begin + how.time_step * figure(outcome.closing),
-        begin + how.time_step * figure(outcome.first_closing),
+        prepared.begin + prepared.dt * figure(outcome.opening),
+        prepared.begin + prepared.dt * figure(outcome.closing),
+        prepared.begin + prepared.dt * figure(outcome.first_closing),
         figure(outcome.greatest_lift),
         status,
         np.broadcast_to(densities, status.shape),
@@ -380,36 +305,25 @@ def _joined(parts: Sequence[Batch]) -> Batch:
     return Batch(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
-def check_step(time_step: Quantity) -> float:
-    """Read a time step [s], from 1 ns to 100 us."""
-    return amount(time_step, "s", "time step", TIME_STEPS)
-
-
-def _beyond(
-    injector: Injector, names: Sequence[str], theta: Floats, prepared: Prepared, outcome: Outcome, time_step: float
-) -> NDArray[np.bool_]:
-    """Candidates (n,) for which the step is too long at the greatest lift that they reached."""
-    lifts = np.nan_to_num(plan.by_candidate(outcome.greatest_lift, len(theta), len(prepared.points)))
-    return too_long(injector, names, theta, prepared.medium, time_step, lifts.max(axis=1))
-
-
-def _status(outcome: Outcome, beyond: NDArray[np.bool_], points: int) -> NDArray[np.int64]:
-    """Status (candidates, points); `beyond` (candidates,) tells for which candidates the step is too long."""
+def _status(names: Sequence[str], theta: Floats, how: _How, outcome: Outcome) -> NDArray[np.int64]:
+    """Status (candidates, points)."""
+    prepared = how.prepared
 
     def table(figures: Floats) -> Floats:
-        return plan.by_candidate(figures, len(beyond), points)
+        return plan.by_candidate(figures, len(theta), len(prepared.points))
 
-    status = np.full((len(beyond), points), OK)
+    status = np.full((len(theta), len(prepared.points)), OK)
     status[table(outcome.closed_at_end) == 0.0] = STILL_INJECTING
     bad = table(outcome.sound) == 0.0
     if bad.any():
         finite = np.isfinite(table(outcome.injected))
         status[bad] = np.where(finite[bad], Status.RAN_AWAY, Status.NOT_FINITE)
     status[table(outcome.injected) < -BACKFLOW] = Status.NOT_FINITE
-    # whatever came out: beyond the limit a plausible figure may be far off
-    status[beyond] = Status.STEP_UNSTABLE
+    # whatever came out: beyond the limit, at the greatest lift that was reached, a plausible figure may be far off
+    lifts = np.nan_to_num(table(outcome.greatest_lift)).max(axis=1)
+    status[too_long(prepared.injector, names, theta, prepared.medium, prepared.dt, lifts)] = Status.STEP_UNSTABLE
     status[table(outcome.closed_at_start) == 0.0] = Status.NOT_CLOSED_AT_START
     return status
 
 
-__all__ = ["DEFAULT_STEP", "Engine", "reference_density", "simulate", "simulate_batch", "usable_threads"]
+__all__ = ["Engine", "simulate", "simulate_batch", "usable_threads"]

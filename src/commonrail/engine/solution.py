@@ -1,4 +1,4 @@
-"""What a simulation gives back."""
+"""Results of simulations: one injection, and figures of many."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.engine.status import Status, step_advice
+from commonrail.engine.status import Status
+from commonrail.engine.time_step import step_advice
 
 Floats = NDArray[np.float64]
 

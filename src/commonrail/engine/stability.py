@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from commonrail.flow.wave import pipe_area
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.injector.variants import Body, Boundary, Variant
+from commonrail.parts.chain import Seven, around
 
 __all__ = ["Medium", "bears", "longest", "longest_step", "medium_of", "stiffest_corner", "too_long"]
 
@@ -108,14 +109,12 @@ def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
 
 
 def _chain_bears(values: Values, medium: Medium, dt: float) -> Any:
-    k = [values[f"plunger_needle.k{i}"] for i in range(1, 8)]
-    m = [values[f"plunger_needle.m{i}"] for i in range(1, 8)]
+    k, m = ([values[f"plunger_needle.{name}{i}"] for i in range(1, 8)] for name in "km")
     ratio = values["plunger_needle.damping_ratio"]
     links = [
         dt * (dt * stiffness + 8.0 * ratio * (stiffness * mass) ** 0.5) for stiffness, mass in zip(k, m, strict=True)
     ]
     links.insert(5, dt * dt * values["plunger_needle.joint_stiffness"])
-    nodes = [m[0], m[0] + m[1], m[1] + m[2], m[2] + m[3], m[3] + m[4], m[4], m[5], m[5] + m[6], m[6]]
     top, shoulder, tip = _pressed(values, medium)
     held = {
         0: values["plunger_needle.stop_stiffness"] + top,
@@ -124,7 +123,7 @@ def _chain_bears(values: Values, medium: Medium, dt: float) -> Any:
     }
     pivot, before = None, 0.0
     stable: Any = True
-    for i, node in enumerate(nodes):
+    for i, node in enumerate(around(Seven(*m))):
         after = links[i] if i < 8 else 0.0
         diagonal = 2.0 * node - before - after - dt * dt * held.get(i, 0.0)
         pivot = diagonal if pivot is None else diagonal - before * before / pivot

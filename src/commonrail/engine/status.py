@@ -1,16 +1,12 @@
-"""How a simulation ended: a status whose sentence says what to do."""
+"""Status of a simulation, whose sentence says what to do."""
 
 from __future__ import annotations
 
-import math
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-ROUND_STEPS = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5)  # times a power of ten
-SMALLEST_STEP = 1e-9  # that an engine accepts [s]
 
 
 class Status(IntEnum):
@@ -53,20 +49,6 @@ _SENTENCES = {
     ),
     Status.STILL_INJECTING: "The needle had not closed at the end of the simulated time; take a longer horizon.",
 }
-
-
-def step_advice(longest: float) -> str:
-    """Sentence that names a time step within the longest one [s]."""
-    step = nice_step(longest)
-    return f"A step of {step * 1e6:g} us would do." if step >= SMALLEST_STEP else "No step is short enough."
-
-
-def nice_step(longest: float) -> float:
-    """Largest round time step [s] that leaves five per cent to the longest, 0 if there is none."""
-    if not longest > 0.0:
-        return 0.0
-    decade = 10.0 ** math.floor(math.log10(0.95 * longest))
-    return max(round(part * decade, 15) for part in ROUND_STEPS if part * decade <= 0.95 * longest)
 
 
 OK, STILL_INJECTING = int(Status.OK), int(Status.STILL_INJECTING)  # NumPy takes five times as long for an enum

@@ -1,4 +1,4 @@
-"""What comes from outside, against time, for the reference: boundary courses and the drive's schedule."""
+"""Boundary courses and the drive's schedule against time, for the reference."""
 
 from __future__ import annotations
 

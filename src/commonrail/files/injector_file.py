@@ -123,7 +123,13 @@ def _injector(data: Mapping[str, Any], at: Place, stem: str, reach: Reach) -> In
     values = {path: given[path].value for path in parameter_quantities()}
     with located(at):  # a drawing may lead to a stiffness without bounds
         return Injector(
-            name, title, values, fuel, variant, {path: item.source for path, item in given.items()}, synthetic
+            name,
+            title,
+            values,
+            fuel,
+            variant,
+            {path: item.source for path, item in given.items()},
+            synthetic=synthetic,
         )
 
 

@@ -13,7 +13,7 @@ from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.time_step import step_for_all
-from commonrail.engine.simulate import check_step
+from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.files.injector_file import load_injector
 from commonrail.files.place import Place, located

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from commonrail.compile import physics
 
-__all__ = ["Contact", "contact", "contact_over_step"]
+__all__ = ["Contact", "contact", "contact_over_step", "next_velocity"]
 
 
 class Contact(NamedTuple):
@@ -83,3 +83,21 @@ def contact_over_step(
         stiffness * overlap + (stiffness + damping * damping * per_mass) * bend * (1.0 / 12.0),
         max(damping * (1.0 + per_step * resisting * (1.0 / 12.0)) + 0.25 * damper * bend, 0.0),
     )
+
+
+@physics
+def next_velocity(v: float, gain: float, half: float, per_one_plus_half: float) -> float:
+    """Velocity [m/s] after a step whose contact damping is taken at mid-step (implicit, never unstable).
+
+    Parameters
+    ----------
+    v : float
+        Velocity half a step before [m/s].
+    gain : float
+        dt F/m [m/s].
+    half : float
+        dt c/(2 m) [1].
+    per_one_plus_half : float
+        1/(1 + half) [1].
+    """
+    return (v * (1.0 - half) + gain) * per_one_plus_half

@@ -71,7 +71,7 @@ class Injector:
     fuel: Fuel
     variant: Variant = Variant()
     sources: Mapping[str, Source] = field(default_factory=dict)
-    synthetic: str = ""
+    synthetic: str = field(default="", kw_only=True)
 
     if TYPE_CHECKING:  # what is accepted is wider than what is kept
 
@@ -83,6 +83,7 @@ class Injector:
             fuel: Fuel,
             variant: Variant = Variant(),
             sources: Mapping[str, Source] = {},
+            *,
             synthetic: str = "",
         ) -> None: ...
 

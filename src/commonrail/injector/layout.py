@@ -15,6 +15,8 @@ from commonrail.compile import physics
 
 __all__ = ["Layout", "field_paths", "layout_of"]
 
+Choices = tuple[tuple[str, type], ...]
+
 
 class Layout(NamedTuple):
     """Where the fields of a nested NamedTuple stand.
@@ -23,10 +25,10 @@ class Layout(NamedTuple):
     ----------
     paths : tuple of str
         Dotted field names in row order: ``plunger_needle.k1``.
-    load : function (array, first_row, lanes, lane) -> NamedTuple
-        Reads one of `lanes` lanes.
-    store : function (array, first_row, lanes, lane, value) -> None
-        Writes one of `lanes` lanes.
+    load : function (array, start, stride) -> NamedTuple
+        Reads the fields from index `start` on, `stride` apart.
+    store : function (array, start, stride, value) -> None
+        Writes them.
     """
 
     paths: tuple[str, ...]
@@ -34,33 +36,43 @@ class Layout(NamedTuple):
     store: Callable[..., Any]
 
     def row(self, path: str) -> int:
-        """Row of a dotted field name."""
-        return self.paths.index(path)
+        """Row of a dotted field name, the first one of a group of fields."""
+        return next(i for i, known in enumerate(self.paths) if f"{known}.".startswith(f"{path}."))
 
 
-def field_paths(kind: type, choices: tuple[tuple[str, type], ...] = (), prefix: str = "") -> Iterator[str]:
-    """Dotted names of the float fields of a nested NamedTuple; `choices` gives the type of open fields."""
-    for name, hint in _fields(kind, choices):
-        if hint is float:
-            yield prefix + name
-        else:
-            yield from field_paths(hint, choices, f"{prefix}{name}.")
+def field_paths(kind: type, choices: Choices = (), prefix: str = "") -> Iterator[str]:
+    """Dotted names of the float fields of a nested NamedTuple.
+
+    Parameters
+    ----------
+    kind : type
+        NamedTuple, or float itself.
+    choices : tuple of (field name, type)
+        Types of the fields annotated ``Any``.
+    prefix : str
+        In front of each name.
+    """
+    if kind is float:
+        yield prefix
+    else:
+        for name, hint in _fields(kind, choices):
+            yield from field_paths(hint, choices, f"{prefix}.{name}" if prefix else name)
 
 
-def _fields(kind: type, choices: tuple[tuple[str, type], ...]) -> Iterator[tuple[str, type]]:
+def _fields(kind: type, choices: Choices) -> Iterator[tuple[str, type]]:
     hints = get_type_hints(kind)
     for name in kind._fields:  # type: ignore[attr-defined]
         yield name, dict(choices).get(name, hints[name]) if hints[name] is Any else hints[name]
 
 
 @functools.cache
-def layout_of(kind: type, choices: tuple[tuple[str, type], ...] = ()) -> Layout:
+def layout_of(kind: type, choices: Choices = ()) -> Layout:
     """Layout of a nested NamedTuple type.
 
     Parameters
     ----------
     kind : type
-        A NamedTuple whose fields are float or such NamedTuples.
+        A NamedTuple whose fields are float or such NamedTuples, or float itself.
     choices : tuple of (field name, type)
         Types of the fields annotated ``Any``, such as ``(("body", rigid_body.State),)``.
     """
@@ -68,20 +80,19 @@ def layout_of(kind: type, choices: tuple[tuple[str, type], ...] = ()) -> Layout:
     made = _constructor(kind, choices, names, iter(range(10_000)))
     paths = tuple(field_paths(kind, choices))
     # one running index: Numba takes milliseconds for each operation of a text, and there are hundreds of rows
-    begin, on = ["    i = first * lanes + lane"], "    i += lanes"
+    on = "    i += stride"
     loads = [line for row, _ in enumerate(paths) for line in (f"    r{row} = a[i]", on)]
-    stores = [line for path in paths for line in (f"    a[i] = value.{path}", on)]
-    load = ["def load(a, first, lanes, lane):", *begin, *loads[:-1], f"    return {made}", ""]
-    store = ["def store(a, first, lanes, lane, value):", *begin, *stores[:-1], ""]
+    stores = [line for path in paths for line in (f"    a[i] = {'.'.join(filter(None, ('value', path)))}", on)]
+    load = ["def load(a, start, stride):", "    i = start", *loads[:-1], f"    return {made}", ""]
+    store = ["def store(a, start, stride, value):", "    i = start", *stores[:-1], ""]
     exec(compile("\n".join(load + store), f"<layout of {kind.__qualname__}>", "exec"), names)
     return Layout(paths, physics(names["load"]), physics(names["store"]))
 
 
-def _constructor(kind: type, choices: Any, names: dict[str, Any], rows: Iterator[int]) -> str:
+def _constructor(kind: type, choices: Choices, names: dict[str, Any], rows: Iterator[int]) -> str:
+    if kind is float:
+        return f"r{next(rows)}"
     alias = f"T{len(names)}"
     names[alias] = kind
-    parts = [
-        f"r{next(rows)}" if hint is float else _constructor(hint, choices, names, rows)
-        for _, hint in _fields(kind, choices)
-    ]
+    parts = [_constructor(hint, choices, names, rows) for _, hint in _fields(kind, choices)]
     return f"{alias}({', '.join(parts)})"

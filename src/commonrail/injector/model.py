@@ -86,10 +86,10 @@ class Coefficients(NamedTuple):
 
 
 class Books(NamedTuple):
-    """Fuel supplied by the rail and given to the return so far [kg]."""
+    """Fuel given to the return and supplied by the rail so far [kg]."""
 
-    supplied: float
     returned: float
+    supplied: float
 
 
 class State(NamedTuple):

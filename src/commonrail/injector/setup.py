@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 from commonrail.compile import physics
 from commonrail.fuel import kernel as fuel
@@ -26,7 +28,14 @@ from commonrail.parts.contents import filled
 
 @physics
 def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coefficients:
-    """Coefficients of every room; wave speeds and laminar offsets at the rail pressure of time zero."""
+    """Coefficients of every part; wave speeds and laminar offsets at the rail pressure of time zero.
+
+    Parameters
+    ----------
+    p : Parameters
+    f : FuelCoefficients
+    at : Setting
+    """
     density = fuel.density(f, at.rail)
     speed = fuel.sound_speed(f, density)
     viscosity = density * fuel.kinematic_viscosity(f, at.rail)
@@ -36,22 +45,22 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
     lag = p.solenoid.eddy_lag
     share = 1.0 - math.exp(-at.dt / lag) if lag > 0.0 else 1.0
     return Coefficients(
-        f,
-        rail.coefficients(p.rail),
-        feed,
-        control_chamber.coefficients(p.control_chamber, viscosity),
-        valve.coefficients(p.valve),
-        solenoid.coefficients(p.solenoid),
-        p.drive,
-        back,
-        plunger_needle.coefficients(p.plunger_needle, at.dt),
-        needle_seat.coefficients(p.needle_seat, viscosity),
-        p.accumulation,
-        p.sac,
-        nozzle.coefficients(p.nozzle, at.rail, viscosity),
-        ambient(f, at.rail),
-        ambient(f, at.cylinder),
-        Delays(feed.travel_time / at.dt, back.round_trip / at.dt, share),
+        fuel=f,
+        rail=rail.coefficients(p.rail),
+        feed_pipe=feed,
+        control_chamber=control_chamber.coefficients(p.control_chamber, viscosity),
+        valve=valve.coefficients(p.valve),
+        solenoid=solenoid.coefficients(p.solenoid),
+        drive=p.drive,
+        return_line=back,
+        plunger_needle=plunger_needle.coefficients(p.plunger_needle, at.dt),
+        needle_seat=needle_seat.coefficients(p.needle_seat, viscosity),
+        accumulation=p.accumulation,
+        sac=p.sac,
+        nozzle=nozzle.coefficients(p.nozzle, at.rail, viscosity),
+        source=ambient(f, at.rail),
+        cylinder=ambient(f, at.cylinder),
+        delays=Delays(feed.travel_time / at.dt, back.round_trip / at.dt, share),
     )
 
 
@@ -81,30 +90,31 @@ def seat_contact(c: Coefficients) -> plunger_needle.SeatContact:
     return plunger_needle.SeatContact(c.needle_seat.contact_stiffness, c.needle_seat.contact_damping)
 
 
-@physics
-def state_at_rest(c: Coefficients, at: Setting, body: plunger_needle.State, lifts: plunger_needle.Motion) -> State:
-    """State before energising: control chamber and accumulation at rail pressure, SAC at cylinder pressure."""
-    return State(
-        filled(c.fuel, at.rail, c.rail.volume),
-        feed_pipe.State(0.0, 0.0),
-        control_chamber.State(filled(c.fuel, at.rail, control_volume(c, lifts)), 0.0),
-        valve.State(valve_rest(c, at), 0.0),
-        solenoid.State(0.0, 0.0),
-        drive.State(2.0),
-        return_line.State(at.low),
-        accumulation.State(filled(c.fuel, at.rail, accumulation_volume(c, lifts)), at.rail),
-        body,
-        filled(c.fuel, at.cylinder, sac.volume(c.sac, c.needle_seat.area, lifts.tip)),
-        nozzle.State(0.0, 0.0),
-        Books(0.0, 0.0),
-    )
+def make_rest(body: Any) -> Callable[[Coefficients, Setting], State]:
+    """Function (coefficients, setting) → state before energising, `body` being `plunger_needle` or `rigid_body`."""
+    at_rest, lifts_of = body.at_rest, body.lifts
 
+    @physics
+    def rest(c: Coefficients, at: Setting) -> State:
+        """Control chamber and accumulation at rail pressure, SAC at cylinder pressure."""
+        body = at_rest(c.plunger_needle, seat_contact(c), static_loads(c, at))
+        lifts = lifts_of(body.z)
+        return State(
+            rail=filled(c.fuel, at.rail, c.rail.volume),
+            feed_pipe=feed_pipe.State(0.0, 0.0),
+            control_chamber=control_chamber.State(filled(c.fuel, at.rail, control_volume(c, lifts)), 0.0),
+            valve=valve.at_rest(c.valve, at.rail - at.low),
+            solenoid=solenoid.State(0.0, 0.0),
+            drive=drive.State(2.0),
+            return_line=return_line.State(at.low),
+            accumulation=accumulation.State(filled(c.fuel, at.rail, accumulation_volume(c, lifts)), at.rail),
+            body=body,
+            sac=filled(c.fuel, at.cylinder, sac.volume(c.sac, c.needle_seat.area, lifts.tip)),
+            nozzle=nozzle.State(0.0, 0.0),
+            books=Books(returned=0.0, supplied=0.0),
+        )
 
-@physics
-def valve_rest(c: Coefficients, at: Setting) -> float:
-    """Lift of the closed valve [m], below zero by what spring and pressure press into the seat."""
-    held = c.valve.spring_preload - c.valve.seat_area * (at.rail - at.low)
-    return -held / (c.valve.contact_stiffness + c.valve.spring_stiffness)
+    return rest
 
 
 @physics

@@ -41,18 +41,20 @@ from commonrail.parts import (
     valve,
 )
 from commonrail.parts.contents import Contents, contents
-from commonrail.parts.plunger_needle import Loads, Motion, loads, next_velocity
+from commonrail.parts.plunger_needle import Loads, Motion, loads
 
 Law = Callable[..., Any]
 
 
-class Way(NamedTuple):
-    """Lifts and volumes at both ends of the step."""
+class Moves(NamedTuple):
+    """Lifts and volumes at both ends of the step, the valve's lift at mid-step [m], and the step's length [s]."""
 
     old: Motion
     new: Motion
     before: Room
     after: Room
+    valve: float
+    dt: float
 
 
 class SacFlows(NamedTuple):
@@ -98,21 +100,27 @@ def body_loads(c: Coefficients, s: State, low: float) -> Loads:
 def move_valve(c: Coefficients, s: State, dt: float) -> valve.State:
     """Armature and shutter after the step."""
     gap = valve.gap_drive(c.valve, s.valve.lift)
-    upstream = s.control_chamber.fuel.pressure
-    pressure = seat_pressure(c, gap, upstream, s.return_line.pressure)
-    pull = solenoid.pull(c.solenoid, s.solenoid.pulling_flux)
-    force, damping = valve.forces_over_step(c.valve, s.valve, pull, pressure, dt)
-    per_mass = dt * c.valve.per_mass
-    half = 0.5 * per_mass * damping
-    velocity = next_velocity(s.valve.velocity, per_mass * force, half, 1.0 / (1.0 + half))
-    return valve.State(s.valve.lift + dt * velocity, velocity)
+    pressure = seat_pressure(c, gap, s.control_chamber.fuel.pressure, s.return_line.pressure)
+    return valve.advance(c.valve, s.valve, solenoid.pull(c.solenoid, s.solenoid.pulling_flux), pressure, dt)
 
 
 @physics
 def magnetise(
     c: Coefficients, s: State, u: Inputs, lift: float, drive_law: Law, dt: float
 ) -> tuple[solenoid.State, float]:
-    """Flux after the step, and the PWM's transistor; `lift` is the armature's at mid-step."""
+    """Flux after the step, and the PWM's transistor.
+
+    Parameters
+    ----------
+    c, s, u
+        Coefficients, state and inputs.
+    lift : float
+        Armature's at mid-step [m].
+    drive_law : law
+        Of the variant.
+    dt : float
+        Step [s].
+    """
     now = solenoid.circuit(c.solenoid, s.solenoid.flux, c.valve.lift - lift, lift - s.valve.lift)
     supply = drive.Supply(drive.schedule(c.drive, u.since_start, u.since_end, dt), u.trace)
     rate = drive_law(c.drive, c.solenoid, s.drive, supply, now, dt)
@@ -123,9 +131,21 @@ def magnetise(
 
 
 @physics
-def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, way: Way, reached: float, dt: float) -> SacFlows:
-    """Mean flows through seat and nozzle over the step, and the SAC's mass after it."""
-    tip = middle(way.old.tip, way.new.tip)
+def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, reached: float, moves: Moves) -> SacFlows:
+    """Mean flows through seat and nozzle over the step, and the SAC's mass after it.
+
+    Parameters
+    ----------
+    c, s, u
+        Coefficients, state and inputs.
+    upstream : float
+        Pressure in the accumulation volume [Pa].
+    reached : float
+        Greatest lift of this injection so far [m].
+    moves : Moves
+    """
+    dt = moves.dt
+    tip = middle(moves.old.tip, moves.new.tip)
     gain = needle_seat.gap_drive(c.needle_seat, tip)
     before, here = s.accumulation.fuel.density, s.sac
     seat = jet(gain * (upstream - here.pressure), before, c.needle_seat.offset)
@@ -133,16 +153,16 @@ def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, way: Way, re
     out = jet(out_drive, here.density, c.nozzle.offset)
     per_seat, per_out = reciprocals(seat.root, out.root)
     seat_slope, out_slope = before * gain * per_seat, here.density * out_gain * per_out
-    growth = here.density * (way.after.sac - way.before.sac) / dt
+    growth = here.density * (moves.after.sac - moves.before.sac) / dt
     net = seat.mass_flow - out.mass_flow
-    volume = middle(way.before.sac, way.after.sac)
+    volume = middle(moves.before.sac, moves.after.sac)
     departure = mean_departure(net, seat_slope + out_slope, here.stiffness, volume, growth, dt)
     inflow = seat.mass_flow - seat_slope * departure
     outflow = out.mass_flow + out_slope * departure
     filled = here.mass + dt * (inflow - outflow)
-    held = _not_past_accumulation(here, upstream, before, filled, way.after.sac)
+    held = _not_past_accumulation(here, upstream, before, filled, moves.after.sac)
     inflow = inflow - (filled - held) / dt
-    mass = _not_past_cylinder(c, here, u.cylinder, held, growth, way.after.sac)
+    mass = _not_past_cylinder(c, here, u.cylinder, held, growth, moves.after.sac)
     return SacFlows(inflow, inflow - (mass - here.mass) / dt, mass)
 
 
@@ -169,19 +189,27 @@ def _not_past_cylinder(
 
 
 @physics
-def fill_control_chamber(
-    c: Coefficients, s: State, u: Inputs, feed: float, back: float, lift: float, way: Way, dt: float
-) -> ChamberFlows:
+def fill_control_chamber(c: Coefficients, s: State, u: Inputs, feed: float, back: float, moves: Moves) -> ChamberFlows:
     """Mean flows of Z-hole, A-hole and guide over the step, and the chamber's mass after it.
 
     The return line answers the A-hole's flow q with the pressure `back` + Z q; q is taken linear in it.
+
+    Parameters
+    ----------
+    c, s, u
+        Coefficients, state and inputs.
+    feed : float
+        Pressure in front of the Z-hole [Pa].
+    back : float
+        Wave that arrives in the return line [Pa].
+    moves : Moves
     """
-    here, hole = s.control_chamber.fuel, c.control_chamber
+    here, hole, dt = s.control_chamber.fuel, c.control_chamber, moves.dt
     density = ambient_density(c.source, feed)
     in_drive, in_gain = z_hole_drive(c, feed, here.pressure)
     inlet = jet(in_drive, density, hole.z_offset)
     behind = s.return_line.pressure
-    drain = drain_drive(c, here.pressure, behind, lift)
+    drain = drain_drive(c, here.pressure, behind, moves.valve)
     out = jet(drain.drive, here.density, hole.a_offset)
     line = here.density * drain.line_gain
     # slopes in, out; the line's answer divides the outflow by 1 + Z ρ gain/root
@@ -194,8 +222,8 @@ def fill_control_chamber(
         inlet.mass_flow - a_flow - leak.mass_flow,
         in_slope + out_slope + leak.slope,
         here.stiffness,
-        middle(way.before.control, way.after.control),
-        here.density * (way.after.control - way.before.control) / dt,
+        middle(moves.before.control, moves.after.control),
+        here.density * (moves.after.control - moves.before.control) / dt,
         dt,
     )
     z_flow = inlet.mass_flow - in_slope * departure
@@ -205,19 +233,28 @@ def fill_control_chamber(
 
 
 @physics
-def fill_accumulation(
-    c: Coefficients, s: State, u: Inputs, wave: float, outflow: float, way: Way, dt: float
-) -> StoreFlows:
-    """Mean pressure and mean flows of pipe and guide over the step, and the accumulation volume's mass after it."""
-    here, admittance = s.accumulation.fuel, c.feed_pipe.admittance
+def fill_accumulation(c: Coefficients, s: State, u: Inputs, wave: float, outflow: float, moves: Moves) -> StoreFlows:
+    """Mean pressure and mean flows of pipe and guide over the step, and the accumulation volume's mass after it.
+
+    Parameters
+    ----------
+    c, s, u
+        Coefficients, state and inputs.
+    wave : float
+        Arriving in the feed pipe, its friction taken off [Pa].
+    outflow : float
+        Mean flow into SAC and Z-hole [kg/s].
+    moves : Moves
+    """
+    here, admittance, dt = s.accumulation.fuel, c.feed_pipe.admittance, moves.dt
     leak = guide_leak(c, c.plunger_needle.guides.needle_leak, here.pressure, u.low)
     pipe = (wave - here.pressure) * admittance
     departure = mean_departure(
         pipe - outflow - leak.mass_flow,
         admittance + leak.slope,
         here.stiffness,
-        middle(way.before.store, way.after.store),
-        here.density * (way.after.store - way.before.store) / dt,
+        middle(moves.before.store, moves.after.store),
+        here.density * (moves.after.store - moves.before.store) / dt,
         dt,
     )
     pipe_flow = pipe - admittance * departure
@@ -225,18 +262,19 @@ def fill_accumulation(
     return StoreFlows(here.pressure + departure, pipe_flow, l_flow, here.mass + dt * (pipe_flow - outflow - l_flow))
 
 
-def make_step(advance: Law, motion: Law, drive_law: Law, inlet_law: Law, draw: Law) -> Law:
+def make_step(body: Any, drive_law: Law, inlet_law: Law, draw: Law) -> Law:
     """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves).
 
     Parameters
     ----------
-    advance, motion : law
-        How plunger and needle move, and the lifts that the fluid sees.
+    body : module
+        `plunger_needle` or `rigid_body`.
     drive_law : law
         Flux rate of the solenoid's drive.
     inlet_law, draw : law
         Boundary at the rail, and what it takes from the rail.
     """
+    advance, lifts = body.advance, body.lifts
 
     @physics
     def step(c: Coefficients, s: State, u: Inputs, arriving: Waves, dt: float) -> tuple[State, Waves]:
@@ -245,15 +283,15 @@ def make_step(advance: Law, motion: Law, drive_law: Law, inlet_law: Law, draw: L
         lift = middle(s.valve.lift, moved_valve.lift)
         magnet, conducting = magnetise(c, s, u, lift, drive_law, dt)
 
-        body = advance(c.plunger_needle, seat_contact(c), s.body, body_loads(c, s, u.low), dt)
-        old, new = motion(s.body), motion(body)
+        moved = advance(c.plunger_needle, seat_contact(c), s.body, body_loads(c, s, u.low), dt)
+        old, new = lifts(s.body.z), lifts(moved.z)
 
         store, tap = s.accumulation.fuel, c.control_chamber.z_from_inlet
         upstream = store.pressure + 0.5 * (store.pressure - s.accumulation.pressure_before)
         at_rest = old.tip <= 0.0 and s.sac.pressure - u.cylinder < RELAXED
         reached = 0.0 if at_rest else s.nozzle.lift_reached
-        way = Way(old, new, make_room(c, old), make_room(c, new))
-        out = fill_sac(c, s, u, upstream, way, reached, dt)
+        moves = Moves(old, new, make_room(c, old), make_room(c, new), lift, dt)
+        out = fill_sac(c, s, u, upstream, reached, moves)
 
         rubbed = feed_pipe.middle_loss(c.feed_pipe, s.feed_pipe, arriving.down, arriving.up)
         wave = arriving.up + rubbed + feed_pipe.end_loss(c.feed_pipe, s.feed_pipe.inlet_flow)
@@ -261,11 +299,11 @@ def make_step(advance: Law, motion: Law, drive_law: Law, inlet_law: Law, draw: L
         feed = tap * inlet.pressure + (1.0 - tap) * upstream
         # a line of length zero is the tank itself
         back = 2.0 * u.low - arriving.back if c.return_line.impedance > 0.0 else u.low
-        chamber = fill_control_chamber(c, s, u, feed, back, lift, way, dt)
+        chamber = fill_control_chamber(c, s, u, feed, back, moves)
         behind = max(back + c.return_line.impedance * chamber.a_hole, c.fuel.vapour_pressure)
 
         wave = arriving.down - rubbed - feed_pipe.end_loss(c.feed_pipe, s.feed_pipe.end_flow)
-        filled = fill_accumulation(c, s, u, wave, out.seat + (1.0 - tap) * chamber.z_hole, way, dt)
+        filled = fill_accumulation(c, s, u, wave, out.seat + (1.0 - tap) * chamber.z_hole, moves)
 
         drawn = dt * (inlet.flow + tap * chamber.z_hole)
         z = c.feed_pipe.impedance
@@ -274,22 +312,22 @@ def make_step(advance: Law, motion: Law, drive_law: Law, inlet_law: Law, draw: L
             filled.pressure - z * filled.pipe + feed_pipe.end_loss(c.feed_pipe, filled.pipe),
             behind + c.return_line.impedance * chamber.a_hole,
         )
-        per_control, per_store, per_sac = three_reciprocals(way.after.control, way.after.store, way.after.sac)
+        per_control, per_store, per_sac = three_reciprocals(moves.after.control, moves.after.store, moves.after.sac)
         after = State(
-            draw(c, s, drawn),
-            feed_pipe.State(inlet.flow, filled.pipe),
-            control_chamber.State(contents(c.fuel, chamber.mass, per_control), chamber.z_hole),
-            moved_valve,
-            magnet,
-            drive.State(conducting),
-            return_line.State(behind),
-            accumulation.State(contents(c.fuel, filled.mass, per_store), store.pressure),
-            body,
-            contents(c.fuel, out.mass, per_sac),
-            nozzle.State(max(reached, new.tip), s.nozzle.injected + dt * out.nozzle),
-            Books(
-                s.books.supplied + drawn,
-                s.books.returned + dt * (chamber.a_hole + chamber.leak + filled.leak),
+            rail=draw(c, s, drawn),
+            feed_pipe=feed_pipe.State(inlet.flow, filled.pipe),
+            control_chamber=control_chamber.State(contents(c.fuel, chamber.mass, per_control), chamber.z_hole),
+            valve=moved_valve,
+            solenoid=magnet,
+            drive=drive.State(conducting),
+            return_line=return_line.State(behind),
+            accumulation=accumulation.State(contents(c.fuel, filled.mass, per_store), store.pressure),
+            body=moved,
+            sac=contents(c.fuel, out.mass, per_sac),
+            nozzle=nozzle.State(max(reached, new.tip), s.nozzle.injected + dt * out.nozzle),
+            books=Books(
+                returned=s.books.returned + dt * (chamber.a_hole + chamber.leak + filled.leak),
+                supplied=s.books.supplied + drawn,
             ),
         )
         return after, leaving

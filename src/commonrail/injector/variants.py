@@ -11,6 +11,7 @@ from commonrail.arguments import chosen
 from commonrail.injector import boundary
 from commonrail.injector.layout import Layout, layout_of
 from commonrail.injector.model import Coefficients, State
+from commonrail.injector.setup import make_rest
 from commonrail.injector.step import make_step
 from commonrail.parts import drive, plunger_needle, rigid_body
 
@@ -81,12 +82,14 @@ class Variant(_Wired):
 
 
 class Wiring(NamedTuple):
-    """The laws of a variant and the layouts of its lane."""
+    """Laws of a variant, and the layouts of its lane and of its body's positions."""
 
     body: Any
+    rest: Callable[..., Any]
     step: Callable[..., Any]
     state: Layout
     coefficients: Layout
+    positions: Layout
 
 
 _BODIES = {Body.FLEXIBLE: plunger_needle, Body.RIGID: rigid_body}
@@ -105,13 +108,14 @@ def wiring(variant: Variant) -> Wiring:
     body = _BODIES[variant.body]
     return Wiring(
         body,
+        make_rest(body),
         make_step(
-            body.advance,
-            body.motion,
+            body,
             _DRIVES[variant.drive],
             boundary.ideal_rail if ideal else boundary.rail_volume,
             boundary.draw_nothing if ideal else boundary.draw_from_rail,
         ),
         layout_of(State, (("body", body.State),)),
         layout_of(Coefficients),
+        layout_of(body.Positions),
     )

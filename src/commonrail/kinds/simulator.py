@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from commonrail.engine.lanes import Misfit, Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare
-from commonrail.engine.simulate import check_step, simulate_batch
+from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
+from commonrail.engine.time_step import check_step
 from commonrail.injector.definition import Injector
 
 __all__ = ["Simulator"]

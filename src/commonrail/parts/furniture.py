@@ -1,4 +1,4 @@
-"""What every part has in its room: parameters that know their unit, meaning and domain."""
+"""Parameters of a part: they know their unit, meaning and domain."""
 
 from __future__ import annotations
 

@@ -13,9 +13,10 @@ import math
 from typing import NamedTuple
 
 from commonrail.compile import physics, reciprocals
-from commonrail.flow.contact import contact
+from commonrail.flow.contact import contact, next_velocity
 from commonrail.flow.leakage import gap_conductance
 from commonrail.flow.wave import pipe_area
+from commonrail.parts.chain import Nine, Seven, across, around, each, pull
 from commonrail.parts.furniture import Annotated, Domain, Q
 
 _MASS = "mass of cylinder"
@@ -60,32 +61,6 @@ class Parameters(NamedTuple):
     stop_lift: Annotated[float, Q("m", "way of the plunger's unloaded top to its upper stop", usual=(20e-6, 5e-3))]
     stop_stiffness: Annotated[float, Q("N/m", "stiffness of the upper stop", Domain.POSITIVE, 1.5e8, usual=(1e6, 1e10))]
     stop_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of the upper stop", Domain.NON_NEGATIVE, 0.2)]
-
-
-class Nine(NamedTuple):
-    """One value for each of the nine masses: positions [m], velocities [m/s] or forces [N]."""
-
-    i1: float
-    i2: float
-    i3: float
-    i4: float
-    i5: float
-    i6: float
-    i7: float
-    i8: float
-    i9: float
-
-
-class Seven(NamedTuple):
-    """One value for each cylinder: stiffness [N/m] or damping [N s/m]."""
-
-    i1: float
-    i2: float
-    i3: float
-    i4: float
-    i5: float
-    i6: float
-    i7: float
 
 
 class Guides(NamedTuple):
@@ -166,49 +141,36 @@ def damper(damping_ratio: float, stiffness: float, mass: float) -> float:
     return 2.0 * damping_ratio * math.sqrt(stiffness * mass)
 
 
+_dampers = each(Seven, damper, shared="damping_ratio")
+_inverse = each(Nine, lambda doubled: 2.0 / doubled)
+_scaled = each(Nine, lambda factor, x: factor * x, shared="factor")
+
+
 @physics
 def coefficients(p: Parameters, dt: float) -> Coefficients:
     """Coefficients of chain, guides, spring and stop; `dt` is the leapfrog's step [s]."""
-    x = p.damping_ratio
-    m = Nine(
-        2.0 / p.m1,
-        2.0 / (p.m1 + p.m2),
-        2.0 / (p.m2 + p.m3),
-        2.0 / (p.m3 + p.m4),
-        2.0 / (p.m4 + p.m5),
-        2.0 / p.m5,
-        2.0 / p.m6,
-        2.0 / (p.m6 + p.m7),
-        2.0 / p.m7,
-    )
+    k, m = Seven(p.k1, p.k2, p.k3, p.k4, p.k5, p.k6, p.k7), Seven(p.m1, p.m2, p.m3, p.m4, p.m5, p.m6, p.m7)
+    per_mass = _inverse(around(m))
     guides = Guides(
-        pipe_area(p.plunger_diameter),
-        pipe_area(p.guide_diameter),
-        pipe_area(p.stem_diameter),
-        gap_conductance(p.plunger_diameter, p.plunger_gap, p.plunger_guide_length),
-        gap_conductance(p.guide_diameter, p.needle_gap, p.needle_guide_length),
-        p.spring_preload,
-        p.spring_stiffness,
-        p.stop_lift,
-        p.stop_stiffness,
-        p.stop_damping,
+        plunger_area=pipe_area(p.plunger_diameter),
+        guide_area=pipe_area(p.guide_diameter),
+        stem_area=pipe_area(p.stem_diameter),
+        plunger_leak=gap_conductance(p.plunger_diameter, p.plunger_gap, p.plunger_guide_length),
+        needle_leak=gap_conductance(p.guide_diameter, p.needle_gap, p.needle_guide_length),
+        spring_preload=p.spring_preload,
+        spring_stiffness=p.spring_stiffness,
+        stop_lift=p.stop_lift,
+        stop_stiffness=p.stop_stiffness,
+        stop_damping=p.stop_damping,
     )
     return Coefficients(
-        Seven(p.k1, p.k2, p.k3, p.k4, p.k5, p.k6, p.k7),
-        Seven(
-            damper(x, p.k1, p.m1),
-            damper(x, p.k2, p.m2),
-            damper(x, p.k3, p.m3),
-            damper(x, p.k4, p.m4),
-            damper(x, p.k5, p.m5),
-            damper(x, p.k6, p.m6),
-            damper(x, p.k7, p.m7),
-        ),
-        m,
-        Nine(dt * m.i1, dt * m.i2, dt * m.i3, dt * m.i4, dt * m.i5, dt * m.i6, dt * m.i7, dt * m.i8, dt * m.i9),
-        p.joint_stiffness,
-        p.m1 + p.m2 + p.m3 + p.m4 + p.m5 + p.m6 + p.m7,
-        guides,
+        k=k,
+        c=_dampers(p.damping_ratio, k, m),
+        per_mass=per_mass,
+        impulse=_scaled(dt, per_mass),
+        joint_stiffness=p.joint_stiffness,
+        total_mass=m.i1 + m.i2 + m.i3 + m.i4 + m.i5 + m.i6 + m.i7,
+        guides=guides,
     )
 
 
@@ -224,41 +186,34 @@ def loads(g: Guides, seat_area: float, control: float, accumulation: float, sac:
     )
 
 
+_in_cylinders = each(Seven, lambda k, c, stretch, speed: k * stretch + c * speed)
+
+
 @physics
 def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
-    """Sum of spring, damper and pressure forces on each mass [N], Eq. (10), without seat and stop."""
-    s1 = c.k.i1 * (z.i1 - z.i2) + c.c.i1 * (v.i1 - v.i2)
-    s2 = c.k.i2 * (z.i2 - z.i3) + c.c.i2 * (v.i2 - v.i3)
-    s3 = c.k.i3 * (z.i3 - z.i4) + c.c.i3 * (v.i3 - v.i4)
-    s4 = c.k.i4 * (z.i4 - z.i5) + c.c.i4 * (v.i4 - v.i5)
-    s5 = c.k.i5 * (z.i5 - z.i6) + c.c.i5 * (v.i5 - v.i6)
+    """Sum of spring, damper and pressure forces on each mass [N], Eq. (10), without seat and stop.
+
+    Parameters
+    ----------
+    c : Coefficients
+    z, v : Nine
+        Positions [m] and velocities [m/s] at one time.
+    load : Loads
+    """
     joint = c.joint_stiffness * min(z.i6 - z.i7, 0.0)
-    s6 = c.k.i6 * (z.i7 - z.i8) + c.c.i6 * (v.i7 - v.i8)
-    s7 = c.k.i7 * (z.i8 - z.i9) + c.c.i7 * (v.i8 - v.i9)
-    return Nine(
-        load.top - s1,
-        s1 - s2,
-        s2 - s3,
-        s3 - s4,
-        s4 - s5,
-        s5 - joint + load.foot,
-        joint - s6 + load.head - c.guides.spring_stiffness * z.i7,
-        s6 - s7 + load.shoulder,
-        s7 + load.tip,
-    )
+    f = pull(_in_cylinders(c.k, c.c, across(z), across(v)), joint)
+    head = f.i7 + load.head - c.guides.spring_stiffness * z.i7
+    return Nine(f.i1 + load.top, f.i2, f.i3, f.i4, f.i5, f.i6 + load.foot, head, f.i8 + load.shoulder, f.i9 + load.tip)
 
 
 @physics
-def next_velocity(v: float, gain: float, half: float, per_one_plus_half: float) -> float:
-    """Velocity after a step whose contact damping is taken at mid-step (implicit, never unstable).
-
-    `gain` is dt F/M [m/s], `half` dt c/(2 M) [1] and the last argument 1/(1 + half).
-    """
-    return (v * (1.0 - half) + gain) * per_one_plus_half
+def with_ends(f: Nine, top: float, tip: float) -> Nine:
+    """Forces [N] with those on the ends, where stop and seat act, replaced."""
+    return Nine(top, f.i2, f.i3, f.i4, f.i5, f.i6, f.i7, f.i8, tip)
 
 
 class Needle(NamedTuple):
-    """One value for each of masses 6 to 9: gains of velocity over a step [m/s] or forces [N]."""
+    """Forces on masses 6 to 9 [N]."""
 
     foot: float
     head: float
@@ -267,94 +222,112 @@ class Needle(NamedTuple):
 
 
 @physics
-def bends(c: Coefficients, seat: SeatContact, z: Nine, gain: Needle, dt: float) -> Needle:
-    """dt²/12 d²F/dt² of the springs from the joint to the seat [N]; `gain` is dt times the acceleration [m/s].
+def bends(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, dt: float) -> Needle:
+    """dt²/12 d²F/dt² of the springs from the joint to the seat [N].
 
     Numerov's correction: with it leapfrog is of fourth order in these springs. The plunger's own springs go without,
     as their waves hardly move the needle.
+
+    Parameters
+    ----------
+    c : Coefficients
+    seat : SeatContact
+    z : Nine
+        Positions [m].
+    gain : Nine
+        dt times the accelerations [m/s].
+    dt : float
+        Step [s].
     """
     share = dt * (1.0 / 12.0)
-    joint = c.joint_stiffness * (gain.foot - gain.head) if z.i6 < z.i7 else 0.0
-    guide, stem = c.k.i6 * (gain.head - gain.shoulder), c.k.i7 * (gain.shoulder - gain.tip)
-    rest = seat.stiffness * gain.tip if z.i9 < 0.0 else 0.0
+    joint = c.joint_stiffness * (gain.i6 - gain.i7) if z.i6 < z.i7 else 0.0
+    guide, stem = c.k.i6 * (gain.i7 - gain.i8), c.k.i7 * (gain.i8 - gain.i9)
+    rest = seat.stiffness * gain.i9 if z.i9 < 0.0 else 0.0
     return Needle(-share * joint, share * (joint - guide), share * (guide - stem), share * (stem - rest))
+
+
+_extrapolated = each(Nine, lambda v, before: 1.5 * v - 0.5 * before)
+_product = each(Nine, lambda x, y: x * y)
+_advanced = each(Nine, lambda x, step, rate: x + step * rate, shared="step")
+_sum = each(Nine, lambda x, y: x + y)
 
 
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """One leapfrog step; dampers see the velocity extrapolated to t_n."""
-    z, v, w, m = s.z, s.v, s.v_before, c.impulse
-    now = Nine(
-        1.5 * v.i1 - 0.5 * w.i1,
-        1.5 * v.i2 - 0.5 * w.i2,
-        1.5 * v.i3 - 0.5 * w.i3,
-        1.5 * v.i4 - 0.5 * w.i4,
-        1.5 * v.i5 - 0.5 * w.i5,
-        1.5 * v.i6 - 0.5 * w.i6,
-        1.5 * v.i7 - 0.5 * w.i7,
-        1.5 * v.i8 - 0.5 * w.i8,
-        1.5 * v.i9 - 0.5 * w.i9,
-    )
-    f = forces(c, z, now, load)
-    stop = contact(z.i1 - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
-    rest = contact(-z.i9, seat.stiffness, seat.damping)
+    """State after one leapfrog step; dampers see the velocity extrapolated to t_n.
+
+    Parameters
+    ----------
+    c : Coefficients
+    seat : SeatContact
+    s : State
+    load : Loads
+        Pressure forces at t_n [N].
+    dt : float
+        Step [s].
+    """
+    f = forces(c, s.z, _extrapolated(s.v, s.v_before), load)
+    stop = contact(s.z.i1 - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
+    rest = contact(-s.z.i9, seat.stiffness, seat.damping)
+    m = c.impulse
     half1, half9 = 0.5 * m.i1 * stop.damping, 0.5 * m.i9 * rest.damping
     per1, per9 = reciprocals(1.0 + half1, 1.0 + half9)
-    gain = Needle(m.i6 * f.i6, m.i7 * f.i7, m.i8 * f.i8, m.i9 * (f.i9 + rest.force))
-    bent = bends(c, seat, z, gain, dt)
+    gain = _product(m, with_ends(f, f.i1 - stop.force, f.i9 + rest.force))
+    bent = bends(c, seat, s.z, gain, dt)
+    v = _sum(s.v, gain)
     u = Nine(
-        next_velocity(v.i1, m.i1 * (f.i1 - stop.force), half1, per1),
-        v.i2 + m.i2 * f.i2,
-        v.i3 + m.i3 * f.i3,
-        v.i4 + m.i4 * f.i4,
-        v.i5 + m.i5 * f.i5,
-        v.i6 + gain.foot + m.i6 * bent.foot,
-        v.i7 + gain.head + m.i7 * bent.head,
-        v.i8 + gain.shoulder + m.i8 * bent.shoulder,
-        next_velocity(v.i9, gain.tip + m.i9 * bent.tip, half9, per9),
+        next_velocity(s.v.i1, gain.i1, half1, per1),
+        v.i2,
+        v.i3,
+        v.i4,
+        v.i5,
+        v.i6 + m.i6 * bent.foot,
+        v.i7 + m.i7 * bent.head,
+        v.i8 + m.i8 * bent.shoulder,
+        next_velocity(s.v.i9, gain.i9 + m.i9 * bent.tip, half9, per9),
     )
-    moved = Nine(
-        z.i1 + dt * u.i1,
-        z.i2 + dt * u.i2,
-        z.i3 + dt * u.i3,
-        z.i4 + dt * u.i4,
-        z.i5 + dt * u.i5,
-        z.i6 + dt * u.i6,
-        z.i7 + dt * u.i7,
-        z.i8 + dt * u.i8,
-        z.i9 + dt * u.i9,
-    )
-    return State(moved, u, v)
+    return State(_advanced(s.z, dt, u), u, s.v)
 
 
 @physics
 def accelerations(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load: Loads) -> Nine:
-    """Right-hand side of Eq. (10) [m/s²] with seat and stop, for a solver that knows z and v at one time."""
-    f, m = forces(c, z, v, load), c.per_mass
+    """Right-hand side of Eq. (10) [m/s²] with seat and stop, for a solver that knows z and v at one time.
+
+    Parameters
+    ----------
+    c : Coefficients
+    seat : SeatContact
+    z, v : Nine
+        Positions [m] and velocities [m/s].
+    load : Loads
+    """
+    f = forces(c, z, v, load)
     stop = contact(z.i1 - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
     rest = contact(-z.i9, seat.stiffness, seat.damping)
-    return Nine(
-        m.i1 * (f.i1 - stop.force - stop.damping * v.i1),
-        m.i2 * f.i2,
-        m.i3 * f.i3,
-        m.i4 * f.i4,
-        m.i5 * f.i5,
-        m.i6 * f.i6,
-        m.i7 * f.i7,
-        m.i8 * f.i8,
-        m.i9 * (f.i9 + rest.force - rest.damping * v.i9),
-    )
+    top = f.i1 - stop.force - stop.damping * v.i1
+    return _product(c.per_mass, with_ends(f, top, f.i9 + rest.force - rest.damping * v.i9))
+
+
+TOP, TIP = "z.i1", "z.i9"  # in `State`
+Positions = Nine
 
 
 @physics
-def motion(s: State) -> Motion:
-    """Lifts that the fluid sees."""
-    return Motion(s.z.i1, s.z.i8, s.z.i9)
+def lifts(z: Nine) -> Motion:
+    """What the fluid sees of positions [m] or velocities [m/s]."""
+    return Motion(z.i1, z.i8, z.i9)
 
 
 @physics
 def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
-    """Chain at rest on its seat under static loads, in closed form (spring by spring)."""
+    """Chain at rest on its seat under static loads, in closed form (spring by spring).
+
+    Parameters
+    ----------
+    c : Coefficients
+    seat : SeatContact
+    load : Loads
+    """
     k = c.k
     push = -load.top  # compression of k1…k5
     joint = push - load.foot

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from commonrail.compile import physics
-from commonrail.flow.contact import contact
-from commonrail.parts.plunger_needle import Coefficients, Loads, Motion, SeatContact, next_velocity
+from commonrail.flow.contact import contact, next_velocity
+from commonrail.parts.plunger_needle import Coefficients, Loads, Motion, SeatContact
 
 
 class State(NamedTuple):
@@ -21,13 +21,32 @@ class State(NamedTuple):
 
 @physics
 def force(c: Coefficients, z: float, load: Loads) -> float:
-    """Sum of pressure and spring forces [N], without seat and stop."""
+    """Sum of pressure and spring forces [N], without seat and stop.
+
+    Parameters
+    ----------
+    c : Coefficients
+    z : float
+        Position [m].
+    load : Loads
+    """
     return load.top + load.foot + load.head + load.shoulder + load.tip - c.guides.spring_stiffness * z
 
 
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """One leapfrog step."""
+    """State after one leapfrog step.
+
+    Parameters
+    ----------
+    c : Coefficients
+    seat : SeatContact
+    s : State
+    load : Loads
+        Pressure forces at t_n [N].
+    dt : float
+        Step [s].
+    """
     stop = contact(s.z - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
     rest = contact(-s.z, seat.stiffness, seat.damping)
     per_mass = dt / c.total_mass
@@ -38,21 +57,41 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
 
 
 @physics
-def acceleration(c: Coefficients, seat: SeatContact, z: float, v: float, load: Loads) -> float:
-    """Right-hand side of Newton's law [m/s²] with seat and stop, for a solver that knows z and v at one time."""
+def accelerations(c: Coefficients, seat: SeatContact, z: float, v: float, load: Loads) -> float:
+    """Right-hand side of Newton's law [m/s²] with seat and stop, for a solver that knows z and v at one time.
+
+    Parameters
+    ----------
+    c : Coefficients
+    seat : SeatContact
+    z, v : float
+        Position [m] and velocity [m/s].
+    load : Loads
+    """
     stop = contact(z - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
     rest = contact(-z, seat.stiffness, seat.damping)
     resting = rest.force - stop.force - (rest.damping + stop.damping) * v
     return (force(c, z, load) + resting) / c.total_mass
 
 
+TOP = TIP = "z"  # in `State`
+Positions = float
+
+
 @physics
-def motion(s: State) -> Motion:
-    """Lifts that the fluid sees: all the same."""
-    return Motion(s.z, s.z, s.z)
+def lifts(z: float) -> Motion:
+    """What the fluid sees of a position [m] or velocity [m/s]: the same everywhere."""
+    return Motion(z, z, z)
 
 
 @physics
 def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
-    """Body at rest on its seat under static loads, in closed form."""
+    """Body at rest on its seat under static loads, in closed form.
+
+    Parameters
+    ----------
+    c : Coefficients
+    seat : SeatContact
+    load : Loads
+    """
     return State(force(c, 0.0, load) / (seat.stiffness + c.guides.spring_stiffness), 0.0)

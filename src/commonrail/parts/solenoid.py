@@ -59,6 +59,9 @@ class State(NamedTuple):
     pulling_flux: float
 
 
+TYPICAL = State(1e-4, 1e-4)  # sizes for a solver's absolute tolerances
+
+
 class Circuit(NamedTuple):
     """Coil current [A], its slope di/dφ [A/Wb], and its decrease by the closing gap over half a step [A]."""
 

@@ -7,7 +7,7 @@ from math import pi
 from typing import NamedTuple
 
 from commonrail.compile import physics
-from commonrail.flow.contact import contact, contact_over_step
+from commonrail.flow.contact import contact, contact_over_step, next_velocity
 from commonrail.flow.wave import pipe_area
 from commonrail.parts.furniture import Annotated, Domain, Q
 
@@ -52,27 +52,88 @@ class State(NamedTuple):
     velocity: float
 
 
+TYPICAL = State(1e-5, 1e-1)  # sizes for a solver's absolute tolerances
+
+
 @physics
 def coefficients(p: Parameters) -> Coefficients:
     """Coefficients of the valve."""
     return Coefficients(
-        1.0 / p.mass,
-        p.lift,
-        p.spring_preload,
-        p.spring_stiffness,
-        p.damping,
-        pipe_area(p.seat_diameter),
-        p.seat_discharge * pi * p.seat_diameter * math.sin(p.seat_angle),
-        p.contact_stiffness,
-        p.contact_damping,
+        per_mass=1.0 / p.mass,
+        lift=p.lift,
+        spring_preload=p.spring_preload,
+        spring_stiffness=p.spring_stiffness,
+        damping=p.damping,
+        seat_area=pipe_area(p.seat_diameter),
+        gap_slope=p.seat_discharge * pi * p.seat_diameter * math.sin(p.seat_angle),
+        contact_stiffness=p.contact_stiffness,
+        contact_damping=p.contact_damping,
     )
+
+
+@physics
+def at_rest(c: Coefficients, seat_pressure: float) -> State:
+    """Closed valve, its lift below zero by what spring and pressure [Pa] press into the seat."""
+    held = c.spring_preload - c.seat_area * seat_pressure
+    return State(-held / (c.contact_stiffness + c.spring_stiffness), 0.0)
+
+
+@physics
+def air_gap(c: Coefficients, s: State) -> float:
+    """Air gap that the armature leaves above the residual one [m]."""
+    return c.lift - s.lift
+
+
+@physics
+def advance(c: Coefficients, s: State, pull: float, seat_pressure: float, dt: float) -> State:
+    """State after one leapfrog step.
+
+    Parameters
+    ----------
+    c : Coefficients
+    s : State
+    pull : float
+        Force of the magnet at t_n [N].
+    seat_pressure : float
+        Pressure on the seat area, above that behind it [Pa].
+    dt : float
+        Step [s].
+    """
+    force, damping = forces_over_step(c, s, pull, seat_pressure, dt)
+    per_mass = dt * c.per_mass
+    half = 0.5 * per_mass * damping
+    velocity = next_velocity(s.velocity, per_mass * force, half, 1.0 / (1.0 + half))
+    return State(s.lift + dt * velocity, velocity)
+
+
+@physics
+def rates(c: Coefficients, s: State, pull: float, seat_pressure: float) -> State:
+    """Rates of lift and velocity [m/s], [m/s²], for a solver that knows both at one time.
+
+    Parameters
+    ----------
+    c : Coefficients
+    s : State
+    pull : float
+        Force of the magnet [N].
+    seat_pressure : float
+        As in `advance` [Pa].
+    """
+    force, damping = forces(c, s.lift, pull, seat_pressure)
+    return State(s.velocity, c.per_mass * (force - damping * s.velocity))
 
 
 @physics
 def forces(c: Coefficients, lift: float, pull: float, seat_pressure: float) -> tuple[float, float]:
     """Force [N] without the damping, and damping coefficient [N s/m].
 
-    `seat_pressure` [Pa] acts on the seat area against the return pressure.
+    Parameters
+    ----------
+    c : Coefficients
+    lift : float
+        [m].
+    pull, seat_pressure : float
+        As in `advance` [N], [Pa].
     """
     seat = contact(-lift, c.contact_stiffness, c.contact_damping)
     stop = contact(lift - c.lift, c.contact_stiffness, c.contact_damping)
@@ -82,7 +143,15 @@ def forces(c: Coefficients, lift: float, pull: float, seat_pressure: float) -> t
 
 @physics
 def forces_over_step(c: Coefficients, s: State, pull: float, seat_pressure: float, dt: float) -> tuple[float, float]:
-    """`forces` as a leapfrog step needs them: the contact that is nearer averaged over the step."""
+    """`forces` as a leapfrog step needs them: the contact that is nearer averaged over the step.
+
+    Parameters
+    ----------
+    c : Coefficients
+    s : State
+    pull, seat_pressure, dt : float
+        As in `advance`.
+    """
     middle = 0.5 * c.lift
     side = s.lift - middle
     way = 1.0 if side > 0.0 else -1.0  # to the stop, or to the seat

@@ -13,7 +13,7 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.calibration.time_step import longest_for_all
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
-from commonrail.engine.status import step_advice
+from commonrail.engine.time_step import step_advice
 from commonrail.injector.definition import Injector, parameter_quantities
 from commonrail.injector.variants import Drive
 from commonrail.kinds import DataSet

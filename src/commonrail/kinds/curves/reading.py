@@ -195,7 +195,7 @@ def _point(model: RateModel, samples: _Samples, context: Context, at: Place) -> 
     )
     drive = _drive(model, context, at / "drive")
     with context.located(at):
-        point = OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start)
+        point = OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start=start)
         check_point(context.injector, point)
         return point
 

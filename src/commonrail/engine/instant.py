@@ -1,0 +1,234 @@
+"""Laws that the reference solves at one instant: boundaries, coil and drives, without any time step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from commonrail.compile import physics
+from commonrail.engine.vector import Core
+from commonrail.flow.orifice import jet
+from commonrail.injector import joints
+from commonrail.injector.layout import layout_of
+from commonrail.injector.model import Coefficients
+from commonrail.injector.setup import ambient_density
+from commonrail.injector.variants import Boundary, Drive, Variant
+from commonrail.parts import drive, solenoid, valve
+from commonrail.parts.contents import contents
+
+__all__ = [
+    "AT",
+    "Inlet",
+    "OUTSIDE",
+    "Outside",
+    "coil_law",
+    "coil_rates",
+    "drain_flow",
+    "feed",
+    "friction_force",
+    "inlet_law",
+    "past_limit",
+]
+
+FRICTION_SPEED = 1e-2  # Coulomb friction is full above this speed [m/s]
+
+
+class Outside(NamedTuple):
+    """Boundary pressures [Pa], and what drives the coil: schedule, PWM's transistor, trace."""
+
+    rail: float
+    cylinder: float
+    low: float
+    on: float
+    peak: float
+    conducting: float
+    trace: float
+
+
+OUTSIDE = layout_of(Outside)
+AT: Any = Outside._make(range(len(Outside._fields)))  # where each stands in an array
+
+
+class Drain(NamedTuple):
+    """Flow out of the control chamber [kg/s] and the pressure behind the valve [Pa]."""
+
+    flow: float
+    behind: float
+
+
+class Inlet(NamedTuple):
+    """Rail pressure from outside [Pa], mass in a rail volume [kg], and flow into the feed pipe [kg/s]."""
+
+    rail: float
+    rail_mass: float
+    flow: float
+
+
+class Feed(NamedTuple):
+    """Pressure at the feed pipe's inlet [Pa] and flow through the Z-hole [kg/s]."""
+
+    inlet: float
+    z_flow: float
+
+
+@physics
+def drain_flow(c: Coefficients, pressure: float, density: float, lift: float, wave: float) -> Drain:
+    """Flow through A-hole and valve into a return line whose arriving wave is known, by Newton's iteration.
+
+    Parameters
+    ----------
+    c : Coefficients
+    pressure, density : float
+        In the control chamber [Pa], [kg/m³].
+    lift : float
+        Of the valve [m].
+    wave : float
+        [Pa].
+    """
+    behind = wave
+    flow = 0.0
+    for _ in range(4):
+        d = joints.drain_drive(c, pressure, behind, lift)
+        out = jet(d.drive, density, c.control_chamber.a_offset)
+        line = density * d.line_gain
+        flow = (out.mass_flow * out.root + line * (behind - wave)) / (out.root + c.return_line.impedance * line)
+        behind = max(wave + c.return_line.impedance * flow, c.fuel.vapour_pressure)
+    return Drain(flow, behind)
+
+
+@physics
+def coil_rates(c: Coefficients, outside: Outside, law: Any, s: Core) -> solenoid.State:
+    """Rates of both fluxes [V].
+
+    Parameters
+    ----------
+    c, outside, s
+        Coefficients, what comes from outside, state.
+    law : law
+        Of the drive.
+    """
+    flux, pulling = s.solenoid
+    now = solenoid.circuit(c.solenoid, flux, valve.air_gap(c.valve, s.valve))
+    supply = drive.Supply(drive.Schedule(outside.on, outside.peak), outside.trace)
+    rate = law(c, outside, supply, now)
+    lag = c.solenoid.eddy_lag
+    return solenoid.State(rate, (flux - pulling) / lag if lag > 0.0 else rate)
+
+
+@physics
+def inlet_ideal(c: Coefficients, at: Inlet, z_flow: float) -> float:
+    """Pressure at the pipe's inlet: the rail's."""
+    return at.rail
+
+
+@physics
+def inlet_throttled(c: Coefficients, at: Inlet, z_flow: float) -> float:
+    """Pressure at the pipe's inlet behind the rail's throttle, Eq. (4) solved for the pressure."""
+    rail = contents(c.fuel, at.rail_mass, 1.0 / c.rail.volume)
+    total = at.flow + c.control_chamber.z_from_inlet * z_flow
+    return rail.pressure - total * abs(total) / (2.0 * rail.density * c.rail.throttle)
+
+
+@physics
+def feed(c: Coefficients, law: Any, at: Inlet, store: float, low: float) -> Feed:
+    """Pressure at the inlet, and flow through the Z-hole.
+
+    The Z-hole's flow needs the inlet's pressure, which (rail volume) needs that flow: six rounds converge.
+
+    Parameters
+    ----------
+    c : Coefficients
+    law : law
+        `inlet_law` of a variant.
+    at : Inlet
+    store, low : float
+        Pressures in accumulation and control chamber [Pa].
+    """
+    z_flow = 0.0
+    inlet = at.rail
+    tap = c.control_chamber.z_from_inlet
+    for _ in range(6):
+        inlet = law(c, at, z_flow)
+        source = tap * inlet + (1.0 - tap) * store
+        z_drive, _ = joints.z_hole_drive(c, source, low)
+        z_flow = jet(z_drive, ambient_density(c.source, source), c.control_chamber.z_offset).mass_flow
+        if tap == 0.0:
+            break
+    return Feed(inlet, z_flow)
+
+
+@physics
+def past_limit(c: Coefficients, peak: float, conducting: float, s: Core) -> float:
+    """Positive once the PWM's current has passed the limit at which it switches; relative to its band.
+
+    Parameters
+    ----------
+    c : Coefficients
+    peak, conducting : float
+        As in `Outside`.
+    s : Core
+    """
+    in_peak = peak > 0.5
+    mean = c.drive.peak_current if in_peak else c.drive.hold_current
+    band = c.drive.peak_band if in_peak else c.drive.hold_band
+    now = solenoid.circuit(c.solenoid, s.solenoid.flux, valve.air_gap(c.valve, s.valve))
+    over = (now.current - mean) / band
+    return (over if conducting > 0.5 else -over) - 0.5
+
+
+@physics
+def regulated(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
+    """Ideal regulator."""
+    return drive.regulated(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate
+
+
+@physics
+def switched(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
+    """PWM whose transistor is set by the solver's events; after the end −boost until the current is gone."""
+    live = drive.applied(c.solenoid, drive.pwm_voltage(c.drive, outside.conducting), now).flux_rate
+    off = drive.switched_off(c.drive, c.solenoid, now).flux_rate
+    return live if outside.on > 0.5 else off
+
+
+@physics
+def by_voltage(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
+    """Measured voltage."""
+    return drive.applied(c.solenoid, supply.trace, now).flux_rate
+
+
+@physics
+def by_current(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
+    """Measured current."""
+    return drive.current_trace(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate
+
+
+@physics
+def friction_force(coulomb: float, viscous: float, speed: float) -> float:
+    """Guide friction against the motion [N]: Coulomb, rounded at standstill, and viscous. Not in the paper's model.
+
+    Parameters
+    ----------
+    coulomb : float
+        [N].
+    viscous : float
+        [N s/m].
+    speed : float
+        [m/s].
+    """
+    return coulomb * math.tanh(speed / FRICTION_SPEED) + viscous * speed
+
+
+def inlet_law(variant: Variant) -> Callable[..., float]:
+    """Law of the pressure at the feed pipe's inlet."""
+    return inlet_ideal if variant.boundary is Boundary.IDEAL else inlet_throttled
+
+
+def coil_law(variant: Variant) -> Callable[..., float]:
+    """Law of the coil's flux rate."""
+    return {
+        Drive.REGULATED: regulated,
+        Drive.PWM: switched,
+        Drive.VOLTAGE: by_voltage,
+        Drive.CURRENT: by_current,
+    }[variant.drive]

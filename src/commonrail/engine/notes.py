@@ -1,0 +1,202 @@
+"""Figures that the loop takes of its lanes: crossings of the seat, samples of the rate, rest, health, traces."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.compile import physics
+from commonrail.engine.rows import at
+from commonrail.injector.joints import CLEAR_LIFT, RELAXED, REOPENED
+
+RUNAWAY = 2e-3  # a tip or top this far off [m] has left the injector
+RECOVERED = 0.9  # share of the accumulation's pressure that the control chamber regains once the valve is shut
+DRIBBLE = 1e-12, 1e-6  # what a resting injector injects between two looks, at most: [kg], and share of the stroke
+
+
+class Outcome(NamedTuple):
+    """Figures of each lane of a run, (blocks, lanes).
+
+    `opening`, `closing` and `first_closing` are in steps (NaN where there is none); masses in kg; `absolute` and
+    `squared` are the weighted sums of the samples' errors [m³/s], [(m³/s)²]; `sound` is 1 for a run that stayed
+    finite and inside its stops, `closed_at_start` for needle and valve at rest before energising, `closed_at_end` for
+    a needle on its seat and a SAC that had emptied when the simulation ended.
+    """
+
+    injected: Any
+    returned: Any
+    supplied: Any
+    opening: Any
+    closing: Any
+    greatest_lift: Any
+    absolute: Any
+    squared: Any
+    sound: Any
+    closed_at_start: Any
+    closed_at_end: Any
+    first_closing: Any
+
+
+FIGURE: Any = Outcome._make(range(len(Outcome._fields)))  # where each stands in `out`, (lanes, figures)
+
+
+class Sample(NamedTuple):
+    """Part of a step at which a sample ends, its width [s], target [m³/s] and weight."""
+
+    part: float
+    width: float
+    target: float
+    weight: float
+
+
+class Rest(NamedTuple):
+    """When a lane may end: now, after how many looks of rest (0: never), and how many steps a look comes after."""
+
+    now: bool
+    patience: int
+    every: int
+
+
+@physics
+def crossed(work, rows):  # type: ignore[no-untyped-def]
+    """Lanes whose tip has passed the seat or `CLEAR_LIFT` in this step, upwards or downwards."""
+    count = 0
+    for lane in range(rows.lanes):
+        old, new = work[at(rows, rows.tip_before, lane)], work[at(rows, rows.tip, lane)]
+        count += int((old <= 0.0) != (new <= 0.0)) + int((old <= CLEAR_LIFT) != (new <= CLEAR_LIFT))
+    return count
+
+
+@physics
+def note_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
+    """Keep the opening, the first and the last closing, in steps; zero is none.
+
+    The needle is open once its tip has first risen by `CLEAR_LIFT`, and closes when it first meets the seat after
+    that. It has reopened, and closes again, if it rises as far again or injects more than `REOPENED` meanwhile: the
+    ringing of a closed needle and smaller bounces are neither.
+    """
+    old, new = work[at(rows, rows.tip_before, lane)], work[at(rows, rows.tip, lane)]
+    injected = work[at(rows, rows.injected, lane)]
+    if old <= 0.0 < new:
+        work[at(rows, rows.lifted, lane)] = injected
+    if old <= CLEAR_LIFT < new:
+        if work[at(rows, rows.opened, lane)] == 0.0:
+            work[at(rows, rows.opened, lane)] = count - (new - CLEAR_LIFT) / (new - old)
+        work[at(rows, rows.clear, lane)] = 1.0
+        work[at(rows, rows.shut, lane)] = 0.0  # it has not closed for the last time
+    reopened = injected - work[at(rows, rows.lifted, lane)] > REOPENED * injected
+    counts = work[at(rows, rows.clear, lane)] > 0.0 or reopened
+    if new <= 0.0 < old and work[at(rows, rows.opened, lane)] > 0.0 and counts:
+        work[at(rows, rows.shut, lane)] = count - new / (new - old)
+        if work[at(rows, rows.first_shut, lane)] == 0.0:
+            work[at(rows, rows.first_shut, lane)] = work[at(rows, rows.shut, lane)]
+        work[at(rows, rows.clear, lane)] = 0.0
+
+
+@physics
+def set_densities(work, rows, candidates, density, point):  # type: ignore[no-untyped-def]
+    """Keep the density that makes a volume of each lane's samples; one row of `density` holds for all candidates."""
+    for lane in range(rows.lanes):
+        candidate = candidates[1 + lane] if density.shape[0] > 1 else 0
+        work[at(rows, rows.density, lane)] = density[candidate, point]
+
+
+@physics
+def sample(work, rows, due, first):  # type: ignore[no-untyped-def]
+    """Take the `Sample` that ends in the last step, and add up its misfit, by volume as the target."""
+    for lane in range(rows.lanes):
+        start = work[at(rows, rows.before, lane)]
+        here = start + due.part * (work[at(rows, rows.injected, lane)] - start)
+        # a division: the compiler contracts a product and a difference in some lanes and not in others
+        error = (here - work[at(rows, rows.mark, lane)]) / (due.width * work[at(rows, rows.density, lane)]) - due.target
+        counts = 0.0 if first else due.weight
+        work[at(rows, rows.absolute, lane)] += counts * abs(error)
+        work[at(rows, rows.squared, lane)] += counts * error * error
+        work[at(rows, rows.mark, lane)] = here
+
+
+@physics
+def look(work, rows, cylinder, rest, out):  # type: ignore[no-untyped-def]
+    """Take the figures of lanes that have ended; true once every lane has.
+
+    A lane ends when it has failed or, where there is a patience, when needle and valve have rested for that many
+    looks and for longer than a bouncing one touches its seat: what its neighbours do after that
+    does not touch its figures. A needle that has closed on a valve still in motion, or on a chamber that has not
+    refilled, may open again.
+    """
+    ended = 0
+    for lane in range(rows.lanes):
+        if work[at(rows, rows.done, lane)] == 0.0:
+            mass = work[at(rows, rows.injected, lane)]
+            gain = mass - work[at(rows, rows.seen, lane)]
+            work[at(rows, rows.seen, lane)] = mass
+            shut = work[at(rows, rows.control_pressure, lane)] > RECOVERED * work[at(rows, rows.store_pressure, lane)]
+            rests = _needle_rests(work, rows, lane, cylinder) and work[at(rows, rows.valve_lift, lane)] <= 0.0 and shut
+            still = rest.now and rests and gain <= DRIBBLE[0] + DRIBBLE[1] * mass
+            work[at(rows, rows.rested, lane)] = work[at(rows, rows.rested, lane)] + 1.0 if still else 0.0
+            rested = work[at(rows, rows.rested, lane)]
+            over = (
+                rest.patience > 0 and rested > rest.patience and rested * rest.every > work[at(rows, rows.touch, lane)]
+            )
+            if over or not _is_sound(work, rows, lane):
+                _report(work, rows, lane, cylinder, out)
+                work[at(rows, rows.done, lane)] = 1.0
+        if work[at(rows, rows.done, lane)] != 0.0:
+            ended += 1
+    return ended == rows.lanes
+
+
+@physics
+def _needle_rests(work, rows, lane, cylinder):  # type: ignore[no-untyped-def]
+    """True for a needle on its seat and a SAC that has emptied."""
+    return work[at(rows, rows.tip, lane)] <= 0.0 and work[at(rows, rows.sac_pressure, lane)] - cylinder < RELAXED
+
+
+@physics
+def _is_sound(work, rows, lane):  # type: ignore[no-untyped-def]
+    """True for a state that is finite and inside its stops."""
+    return (
+        abs(work[at(rows, rows.tip, lane)]) < RUNAWAY
+        and abs(work[at(rows, rows.top, lane)]) < RUNAWAY
+        and abs(work[at(rows, rows.injected, lane)]) < 1.0
+        and abs(work[at(rows, rows.sac_pressure, lane)]) < 1e10
+    )
+
+
+@physics
+def _crossing(work, rows, row, lane):  # type: ignore[no-untyped-def]
+    """Instant of a noted crossing in steps; NaN where there was none."""
+    return work[at(rows, row, lane)] if work[at(rows, row, lane)] > 0.0 else np.nan
+
+
+@physics
+def _report(work, rows, lane, cylinder, out):  # type: ignore[no-untyped-def]
+    """Write the figures of a lane, (lanes, figures)."""
+    out[lane, FIGURE.injected] = work[at(rows, rows.injected, lane)]
+    out[lane, FIGURE.returned] = work[at(rows, rows.returned, lane)]
+    out[lane, FIGURE.supplied] = work[at(rows, rows.supplied, lane)]
+    out[lane, FIGURE.opening] = _crossing(work, rows, rows.opened, lane)
+    out[lane, FIGURE.closing] = _crossing(work, rows, rows.shut, lane)
+    out[lane, FIGURE.first_closing] = _crossing(work, rows, rows.first_shut, lane)
+    out[lane, FIGURE.greatest_lift] = work[at(rows, rows.greatest, lane)]
+    out[lane, FIGURE.absolute] = work[at(rows, rows.absolute, lane)]
+    out[lane, FIGURE.squared] = work[at(rows, rows.squared, lane)]
+    out[lane, FIGURE.sound] = 1.0 if _is_sound(work, rows, lane) else 0.0
+    out[lane, FIGURE.closed_at_end] = 1.0 if _needle_rests(work, rows, lane, cylinder) else 0.0
+
+
+@physics
+def report_rest(work, rows, cylinder, out):  # type: ignore[no-untyped-def]
+    """Write the figures of the lanes that have run to the end of the simulated time."""
+    for lane in range(rows.lanes):
+        if work[at(rows, rows.done, lane)] == 0.0:
+            _report(work, rows, lane, cylinder, out)
+
+
+@physics
+def record(work, rows, trace):  # type: ignore[no-untyped-def]
+    """Copy state and leaving waves into a trace, (rows, lanes that are kept)."""
+    for row in range(trace.shape[0]):
+        for lane in range(trace.shape[1]):
+            trace[row, lane] = work[at(rows, rows.state + row, lane)]

@@ -1,0 +1,81 @@
+"""Chain of nine masses on seven cylinders: a law of one mass or one cylinder, unrolled over all of them.
+
+Masses 1…6 stand at the ends of the plunger's five cylinders, masses 7…9 at the ends of the needle's two. Kernels see
+straight-line code: no loop, no array.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from commonrail.compile import physics
+
+__all__ = ["Nine", "Seven", "across", "around", "each", "pull"]
+
+
+class Nine(NamedTuple):
+    """One value for each of the nine masses: positions [m], velocities [m/s] or forces [N]."""
+
+    i1: float
+    i2: float
+    i3: float
+    i4: float
+    i5: float
+    i6: float
+    i7: float
+    i8: float
+    i9: float
+
+
+class Seven(NamedTuple):
+    """One value for each cylinder: stiffness [N/m], mass [kg] or damping [N s/m]."""
+
+    i1: float
+    i2: float
+    i3: float
+    i4: float
+    i5: float
+    i6: float
+    i7: float
+
+
+def each(kind: type, law: Callable[..., float], shared: str = "") -> Callable[..., Any]:
+    """Function of the same arguments as `law` that takes `kind`s, applies it field by field, and returns a `kind`.
+
+    Parameters
+    ----------
+    kind : type
+        `Nine` or `Seven`.
+    law : function of float
+        Law of one mass or one cylinder.
+    shared : str
+        Names of the arguments that are one number for all.
+    """
+    arguments = law.__code__.co_varnames[: law.__code__.co_argcount]
+    one = ", ".join(name if name in shared.split() else f"{name}.{{0}}" for name in arguments)
+    values = ", ".join(f"law({one})".format(field) for field in kind._fields)  # type: ignore[attr-defined]
+    names: dict[str, Any] = {"__name__": __name__, "law": physics(law), "kind": kind}
+    text = f"def unrolled({', '.join(arguments)}):\n    return kind({values})\n"
+    exec(compile(text, f"<{law.__name__} of each of {kind.__name__}>", "exec"), names)
+    return physics(names["unrolled"])  # type: ignore[no-any-return]
+
+
+@physics
+def across(z: Nine) -> Seven:
+    """Differences over each cylinder, of the upper mass's value and the lower's."""
+    return Seven(z.i1 - z.i2, z.i2 - z.i3, z.i3 - z.i4, z.i4 - z.i5, z.i5 - z.i6, z.i7 - z.i8, z.i8 - z.i9)
+
+
+@physics
+def around(m: Seven) -> Nine:
+    """Sums over the cylinders that end at each mass."""
+    return Nine(m.i1, m.i1 + m.i2, m.i2 + m.i3, m.i3 + m.i4, m.i4 + m.i5, m.i5, m.i6, m.i6 + m.i7, m.i7)
+
+
+@physics
+def pull(s: Seven, joint: float) -> Nine:
+    """Forces on the masses [N] from those in the cylinders and in the joint, positive in tension."""
+    return Nine(
+        -s.i1, s.i1 - s.i2, s.i2 - s.i3, s.i3 - s.i4, s.i4 - s.i5, s.i5 - joint, joint - s.i6, s.i6 - s.i7, s.i7
+    )
