@@ -18,7 +18,7 @@ from commonrail.engine.status import OK
 from commonrail.errors import CommonrailError
 from commonrail.injector.definition import Injector
 from commonrail.kinds import DataSet
-from commonrail.kinds.records import LABELS, Shown
+from commonrail.kinds.records import LABELS, Plotted, Shown
 from commonrail.kinds.simulator import Simulator
 from commonrail.store.content import _pieces
 from tests.kinds.samples import SAMPLES, STEP, Sample
@@ -163,14 +163,14 @@ def tables_and_figures_have_something_to_show(kind: Kind, injector: Injector, fo
     """For a calibration and for a comparison; as many cells in a row as columns, and a number at least."""
     data = _truth(kind, injector, folder)
     record, view = _record(data, injector), kind.view
-    traces = {data.name: _trace(data, injector)}
+    plotted = Plotted(SHOWN, {data.name: _trace(data, injector)})
     calibrated, compared = view.tables([record], LABELS), view.compared_tables([record], list(LABELS))
     for table in (*calibrated, *compared):
         assert isinstance(table, Table)
         assert table.rows
         assert all(len(row) == len(table.columns) for row in table.rows)
         assert any(any(sign.isdigit() for sign in cell.text) for row in table.rows for cell in row)
-    for figures in (view.figures(record, traces, SHOWN), view.compared_figures(record, traces, SHOWN)):
+    for figures in (view.figures(record, plotted), view.compared_figures(record, plotted)):
         assert figures
         for figure in figures:
             assert any(y is not None for panel in figure.panels for s in panel.series for y in s.y)

@@ -39,8 +39,8 @@ class Sample:
         def columns(file: str, at: Place, *what: Any, **how: Any) -> Table:
             return read_columns(folder / file, *what, **how)
 
-        context = Context(injector, STEP, columns, located)
-        return kind.read(kind.model.model_validate(block), context, Place("study.toml", "data[1]"))
+        context = Context(injector, STEP, Place("study.toml", "data[1]"), columns, located)
+        return kind.read(kind.model.model_validate(block), context)
 
     def truth(self, kind: type[DataSet], injector: Injector, folder: Path) -> Any:
         """Data set whose measured values are those that the injector itself gives."""

@@ -140,6 +140,13 @@ def check_labels(labels: Sequence[str]) -> None:
 def check_drive(injector: Injector, study: Study, label: str) -> None:
     """Refuse an injector driven by a measured trace where the data hold no such trace.
 
+    Parameters
+    ----------
+    injector : Injector
+    study : Study
+    label : str
+        What messages call the injector.
+
     Raises
     ------
     ConfigurationError

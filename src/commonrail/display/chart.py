@@ -1,4 +1,4 @@
-"""Figures as plain numbers: panels of series over a common axis. `draw` turns it into a picture."""
+"""Figure as plain numbers: panels of series over a common axis. `report.draw` turns it into a picture."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def _study(file: Path) -> Study:
     injector = _injector(model.injector, reach, at / "injector")
     space = _space(model.parameter, model.constraints, injector, at)
     time_step = _time_step(model.time_step, injector, space, at / "time_step")
-    data = _data(model.data, Context(injector, time_step, partial(_columns, reach), located), at / "data")
+    data = _data(model.data, Context(injector, time_step, at, partial(_columns, reach), located), at / "data")
     return Study(
         model.title,
         injector,
@@ -110,7 +110,7 @@ def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[Dat
     found: list[DataSet] = []
     samples = 0
     for i, model in enumerate(models):
-        found.append(KINDS[model.kind].read(model, context, at[i]))
+        found.append(KINDS[model.kind].read(model, context._replace(at=at[i])))
         samples += found[-1].samples
         if samples > MOST_SAMPLES:
             raise at[i].error(

@@ -22,8 +22,8 @@ from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.errors import ConfigurationError
-from commonrail.kinds.reading import Context, DataModel, Place
-from commonrail.kinds.records import Models, Record, Texts, Traces
+from commonrail.kinds.reading import Context, DataModel
+from commonrail.kinds.records import Plotted, Record, Texts
 from commonrail.kinds.simulator import Simulator
 
 __all__ = ["LATER", "DataSet", "Missing", "Role", "Score", "Term", "View", "share_of"]
@@ -113,11 +113,11 @@ class View(ABC):
         """Tables of a comparison: a column for each model, the least error of each row marked."""
 
     @abstractmethod
-    def figures(self, data: Record, traces: Traces, models: Models) -> list[Figure]:
+    def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Figures of one data set of a calibration."""
 
     @abstractmethod
-    def compared_figures(self, data: Record, traces: Traces, models: Models) -> list[Figure]:
+    def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Figures of one data set of a comparison."""
 
 
@@ -170,7 +170,7 @@ class DataSet(ABC):
 
     @classmethod
     @abstractmethod
-    def read(cls, model: Any, context: Context, at: Place) -> Self:
+    def read(cls, model: Any, context: Context) -> Self:
         """Read a data set.
 
         Parameters
@@ -178,8 +178,6 @@ class DataSet(ABC):
         model : DataModel
             Its block in the study file, of the kind's own `model`.
         context : Context
-        at : Place
-            Of the block.
 
         Raises
         ------

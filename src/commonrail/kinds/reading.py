@@ -77,6 +77,8 @@ class Context(NamedTuple):
     injector : Injector
     time_step : float
         [s].
+    at : Place
+        Of its block in the study file.
     columns : function
         Of file, place of the block that names it, and what `files.tables.read_columns` takes besides a path.
     located : function
@@ -85,12 +87,21 @@ class Context(NamedTuple):
 
     injector: Injector
     time_step: float
+    at: Place
     columns: Callable[..., Columns]
     located: Callable[[Any], AbstractContextManager[None]]
 
 
 def mass_density(injector: Injector, unit: str, point: OperatingPoint) -> float:
-    """Density at cylinder pressure [kg/m³] where `unit` is one of mass, else NaN: see `DataSet.mass_density`."""
+    """Density at cylinder pressure [kg/m³] that makes a volume of a mass, see `DataSet.mass_density`.
+
+    Parameters
+    ----------
+    injector : Injector
+    unit : str
+        SI unit of the measured values; NaN is returned for one of volume.
+    point : OperatingPoint
+    """
     return reference_density(injector, point) if unit.startswith("kg") else math.nan
 
 

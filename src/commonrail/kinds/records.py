@@ -38,6 +38,13 @@ class Shown(NamedTuple):
 Models = Mapping[str, Shown]  # by label, in order
 
 
+class Plotted(NamedTuple):
+    """What figures show besides a record: models, and courses in time by data set."""
+
+    models: Models
+    traces: Traces
+
+
 def origin_of(data: Record) -> str:
     """What to call the values of a data set: synthetic ones are never shown as measured."""
     return "synthetic" if data.get("synthetic") else "measured"
@@ -61,7 +68,15 @@ def relative_error(value: float | None, measured: float) -> float | None:
 
 
 def scaled(rows: Sequence[Record], key: str, scale: float) -> Points:
-    """Values of one key of the rows, times a factor; None where there is no number."""
+    """Values of the rows for a series; None where there is no number.
+
+    Parameters
+    ----------
+    rows : sequence of Record
+    key : str
+    scale : float
+        Factor on the values.
+    """
     found = (number(row.get(key)) for row in rows)
     return tuple(None if value is None else value * scale for value in found)
 

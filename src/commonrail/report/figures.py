@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from commonrail.display.chart import Figure, Panel, Series
-from commonrail.kinds.records import Record, Traces, scaled
+from commonrail.kinds.records import Plotted, Record, Traces, scaled
 from commonrail.report.record import by_kind, shown_of
 
 __all__ = ["comparison_figures", "convergence_figure", "figures_of"]
@@ -13,14 +13,14 @@ __all__ = ["comparison_figures", "convergence_figure", "figures_of"]
 
 def figures_of(record: Record, traces: Traces) -> list[Figure]:
     """Figures of the data of a calibration."""
-    models = shown_of(record)
-    return [f for view, own in by_kind(record["data"]) for d in own for f in view.figures(d, traces, models)]
+    plotted = Plotted(shown_of(record), traces)
+    return [f for view, own in by_kind(record["data"]) for d in own for f in view.figures(d, plotted)]
 
 
 def comparison_figures(record: Record, traces: Traces) -> list[Figure]:
     """Figures of the data of a comparison: one colour, marker and dash for each model."""
-    models = shown_of(record)
-    return [f for view, own in by_kind(record["data"]) for d in own for f in view.compared_figures(d, traces, models)]
+    plotted = Plotted(shown_of(record), traces)
+    return [f for view, own in by_kind(record["data"]) for d in own for f in view.compared_figures(d, plotted)]
 
 
 def convergence_figure(generations: Sequence[Record]) -> Figure:

@@ -28,5 +28,13 @@ class Finding(NamedTuple):
 
 
 def found(code: str, subject: str, text: str) -> Finding:
-    """Finding whose sentence begins with its subject."""
+    """Finding whose sentence begins with its subject.
+
+    Parameters
+    ----------
+    code, subject : str
+        As in `Finding`.
+    text : str
+        The sentence without its subject.
+    """
     return Finding(code, subject, one_line(f"{subject}: {text}"))

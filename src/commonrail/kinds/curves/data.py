@@ -22,7 +22,7 @@ from commonrail.errors import ConfigurationError
 from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
 from commonrail.kinds.curves.reading import RateModel, read_curve
 from commonrail.kinds.curves.view import CurveView
-from commonrail.kinds.reading import Context, Place
+from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, MM3_PER_MS, point_record
 from commonrail.kinds.simulator import Simulator
 
@@ -111,9 +111,9 @@ class RateData(DataSet):
         settle(self, bounds=bounds, rate=rate, points=(self.point,))
 
     @classmethod
-    def read(cls, model: RateModel, context: Context, at: Place) -> Self:
+    def read(cls, model: RateModel, context: Context) -> Self:
         """Read an injection curve; see `DataSet.read`."""
-        curve = read_curve(model, context, at)
+        curve = read_curve(model, context)
         labels = model.weight, model.source, model.synthetic
         return cls(model.name, Role(model.role), curve.point, curve.bounds, curve.rate, *labels, curve.mass_density)
 

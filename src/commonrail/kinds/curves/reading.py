@@ -95,16 +95,9 @@ class ReadCurve(NamedTuple):
     mass_density: float
 
 
-def read_curve(model: RateModel, context: Context, at: Place) -> ReadCurve:
-    """Read an injection curve; see `DataSet.read`.
-
-    Parameters
-    ----------
-    model : RateModel
-    context : Context
-    at : Place
-        Of the data set in the study file.
-    """
+def read_curve(model: RateModel, context: Context) -> ReadCurve:
+    """Read an injection curve; see `DataSet.read`."""
+    at = context.at
     samples = _window(_samples(model, context, at), model, at)
     point = _point(model, samples, context, at)
     density = mass_density(context.injector, samples.unit, point)

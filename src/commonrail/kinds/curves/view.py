@@ -19,10 +19,9 @@ from commonrail.kinds.records import (
     MICROSECOND,
     MM3,
     MM3_PER_MS,
-    Models,
+    Plotted,
     Record,
     Texts,
-    Traces,
     origin_of,
     relative_error,
 )
@@ -61,14 +60,14 @@ class CurveView(View):
         """J, relative J and error of the injected volume of every curve, by model."""
         return [_j_compared(data, labels), _j_relative_compared(data, labels), _volume_compared(data, labels)]
 
-    def figures(self, data: Record, traces: Traces, models: Models) -> list[Figure]:
+    def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Injection curve, data and simulation [mm³/ms], and the errors below, against time [us]."""
-        trace = traces[data["name"]]
+        trace = plotted.traces[data["name"]]
         time = _points(trace["time_s"] * MICROSECOND)
         measured = trace[MEASURED]
         curves = [Series(origin_of(data), MEASURED, time, _points(measured * MM3_PER_MS))]
         errors = []
-        for label, model in models.items():
+        for label, model in plotted.models.items():
             if label not in trace:
                 continue
             rate, error = (_points(y * MM3_PER_MS) for y in (trace[label], trace[label] - measured))
@@ -82,11 +81,11 @@ class CurveView(View):
         title = f"{data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"
         return [Figure(title, caption, "time, µs", panels)]
 
-    def compared_figures(self, data: Record, traces: Traces, models: Models) -> list[Figure]:
+    def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """The same figure; its title lacks the role, which does not matter where nothing is fitted."""
         rail = pressure(data["rail_pressure"])
         title = data["name"] if rail in data["name"] else f"{data['name']}, {rail}"
-        return [replace(figure, title=title) for figure in self.figures(data, traces, models)]
+        return [replace(figure, title=title) for figure in self.figures(data, plotted)]
 
 
 def _sentence(data: Record) -> str:

@@ -21,7 +21,7 @@ from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
 from commonrail.kinds.maps.dead_times import NO_DEAD_TIME, NOT_REACHED, find_dead_times
 from commonrail.kinds.maps.reading import QuantitiesModel, read_map
 from commonrail.kinds.maps.view import MapView
-from commonrail.kinds.reading import Context, Place
+from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, point_record
 from commonrail.kinds.simulator import Simulator
 
@@ -126,9 +126,9 @@ class QuantityData(DataSet):
         )
 
     @classmethod
-    def read(cls, model: QuantitiesModel, context: Context, at: Place) -> Self:
+    def read(cls, model: QuantitiesModel, context: Context) -> Self:
         """Read a quantity map; see `DataSet.read`."""
-        rows = read_map(model, context, at)
+        rows = read_map(model, context)
         labels = model.weight, model.source, model.synthetic
         values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
         return cls(model.name, Role(model.role), rows.points, *values, *labels, rows.mass_density)

@@ -78,17 +78,9 @@ class ReadMap(NamedTuple):
     mass_density: Floats | float
 
 
-def read_map(model: QuantitiesModel, context: Context, at: Place) -> ReadMap:
-    """Read a quantity map; see `DataSet.read`.
-
-    Parameters
-    ----------
-    model : QuantitiesModel
-    context : Context
-    at : Place
-        Of the data set in the study file.
-    """
-    injector = context.injector
+def read_map(model: QuantitiesModel, context: Context) -> ReadMap:
+    """Read a quantity map; see `DataSet.read`."""
+    injector, at = context.injector, context.at
     if drive_unit(injector):
         raise ConfigurationError(
             f'{at}: the injector {injector.name} has drive_kind "{injector.variant.drive.value}", '

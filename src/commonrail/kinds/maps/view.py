@@ -18,9 +18,9 @@ from commonrail.kinds.records import (
     MICROSECOND,
     MM3,
     Models,
+    Plotted,
     Record,
     Texts,
-    Traces,
     origin_of,
     present,
     relative_error,
@@ -92,13 +92,14 @@ class MapView(View):
         tables = [table for d in data for table in (self._compared(d, labels), compared_dead_times(d, labels))]
         return [self._figures_compared(data, labels), *(table for table in tables if table.rows)]
 
-    def figures(self, data: Record, traces: Traces, models: Models) -> list[Figure]:
+    def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Quantities, their errors, and dead times; a rigid body is not shown."""
-        shown = {label: models[label] for label in ("start", JUDGED) if label in models}
+        shown = {label: model for label, model in plotted.models.items() if label in ("start", JUDGED)}
         return [self._map_figure(data), self._error_figure(data), *dead_time_figure(data, shown)]
 
-    def compared_figures(self, data: Record, traces: Traces, models: Models) -> list[Figure]:
+    def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Quantities, their errors, and dead times, of each model."""
+        models = plotted.models
         found = [self._map_compared(data, models), self._errors_compared(data, models)] if _quantities(data) else []
         return [*found, *dead_time_figure(data, models)]
 
