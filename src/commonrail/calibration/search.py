@@ -37,7 +37,7 @@ Floats = NDArray[np.float64]
 
 
 class Progress(NamedTuple):
-    """How far a calibration has come. `phase` is "evolution" or "refinement"; `seconds` since its start."""
+    """How far a calibration has come. `phase` is the optimiser's, such as "evolution"; `seconds` since its start."""
 
     phase: str
     generation: int
@@ -195,6 +195,7 @@ class Search:
     def _take_up(self, checkpoint: Checkpoint) -> None:
         """Go on with the last optimiser whose forerunners have all finished: they may have been given more to do."""
         self.history = list(checkpoint.history)
+        spent = 0.0
         for number, stage in enumerate(checkpoint.stages):
             if number:
                 if not self._begun[-1].finished:

@@ -25,14 +25,9 @@ MOST_GENERATIONS = 1_000_000  # far above what anybody calibrates; below what wo
 class Wanted(Enum):
     """Answers that an optimiser asks for."""
 
-    COSTS = "costs"
-    """One for each trial (n,)."""
-
-    RESIDUALS = "residuals"
-    """One row for each trial (n, m)."""
-
-    COSTS_AGAIN = "costs again"
-    """Costs of points whose residuals were told before; their simulations are not counted twice."""
+    COSTS = "costs"  # one for each trial (n,)
+    RESIDUALS = "residuals"  # one row for each trial (n, m)
+    COSTS_AGAIN = "costs again"  # of points whose residuals were told before: their simulations are not counted twice
 
 
 class Trials(NamedTuple):
