@@ -101,7 +101,7 @@ def test_workers_end_with_their_caller(tmp_path: Path, then: str, wait_until_up:
 
 
 def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
-    then = "next(workers.run(["any"]))"
+    then = "next(workers.run(['any']))"
     _, err = run_script(tmp_path, then, "True").communicate(timeout=PATIENCE)
     assert "StudyError: A worker ended with exit code 1 before it had begun, 3 times in a row; in a script" in err
 
