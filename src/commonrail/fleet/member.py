@@ -41,6 +41,16 @@ def folders_of(names: Sequence[str]) -> dict[str, str]:
 def write_study(fleet: Fleet, name: str, folder: Path) -> Path:
     """Write the study of an injector, and its data if they are rows of a table; returns the study's path.
 
+    Parameters
+    ----------
+    fleet : Fleet
+    name : str
+        Of the injector.
+    folder : Path
+        Made if it is not there.
+
+    Notes
+    -----
     The study can be run by itself, with the same result: ``commonrail calibrate FOLDER/study.toml``.
     """
     with writing(folder):

@@ -1,4 +1,4 @@
-"""What a fleet leaves behind: results.csv, results.parquet where pyarrow is installed, and fleet.json."""
+"""Files that a fleet leaves: results.csv, results.parquet where pyarrow is installed, and fleet.json."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where each injector's data come from: files that a table names, or rows of one table for all."""
+"""Sources of each injector's data: files that a table names, or rows of one table for all."""
 
 from __future__ import annotations
 
@@ -119,6 +119,13 @@ class FileSupply:
 
 def check_name(name: str, table: Table, row: int) -> None:
     """Refuse a row that names no injector.
+
+    Parameters
+    ----------
+    name : str
+    table : Table
+    row : int
+        Of the injector, for the message.
 
     Raises
     ------

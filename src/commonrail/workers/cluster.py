@@ -195,6 +195,15 @@ _HELD: dict[str, Package] = {}  # on a worker; two, so that two studies on one c
 def perform_held(key: str, package: Package | None, argument: Any) -> Answer | Missing:
     """Answer of a task, on its worker, by the work that is given, or that was given before.
 
+    Parameters
+    ----------
+    key : str
+        Of the package.
+    package : Package or None
+    argument : picklable
+
+    Notes
+    -----
     Data of Dask's own would be lost with the workers that have them, and out of reach behind one that hangs.
     """
     if package is not None:
