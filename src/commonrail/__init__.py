@@ -27,11 +27,11 @@ if TYPE_CHECKING:
         SimulationError,
         StudyError,
     )
+    from commonrail.files.fuel_file import load_fuel
     from commonrail.files.injector_file import dump_injector, injector_catalogue, load_injector
     from commonrail.files.run_folder import create_run_folder, read_run, write_run
     from commonrail.files.study_file import load_study
     from commonrail.files.truth_file import load_truth
-    from commonrail.fuel.catalogue import load_fuel
     from commonrail.fuel.fuel import Fuel
     from commonrail.injector.definition import Injector, parameter_quantities
     from commonrail.injector.variants import Variant
@@ -63,11 +63,11 @@ _HOMES = {
         "SimulationError",
         "StudyError",
     ),
+    "files.fuel_file": ("load_fuel",),
     "files.injector_file": ("dump_injector", "injector_catalogue", "load_injector"),
     "files.run_folder": ("create_run_folder", "read_run", "write_run"),
     "files.study_file": ("load_study",),
     "files.truth_file": ("load_truth",),
-    "fuel.catalogue": ("load_fuel",),
     "fuel.fuel": ("Fuel",),
     "injector.definition": ("Injector", "parameter_quantities"),
     "injector.variants": ("Variant",),

@@ -6,12 +6,13 @@ import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pytest
+from pydantic import TypeAdapter
 
-from commonrail.files.injector_values import read_room
-from commonrail.files.place import Place
+from commonrail.files.fields import Quantities, Room
+from commonrail.files.injector_file import room_quantities
 from commonrail.files.study_models import (
     ConstraintsModel,
     OptimiserModel,
@@ -48,9 +49,8 @@ def test_study_page() -> None:
 
 def test_injector_page() -> None:
     (valve,) = tables("injector-file.md")["valve"]
-    named = {path: q for path, q in parameter_quantities().items() if path.startswith("valve.")}
-    room = {path.removeprefix("valve."): q for path, q in named.items()}
-    given = read_room(valve, room, Place("injector-file.md"))
+    table: TypeAdapter[Room] = TypeAdapter(Annotated[Room, Quantities(room_quantities("valve"))])
+    given = table.validate_python(valve).values()
     assert given["lift"].source.mark == "M"
 
 
