@@ -20,9 +20,10 @@ import pytest
 import commonrail as cr
 from commonrail import arguments
 from commonrail.calibration.optimisers import EvolutionSettings
-from commonrail.calibration.study import Method, Role
+from commonrail.calibration.study import Method
 from commonrail.errors import CommonrailError
 from commonrail.files.scaffold import write_new
+from commonrail.kinds import Role
 
 POINT = cr.OperatingPoint("160 MPa", "700 us")
 INJECTOR = cr.load_injector("virtual-lino-2016")

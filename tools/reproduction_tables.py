@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.bench_sensor import Sensor
 from commonrail.analysis.truth import Friction, Scatter, Truth
+from commonrail.display.table import Table
+from commonrail.display.text import duration, fixed, percent, signed
 from commonrail.files.injector_file import load_injector
 from commonrail.files.reproduction_folder import read_reproduction
 from commonrail.files.truth_file import load_truth
 from commonrail.report import reproduction_tables as tables
 from commonrail.report.reproduction import check_reproduction, verdicts
-from commonrail.report.tables import Table
-from commonrail.report.text import duration, fixed, percent, signed
 from commonrail.reproduction import paper
 from commonrail.reproduction.repetition import Bench, measure, search
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from commonrail.calibration.comparison import Comparison, compare
     from commonrail.calibration.plausibility.finding import Finding
     from commonrail.calibration.run import Calibration, Progress, calibrate, check_study, validate
-    from commonrail.calibration.study import QuantityData, RateData, Study
+    from commonrail.calibration.study import Study
     from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
     from commonrail.engine.simulate import simulate, simulate_batch
     from commonrail.engine.solution import Batch, Solution
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from commonrail.fuel.fuel import Fuel
     from commonrail.injector.definition import Injector, parameter_quantities
     from commonrail.injector.variants import Variant
+    from commonrail.kinds import QuantityData, RateData
     from commonrail.report.build import write_report
     from commonrail.report.simulation import simulation_figure
     from commonrail.reproduction.repetition import Bench
@@ -50,7 +51,7 @@ _HOMES = {
     "calibration.comparison": ("Comparison", "compare"),
     "calibration.plausibility.finding": ("Finding",),
     "calibration.run": ("Calibration", "Progress", "calibrate", "check_study", "validate"),
-    "calibration.study": ("QuantityData", "RateData", "Study"),
+    "calibration.study": ("Study",),
     "engine.operating_point": ("Energising", "OperatingPoint", "Trace"),
     "engine.simulate": ("simulate", "simulate_batch"),
     "engine.solution": ("Batch", "Solution"),
@@ -71,6 +72,7 @@ _HOMES = {
     "fuel.fuel": ("Fuel",),
     "injector.definition": ("Injector", "parameter_quantities"),
     "injector.variants": ("Variant",),
+    "kinds": ("QuantityData", "RateData"),
     "report.build": ("write_report",),
     "report.simulation": ("simulation_figure",),
     "reproduction.repetition": ("Bench",),

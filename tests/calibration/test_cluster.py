@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from commonrail.calibration import cluster as cluster_module
 from commonrail.calibration import workers as module
-from commonrail.calibration.objective import Objective, of_role
-from commonrail.calibration.study import Role
+from commonrail.calibration.objective import Objective
 from commonrail.calibration.worker_pool import Limits
 from commonrail.calibration.workers import Workers
 from commonrail.errors import ConfigurationError, InputError, StudyError
 from commonrail.files.study_file import load_study
+from commonrail.kinds import Role, of_role
 from tests.calibration.misbehaving import Misbehaving
 from tests.waiting import PATIENCE, wait_until
 

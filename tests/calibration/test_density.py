@@ -7,14 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from commonrail.calibration.objective import Objective, quantity_residuals, soft_l1
-from commonrail.calibration.score import QuantityScore, RateScore, score_data
-from commonrail.calibration.study import QuantityData, RateData, Role
+from commonrail.calibration.objective import Objective, quantity_residuals
+from commonrail.calibration.score import score_data
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
+from commonrail.kinds import QuantityData, QuantityScore, RateData, RateScore, Role
+from commonrail.kinds.maps.data import soft_l1
 
 STEP = 1e-6
 WARM, COLD = 363.15, 313.15

@@ -10,13 +10,13 @@ import pytest
 
 from commonrail.calibration import objective as module
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.study import QuantityData, RateData, Role
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
+from commonrail.kinds import QuantityData, RateData, Role
 
 NAMES = ("plunger_needle.k1", "valve.mass")
 STEP = 1e-6

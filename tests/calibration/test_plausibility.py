@@ -16,10 +16,10 @@ from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_mode
 from commonrail.calibration.plausibility.fit import best_gain, best_shift, relative_error
 from commonrail.calibration.plausibility.limits import LARGE_MISFIT
 from commonrail.calibration.plausibility.start import onset
-from commonrail.calibration.score import QuantityScore, RateScore
-from commonrail.calibration.study import Method, QuantityData, RateData, Role, Study
+from commonrail.calibration.study import Method, Study
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.injector.definition import Injector, parameter_quantities
+from commonrail.kinds import QuantityData, QuantityScore, RateData, RateScore, Role
 from commonrail.parts.furniture import Domain, Q
 
 BOUNDS = 3e-6 * np.arange(521)

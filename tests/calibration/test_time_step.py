@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commonrail.calibration.objective import Objective, of_role
+from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility import of_settings
-from commonrail.calibration.study import Role
 from commonrail.calibration.time_step import longest_for_all, step_for_all
 from commonrail.engine.simulate import DEFAULT_STEP
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
 from commonrail.files.study_file import load_study
+from commonrail.kinds import Role, of_role
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
 

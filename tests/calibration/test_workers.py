@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from commonrail.calibration import worker_pool as pool_module
 from commonrail.calibration import workers as module
-from commonrail.calibration.objective import Objective, of_role
-from commonrail.calibration.study import Role
+from commonrail.calibration.objective import Objective
 from commonrail.calibration.worker import pack, unpack
 from commonrail.calibration.worker_pool import USUAL, Limits, WorkerPool, how_it_ended
 from commonrail.calibration.workers import BLOCK, LONGEST, SHORTEST, Workers, cut
 from commonrail.errors import ConfigurationError, StudyError
 from commonrail.files.study_file import load_study
+from commonrail.kinds import Role, of_role
 from tests.calibration.misbehaving import Misbehaving
 from tests.waiting import PATIENCE, wait_until
 

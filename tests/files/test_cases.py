@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from commonrail.analysis.virtual_bench import bench_curve
-from commonrail.calibration.study import QuantityData, RateData, Role
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.simulate import simulate_batch
 from commonrail.files.bench_data import ENERGISING_TIME
 from commonrail.files.injector_file import load_injector
 from commonrail.files.study_file import load_study
 from commonrail.files.truth_file import load_truth
+from commonrail.kinds import QuantityData, RateData, Role
 from tools.make_fleet import QUANTITY_NOISE
 
 CASES = Path(__file__).resolve().parents[2] / "cases"

@@ -13,15 +13,11 @@ from pydantic import TypeAdapter
 
 from commonrail.files.fields import Quantities, Room
 from commonrail.files.injector_file import room_quantities
-from commonrail.files.study_models import (
-    ConstraintsModel,
-    OptimiserModel,
-    ParameterModel,
-    QuantitiesModel,
-    RateModel,
-)
+from commonrail.files.study_models import ConstraintsModel, OptimiserModel, ParameterModel
 from commonrail.files.tables import read_columns
 from commonrail.injector.definition import parameter_quantities
+from commonrail.kinds.curves.reading import RateModel
+from commonrail.kinds.maps.reading import QuantitiesModel
 
 PAGES = Path(__file__).resolve().parents[2] / "docs" / "howto"
 

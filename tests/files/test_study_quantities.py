@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commonrail.calibration.study import QuantityData
 from commonrail.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.files.study_file import load_study
+from commonrail.kinds import QuantityData
 
 MAP = """# bench
 rail_pressure [MPa],energising_time [us],quantity [mm3]

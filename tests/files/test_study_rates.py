@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commonrail.calibration.study import RateData
 from commonrail.engine.operating_point import Energising, Trace
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.files.study_file import load_study
+from commonrail.kinds import RateData
 
 Edit = Callable[..., Path]
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commonrail.calibration.study import RateData
 from commonrail.files.study_file import load_study
 from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.member import folders_of, seed_of, shared_files, write_study
+from commonrail.kinds import RateData
 from tests.fleet.conftest import edited, small_fleet
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.calibration.study import QuantityData, RateData, Study
+from commonrail.calibration.study import Study
 from commonrail.engine.plan import candidate_matrix, make_job
 from commonrail.engine.stability import longest_step, medium_of
 from commonrail.errors import CommonrailError
@@ -23,6 +23,7 @@ from commonrail.files.run_folder import read_run
 from commonrail.files.study_file import load_study
 from commonrail.files.truth_file import load_truth
 from commonrail.injector.definition import Injector, parameter_paths
+from commonrail.kinds import QuantityData, RateData
 from commonrail.report.build import write_report
 from tests.fuzz import kept
 from tests.fuzz.database import spoilt_database

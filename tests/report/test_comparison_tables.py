@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from commonrail.display.table import LARGE, MEDIUM, SMALL, Table
 from commonrail.report.comparison_tables import comparison_tables, difference_table
-from commonrail.report.tables import LARGE, MEDIUM, SMALL, Table
 from tests.report.comparison_samples import NEW, OLD, STIFF, compared_maps, compared_rates, fail
 
 

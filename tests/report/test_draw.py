@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from commonrail.report.chart import Figure, Panel, Series
+from commonrail.display.chart import Figure, Panel, Series
 from commonrail.report.draw import draw, figure_html
 from commonrail.report.figures import figures_of
 from tests.report.samples import map_record, rate_record, rate_traces

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from scipy.stats import binomtest
 
+from commonrail.display.text import MISSING
 from commonrail.errors import InputError
 from commonrail.report import reproduction_figures as figures
 from commonrail.report import reproduction_tables as tables
 from commonrail.report.reproduction import FEWEST, check_reproduction, reproduction_html, verdicts
-from commonrail.report.text import MISSING
 from tests.report.reproduction_sample import former_record, record, traces
 
 

@@ -4,18 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.report.tables import (
-    LARGE,
-    MEDIUM,
-    SMALL,
-    Table,
-    dead_time_table,
-    figures_table,
-    j_table,
-    quantity_table,
-    tables_of,
-    volume_table,
-)
+from commonrail.display.table import LARGE, MEDIUM, SMALL, Table
+from commonrail.report.tables import dead_time_table, figures_table, j_table, quantity_table, tables_of, volume_table
 from tests.report.samples import map_record, rate_record
 
 

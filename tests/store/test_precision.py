@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.score import RateScore
 from commonrail.engine.lanes import Precision
 from commonrail.errors import StudyError
 from commonrail.files.study_file import load_study
+from commonrail.kinds import RateScore
 from commonrail.store import content
 from commonrail.store.run import calibrate_into, resume
 from tests.store.conftest import GENERATIONS, Whole, stopped_run, timeless, write_small

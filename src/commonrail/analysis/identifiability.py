@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.calibration.objective import Objective, of_role
+from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
-from commonrail.calibration.study import Role
+from commonrail.kinds import Role, of_role
 
 Floats = NDArray[np.float64]
 

@@ -6,20 +6,21 @@ and samples it afterwards.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.closed_forms import Check, check
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
-from commonrail.calibration.objective import Objective, quantity_residuals, soft_l1
-from commonrail.calibration.score import RateScore, score_data
-from commonrail.calibration.study import QuantityData, RateData, Role
+from commonrail.calibration.objective import Objective
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.kinds import DataSet, QuantityData, RateData, Role
+from commonrail.kinds.simulator import Simulator
 
 Floats = NDArray[np.float64]
-Data = RateData | QuantityData
 
 STEP = 1e-6  # [s]
 # The loop and the traced run add up the same 1900 steps, of rounding 1e-16, in another order and with other vectors.
@@ -31,7 +32,7 @@ MAP = ((60e6, 250e-6), (100e6, 250e-6), (100e6, 700e-6), (160e6, 700e-6))  # rai
 
 def objective_and_scores(injector: Injector) -> list[Check]:
     """J of the search against Σ weight · J of the reported scores, at the fuel's own and at another temperature."""
-    data: list[Data] = [_curve(injector), _map(injector)]
+    data: list[DataSet] = [_curve(injector), _map(injector)]
     low, high = injector.fuel.temperature_range
     names = [*PAPER_OPTIMUM, FUEL_TEMPERATURE]
     checks = []
@@ -49,15 +50,9 @@ def _row(injector: Injector, factor: float, temperature: float) -> list[float]:
     return [*(factor * injector.values[name] for name in PAPER_OPTIMUM), temperature]
 
 
-def _reported(injector: Injector, data: list[Data]) -> float:
-    total = 0.0
-    for one in data:
-        score = score_data(one, injector, STEP, 1)
-        if isinstance(score, RateScore):
-            total += one.weight * score.j
-        elif isinstance(one, QuantityData):
-            total += one.weight * float(soft_l1(quantity_residuals(one, score.quantity[None]))[0])
-    return total
+def _reported(injector: Injector, data: Sequence[DataSet]) -> float:
+    simulator = Simulator(injector, (), STEP, 1)
+    return sum(one.weight * float(one.misfit(one.score(simulator).values)) for one in data)
 
 
 def _curve(injector: Injector) -> RateData:

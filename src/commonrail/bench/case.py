@@ -7,11 +7,12 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.calibration.study import Method, RateData, Study
+from commonrail.calibration.study import Method, Study
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.files.injector_file import load_injector
 from commonrail.files.truth_file import load_truth
 from commonrail.injector.definition import Injector
+from commonrail.kinds import RateData
 from commonrail.reproduction import paper
 from commonrail.reproduction.repetition import Bench, measure
 

@@ -17,15 +17,16 @@ from commonrail.bench.case import paper_study
 from commonrail.bench.methods import COARSE
 from commonrail.bench.peers import PeerModel, solve_with
 from commonrail.bench.timing import CLOCKS
-from commonrail.calibration.objective import Objective, curve_j
+from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.sampling import sample_feasible
-from commonrail.calibration.study import RateData, Study
+from commonrail.calibration.study import Study
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.solution import Solution
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
+from commonrail.kinds import RateData
 
 __all__ = ["OPTIMISERS", "Optimiser", "Tally", "measure_search", "reference_searches"]
 
@@ -176,7 +177,7 @@ def _first_generation(study: Study, scalar: Scalar, count: int, clock: Callable[
         candidate = study.injector.with_values(dict(zip(space.names, x.tolist(), strict=True)))
         found = scalar.solve(candidate, data.point, interval)
         spent.append(clock() - begin)
-        return float(np.nan_to_num(curve_j(found.rate, data), nan=FAILED))
+        return float(np.nan_to_num(data.misfit(found.rate), nan=FAILED))
 
     cost(space.reference)  # loads the kernels
     spent.clear()

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
 
 from commonrail.arguments import instance, instances, mapping, thread_count
-from commonrail.calibration.score import DataScore, QuantityScore, RateScore, score_data
-from commonrail.calibration.study import QuantityData, RateData, Study
-from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.simulate import simulate_batch
+from commonrail.calibration.study import Study
 from commonrail.engine.status import Status
 from commonrail.errors import CommonrailError, ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Drive
+from commonrail.kinds import DataSet, Score
+from commonrail.kinds.base import Missing
+from commonrail.kinds.simulator import Simulator
 
 __all__ = ["MOST_MODELS", "Comparison", "Failure", "check_drive", "check_labels", "compare"]
 
@@ -30,10 +29,6 @@ _TRACES = (Drive.CURRENT, Drive.VOLTAGE)
 _RESERVED = frozenset(
     {"data", "dead_time", "measured", "quantity", "synthetic", "time_s"}
     | {"rail_pressure", "cylinder_pressure", "return_pressure", "energising_time"}
-)
-_NOT_REACHED = (
-    "No dead time was found: the quantity is not passed between energising times of 120 and 480 us, or the "
-    "simulation fails there."
 )
 
 
@@ -56,9 +51,9 @@ class Comparison:
         By label.
     studies : tuple of Study
         Whose data were used.
-    data : tuple of RateData or QuantityData
+    data : tuple of DataSet
         All data sets in order; one whose name occurs twice has "(study n)" behind it.
-    scores : dict of str to tuple of DataScore
+    scores : dict of str to tuple of Score
         By label, one for each data set.
     failures : dict of str to tuple of tuple of Failure
         By label and data set, the points that have no number.
@@ -66,14 +61,14 @@ class Comparison:
 
     models: dict[str, Injector]
     studies: tuple[Study, ...]
-    data: tuple[RateData | QuantityData, ...]
-    scores: dict[str, tuple[DataScore, ...]]
+    data: tuple[DataSet, ...]
+    scores: dict[str, tuple[Score, ...]]
     failures: dict[str, tuple[tuple[Failure, ...], ...]]
 
     @property
     def simulated(self) -> bool:
         """Whether there is any number at all."""
-        return any(_has_number(score) for scores in self.scores.values() for score in scores)
+        return any(np.isfinite(score.numbers).any() for scores in self.scores.values() for score in scores)
 
 
 def compare(
@@ -106,16 +101,14 @@ def compare(
             check_drive(injector, study, label)
     data = _named_apart(studies)
     steps = [study.time_step for study in studies for _ in study.data]
-    scores = {
-        label: tuple(_score(label, injector, d, dt, threads) for d, dt in zip(data, steps, strict=True))
-        for label, injector in models.items()
-    }
-    failures = {
-        label: tuple(
-            tuple(_failures(injector, d, score, dt)) for d, score, dt in zip(data, scores[label], steps, strict=True)
-        )
-        for label, injector in models.items()
-    }
+    scores: dict[str, tuple[Score, ...]] = {}
+    failures: dict[str, tuple[tuple[Failure, ...], ...]] = {}
+    for label, injector in models.items():
+        judged = [
+            _judged(label, Simulator(injector, (), time_step, threads), d)
+            for d, time_step in zip(data, steps, strict=True)
+        ]
+        scores[label], failures[label] = tuple(score for score, _ in judged), tuple(failed for _, failed in judged)
     return Comparison(dict(models), studies, data, scores, failures)
 
 
@@ -157,56 +150,38 @@ def check_drive(injector: Injector, study: Study, label: str) -> None:
     if drive not in _TRACES:
         return
     for data in study.data:
-        points = (data.point,) if isinstance(data, RateData) else data.points
-        if study.injector.variant.drive is not drive or any(point.drive is None for point in points):
+        if study.injector.variant.drive is not drive or any(point.drive is None for point in data.points):
             raise ConfigurationError(
                 f'{label}: the injector is driven by a {drive.value}, and the data set "{data.name}" has none; '
                 "take a variant with regulated or pwm drive, or data with that trace."
             )
 
 
-def _named_apart(studies: Sequence[Study]) -> tuple[RateData | QuantityData, ...]:
+def _named_apart(studies: Sequence[Study]) -> tuple[DataSet, ...]:
     count = Counter(data.name for study in studies for data in study.data)
     return tuple(
-        replace(data, name=f"{data.name} (study {i})") if count[data.name] > 1 else data
+        data.renamed(f"{data.name} (study {i})") if count[data.name] > 1 else data
         for i, study in enumerate(studies, start=1)
         for data in study.data
     )
 
 
-def _score(
-    label: str, injector: Injector, data: RateData | QuantityData, time_step: float, threads: int | None
-) -> DataScore:
+def _judged(label: str, simulator: Simulator, data: DataSet) -> tuple[Score, tuple[Failure, ...]]:
+    """Score, and the points without a number; those that failed are simulated again, for their status."""
     try:
-        return score_data(data, injector, time_step, threads)
+        score = data.score(simulator)
     except CommonrailError as error:
         raise type(error)(f"{label} on {data.name}: {error}") from error
+    missing = data.missing(score)
+    failed = [m.point for m in missing if not m.status]
+    found = (Status(int(status)) for status in (simulator.once(failed).status[0] if failed else ()))
+    return score, tuple(_failure(m, found) for m in missing)
 
 
-def _failures(injector: Injector, data: RateData | QuantityData, score: DataScore, time_step: float) -> list[Failure]:
-    """Points without a number; only they are simulated again, for their status."""
-    if isinstance(score, RateScore):
-        points = [data.point] if isinstance(data, RateData) and not math.isfinite(score.j) else []
-        return _judged(injector, points, time_step)
-    assert isinstance(data, QuantityData)
-    missing = np.isnan(score.quantity) & ~data.dead_time
-    found = _judged(injector, [data.points[i] for i in np.flatnonzero(missing)], time_step)
-    dead = np.flatnonzero(data.dead_time)[np.isnan(score.dead_time)]
-    return found + [_failure(data.points[i], "NO_DEAD_TIME", _NOT_REACHED) for i in dead]
-
-
-def _judged(injector: Injector, points: Sequence[OperatingPoint], time_step: float) -> list[Failure]:
-    if not points:
-        return []
-    found = [Status(int(s)) for s in simulate_batch(injector, points, time_step=time_step).status[0]]
-    return [_failure(point, s.name, s.sentence) for point, s in zip(points, found, strict=True)]
-
-
-def _failure(point: OperatingPoint, status: str, sentence: str) -> Failure:
-    pulses = point.pulses
-    return Failure(point.initial_pressures()[0], pulses[0].duration if pulses else 0.0, status, sentence)
-
-
-def _has_number(score: DataScore) -> bool:
-    values = np.append(score.quantity, score.dead_time) if isinstance(score, QuantityScore) else score.rate
-    return bool(np.isfinite(values).any())
+def _failure(missing: Missing, statuses: Iterator[Status]) -> Failure:
+    pulses = missing.point.pulses
+    place = missing.point.initial_pressures()[0], pulses[0].duration if pulses else 0.0
+    if missing.status:
+        return Failure(*place, missing.status, missing.sentence)
+    status = next(statuses)
+    return Failure(*place, status.name, status.sentence)

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import math
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
-import numpy as np
-
 from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.run import Calibration
-from commonrail.calibration.score import SMALL_QUANTITY, DataScore, QuantityScore, RateScore
-from commonrail.calibration.study import Method, QuantityData, RateData
-from commonrail.engine.operating_point import OperatingPoint
+from commonrail.calibration.study import Method
+from commonrail.display.text import number
 from commonrail.injector.definition import parameter_quantities
+from commonrail.kinds import DataSet, Score
+from commonrail.kinds.records import LABELS
 
-__all__ = ["CLOCK", "LABELS", "SCHEMA", "data_records", "result_record", "software_record", "warning_records"]
+__all__ = ["CLOCK", "SCHEMA", "data_records", "result_record", "software_record", "warning_records"]
 
 SCHEMA = 1
 CLOCK = "clock"  # holds what depends on the clock; all else is the same whenever and however often a study is run
-
-# What a calibration compares, in the order in which a reader meets it; the paper says rigid, theoretical, optimised.
-LABELS = {"rigid": "rigid body", "start": "start values", "best": "calibrated"}
 
 
 def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -59,7 +54,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         "constraints": list(dict.fromkeys(study.space.rows.labels)),
         "optimiser": _optimiser(study.method),
         "labels": {label: text for label, text in LABELS.items() if label in calibration.scores},
-        "objective": {"start": _number(calibration.start_cost), "best": _number(calibration.cost)},
+        "objective": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
         "data": data_records(study.data, calibration.scores),
         "warnings": warning_records(calibration.warnings),
         "evaluations": {
@@ -70,7 +65,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
             "failures": dict(sorted(calibration.failures.items())),
         },
         "generations": [
-            {"generation": g.generation, "best": _number(g.best), "mean": _number(g.mean)} for g in calibration.history
+            {"generation": g.generation, "best": number(g.best), "mean": number(g.mean)} for g in calibration.history
         ],
         CLOCK: {
             "seconds": calibration.seconds,
@@ -90,71 +85,13 @@ def software_record() -> dict[str, str]:
     return {"commonrail": packages.pop("commonrail"), "python": platform.python_version(), **packages}
 
 
-def data_records(
-    data: Sequence[RateData | QuantityData], scores: Mapping[str, Sequence[DataScore]]
-) -> list[dict[str, Any]]:
+def data_records(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]]) -> list[dict[str, Any]]:
     """One record for each data set, with the figures of every label in `scores`."""
-    return [_data_record(d, {label: s[i] for label, s in scores.items()}) for i, d in enumerate(data)]
-
-
-def _data_record(data: RateData | QuantityData, scores: Mapping[str, DataScore]) -> dict[str, Any]:
-    common = {"name": data.name, "role": data.role.value, "source": data.source, "synthetic": data.synthetic}
-    if isinstance(data, RateData):
-        return common | _rate_record(data, scores)
-    return common | _quantity_record(data, scores)
-
-
-def _rate_record(data: RateData, scores: Mapping[str, DataScore]) -> dict[str, Any]:
-    widths = np.diff(data.bounds)
-    level = float(np.sum(np.abs(data.rate)) * 1e6)
-    found = {label: s for label, s in scores.items() if isinstance(s, RateScore)}
-    return {
-        "kind": "rate",
-        "samples": len(data.rate),
-        **_point_record(data.point),
-        "J": {label: _number(s.j) for label, s in found.items()},
-        "J_relative": {label: _number(s.j / level) if level else None for label, s in found.items()},
-        "volume": {"measured": float(np.sum(data.rate * widths))}
-        | {label: _number(float(np.sum(s.rate * widths))) for label, s in found.items()},
-    }
-
-
-def _quantity_record(data: QuantityData, scores: Mapping[str, DataScore]) -> dict[str, Any]:
-    found = {label: s for label, s in scores.items() if isinstance(s, QuantityScore)}
-    dead = np.cumsum(data.dead_time) - 1
-    rows = []
-    for i, point in enumerate(data.points):
-        is_dead = bool(data.dead_time[i])
-        row = _point_record(point) | {"dead_time": is_dead}
-        if is_dead:
-            row["quantity"] = float(data.quantity[i])
-            row["measured"] = row["energising_time"]
-            row |= {label: _number(s.dead_time[dead[i]]) for label, s in found.items()}
-        else:
-            row["measured"] = float(data.quantity[i])
-            row |= {label: _number(s.quantity[i]) for label, s in found.items()}
-        rows.append(row)
-    figures = {
-        label: {
-            "rms_small": _number(s.rms_small),
-            "rms_large_percent": _number(100.0 * s.rms_large),
-            "dead_time_rms": _number(s.rms_dead_time),
-            "limit_quantity": SMALL_QUANTITY,
-        }
-        for label, s in found.items()
-    }
-    return {"kind": "quantities", "rows": rows, "figures": figures}
-
-
-def _point_record(point: OperatingPoint) -> dict[str, Any]:
-    pulses = point.pulses
-    rail, cylinder, low = point.initial_pressures()
-    return {
-        "rail_pressure": rail,
-        "cylinder_pressure": cylinder,
-        "return_pressure": low,
-        "energising_time": pulses[0].duration if pulses else 0.0,
-    }
+    return [
+        {"name": d.name, "role": d.role.value, "source": d.source, "synthetic": d.synthetic, "kind": d.kind}
+        | d.record({label: own[i] for label, own in scores.items()})
+        for i, d in enumerate(data)
+    ]
 
 
 def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -185,7 +122,3 @@ def _optimiser(method: Method) -> dict[str, Any]:
     """Settings of the search, by the keys of a study file."""
     settings = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(method.evolution).items()}
     return {**settings, "polish": method.polish, "polish_iterations": method.polish_iterations}
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

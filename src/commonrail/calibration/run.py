@@ -14,18 +14,19 @@ from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.interrupt import held_interrupts
 from commonrail.calibration.optimisers import Counts
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
-from commonrail.calibration.score import DataScore, score_data
 from commonrail.calibration.search import Listeners, Progress, Search
-from commonrail.calibration.study import QuantityData, RateData, Study
+from commonrail.calibration.study import Study
 from commonrail.calibration.workers import Workers
 from commonrail.engine.status import Status
 from commonrail.errors import SimulationError, StudyError
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body
+from commonrail.kinds import DataSet, Score
+from commonrail.kinds.simulator import Simulator
 
 __all__ = ["Calibration", "Progress", "calibrate", "check_study", "score_all", "scores_of", "validate"]
 
-Scores = tuple[DataScore, ...]
+Scores = tuple[Score, ...]
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Calibration:
         Slots offered, simulations run, simulations failed; a simulation is one candidate at all points.
     status, reason : str
         "finished" or "interrupted", and why it stopped.
-    scores : dict of str to tuple of DataScore
+    scores : dict of str to tuple of Score
         For "start", "best" and, where the body is flexible, "rigid": every data set, fit and validation.
     seconds : float
         Time of the search.
@@ -67,7 +68,7 @@ class Calibration:
     counts: Counts
     status: str
     reason: str
-    scores: dict[str, tuple[DataScore, ...]]
+    scores: dict[str, tuple[Score, ...]]
     seconds: float
     simulations: int
     failures: Mapping[str, int] = field(default_factory=dict)
@@ -237,7 +238,8 @@ def scores_of(
     `start` are the scores of the start values, if they are known.
     """
     injectors = {"best": calibrated}
-    if with_rigid and study.injector.variant.body is Body.FLEXIBLE and any(isinstance(d, RateData) for d in study.data):
+    traces = any(d.bounds is not None for d in study.data)  # what a rigid body lacks is seen in a course in time
+    if with_rigid and study.injector.variant.body is Body.FLEXIBLE and traces:
         rigid = study.injector.variant._replace(body=Body.RIGID)
         injectors["rigid"] = replace(study.injector, variant=rigid)
     known = {"start": start or score_all(study.data, study.injector, study.time_step, threads)}
@@ -247,10 +249,20 @@ def scores_of(
 
 
 def score_all(
-    data: Sequence[RateData | QuantityData], injector: Injector, time_step: float, threads: int | None = None
-) -> tuple[DataScore, ...]:
-    """Score of one injector on each data set."""
-    return tuple(score_data(d, injector, time_step, threads) for d in data)
+    data: Sequence[DataSet], injector: Injector, time_step: float, threads: int | None = None
+) -> tuple[Score, ...]:
+    """Score of one injector on each data set.
+
+    Parameters
+    ----------
+    data : sequence of DataSet
+    injector : Injector
+    time_step : float
+        [s].
+    threads : int, optional
+        All usable processors by default.
+    """
+    return tuple(d.score(Simulator(injector, (), time_step, threads)) for d in data)
 
 
 def validate(study: Study, injector: Injector, threads: int | None = None) -> list[dict[str, Any]]:

@@ -21,7 +21,7 @@ from commonrail.calibration.checkpoint import (
     Recorder,
 )
 from commonrail.calibration.interrupt import Wish
-from commonrail.calibration.objective import Objective, of_role
+from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import (
     DifferentialEvolution,
     LeastSquares,
@@ -29,10 +29,11 @@ from commonrail.calibration.optimisers import (
     Optimiser,
     diverse_members,
 )
-from commonrail.calibration.study import Role, Study
+from commonrail.calibration.study import Study
 from commonrail.calibration.workers import Workers
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError, StudyError
+from commonrail.kinds import Role, of_role
 
 __all__ = ["Listeners", "Progress", "Search", "generations"]
 
@@ -183,8 +184,7 @@ class Search:
 
     def _residuals(self, values: Floats) -> Floats:
         residuals = self.objective.residuals(values)
-        points = len(self.objective.curves) + sum(len(d.points) for d in self.objective.maps)
-        self.simulations += len(values) * points
+        self.simulations += len(values) * self.objective.injections
         return residuals
 
     def _tell(self, phase: str, generation: int, generations: int) -> None:

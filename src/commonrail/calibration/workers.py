@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.calibration.objective import Objective, Scores
-from commonrail.calibration.study import QuantityData, RateData
 from commonrail.calibration.worker import Answer, Lost, Outcome, Task, own_values, pack, unpack
 from commonrail.calibration.worker_pool import USUAL, Limits, WorkerPool
 from commonrail.engine.lanes import VECTORS, Precision
@@ -142,10 +141,8 @@ class SpreadObjective(Objective):
     """
 
     def __init__(self, objective: Objective, backend: Backend, limits: Limits) -> None:
-        data: list[RateData | QuantityData] = [*objective.curves, *objective.maps]
-        super().__init__(
-            objective.injector, objective.names, data, objective.time_step, objective.threads, objective.precision
-        )
+        own = objective.injector, objective.names, objective.data, objective.time_step
+        super().__init__(*own, objective.threads, objective.precision)
         self._backend, self._limits = backend, limits
         self._package = pack(objective)
         seconds = _seconds_of_a_block(unpack(self._package))

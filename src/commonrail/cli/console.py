@@ -13,7 +13,7 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from commonrail.report.tables import Table
+    from commonrail.display.table import Table
 
 __all__ = [
     "COMPILING",

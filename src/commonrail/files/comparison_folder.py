@@ -11,7 +11,8 @@ from commonrail.calibration.comparison import Comparison
 from commonrail.files.atomic import write_text
 from commonrail.files.record_file import read_record
 from commonrail.files.run_folder import TRACES, rate_curves
-from commonrail.files.traces_file import MEASURED, Traces, read_traces, write_traces
+from commonrail.files.traces_file import Traces, read_traces, write_traces
+from commonrail.kinds.records import MEASURED
 
 __all__ = ["COMPARISON", "read_comparison", "write_comparison"]
 

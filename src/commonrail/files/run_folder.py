@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.arguments import file_path, instance, mapping
-from commonrail.calibration.result import LABELS, result_record
+from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
-from commonrail.calibration.score import DataScore, RateScore
-from commonrail.calibration.study import QuantityData, RateData
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import dump_injector
 from commonrail.files.record_file import read_record
-from commonrail.files.traces_file import MEASURED, Curve, Traces, read_traces, write_traces
+from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
+from commonrail.kinds import DataSet, Score
+from commonrail.kinds.records import LABELS, MEASURED
 
 __all__ = [
     "RESULT",
@@ -118,9 +118,9 @@ def _write_traces(path: Path, calibration: Calibration) -> None:
     write_traces(path, notes, _COLUMNS, rate_curves(calibration.study.data, calibration.scores))
 
 
-def rate_curves(data: Sequence[RateData | QuantityData], scores: Mapping[str, Sequence[DataScore]]) -> Iterator[Curve]:
-    """The injection curves among the data with the simulated ones of every label."""
+def rate_curves(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]]) -> Iterator[Curve]:
+    """The courses in time among the data with the simulated ones of every label."""
     for i, d in enumerate(data):
-        if isinstance(d, RateData):
-            found = {label: s.rate for label, own in scores.items() if isinstance(s := own[i], RateScore)}
-            yield Curve(d.name, d.bounds, {MEASURED: d.rate, **found})
+        if d.bounds is not None:
+            simulated = {label: own[i].values for label, own in scores.items()}
+            yield Curve(d.name, d.bounds, {MEASURED: d.measured, **simulated})

@@ -1,37 +1,51 @@
-"""What every data set of a study shares: the injector, the time step and where its files may lie."""
+"""Surroundings of every data set of a study: the injector, the time step and where its files may lie."""
 
 from __future__ import annotations
 
-import math
-from pathlib import Path
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from typing import NamedTuple
 
-from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.simulate import reference_density
-from commonrail.files.place import Place
+from commonrail.files.place import Place, located
 from commonrail.files.reach import Reach
+from commonrail.files.tables import Table, Units, read_columns
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Drive
+from commonrail.kinds import reading
 
-__all__ = ["Context"]
+__all__ = ["StudyContext"]
 
 
-class Context(NamedTuple):
-    """Surroundings in which a data set is read; time step in s."""
+class StudyContext(NamedTuple):
+    """What a kind of data reads a data set with, see `kinds.reading.Context`; time step in s."""
 
     injector: Injector
     time_step: float
     reach: Reach
 
-    def path(self, file: str, at: Place) -> Path:
-        """Path of a file that the study names; InputError if it lies where the study may not look."""
-        return self.reach.path(self.reach.file.parent, file, at)
+    def columns(
+        self,
+        file: str,
+        at: reading.Place,
+        wanted: Mapping[str, Units],
+        *,
+        stated: Mapping[str, str | None],
+        increasing: str = "",
+        least: int = reading.LEAST_SAMPLES,
+    ) -> Table:
+        """Named columns of a file; InputError if it lies where the study may not look.
 
-    def mass_density(self, unit: str, point: OperatingPoint) -> float:
-        """Density at cylinder pressure [kg/m³] where `unit` is one of mass, else NaN: see `RateData.mass_density`."""
-        return reference_density(self.injector, point) if unit.startswith("kg") else math.nan
+        Parameters
+        ----------
+        file : str
+            Its name in the study.
+        at : Place
+            Of the block that names it with the key "file".
+        wanted, stated, increasing, least
+            As for `read_columns`.
+        """
+        path = self.reach.path(self.reach.file.parent, file, Place(str(at / "file")))
+        return read_columns(path, wanted, stated=stated, increasing=increasing, least=least)
 
-    @property
-    def drive_unit(self) -> str:
-        """Unit of a measured drive: current or voltage as the injector is driven, empty if by neither."""
-        return {Drive.CURRENT: "A", Drive.VOLTAGE: "V"}.get(self.injector.variant.drive, "")
+    def located(self, at: reading.Place | str) -> AbstractContextManager[None]:
+        """Put the place before the message of any error of the project raised inside."""
+        return located(Place(str(at)))

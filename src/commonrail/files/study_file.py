@@ -11,30 +11,21 @@ from commonrail.calibration.optimisers.evolution_settings import EvolutionSettin
 from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.sampling import reference_start
 from commonrail.calibration.space import Space
-from commonrail.calibration.study import Method, QuantityData, RateData, Study
+from commonrail.calibration.study import Method, Study
 from commonrail.calibration.time_step import step_for_all
-from commonrail.engine.operating_point import Trace
 from commonrail.engine.simulate import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.files.injector_file import load_injector
 from commonrail.files.place import Place, located
 from commonrail.files.reach import Reach
-from commonrail.files.study_context import Context
+from commonrail.files.study_context import StudyContext
 from commonrail.files.study_faults import read_model
-from commonrail.files.study_models import (
-    AUTO_STEP,
-    MOST_CONSTRAINTS,
-    ConstraintsModel,
-    OptimiserModel,
-    ParameterModel,
-    QuantitiesModel,
-    RateModel,
-)
-from commonrail.files.study_quantities import read_quantities
-from commonrail.files.study_rates import read_rate
+from commonrail.files.study_models import AUTO_STEP, MOST_CONSTRAINTS, ConstraintsModel, OptimiserModel, ParameterModel
 from commonrail.files.text_file import noting_files
 from commonrail.files.toml_file import read_toml
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.kinds import KINDS, DataSet
+from commonrail.kinds.reading import DataModel
 from commonrail.parts.furniture import Q
 from commonrail.units import parse, to_text
 
@@ -82,7 +73,7 @@ def _study(file: Path) -> Study:
     injector = _injector(model.injector, reach, at / "injector")
     space = _space(model.parameter, model.constraints, injector, at)
     time_step = _time_step(model.time_step, injector, space, at / "time_step")
-    data = _data(model.data, Context(injector, time_step, reach), at / "data")
+    data = _data(model.data, StudyContext(injector, time_step, reach), at / "data")
     return Study(
         model.title,
         injector,
@@ -109,37 +100,26 @@ def _injector(text: str, reach: Reach, at: Place) -> Injector:
         return load_injector(text, reach)
 
 
-def _data(
-    models: Sequence[RateModel | QuantitiesModel], context: Context, at: Place
-) -> tuple[RateData | QuantityData, ...]:
+def _data(models: Sequence[DataModel], context: StudyContext, at: Place) -> tuple[DataSet, ...]:
     _refuse_twice(models, at)
-    found: list[RateData | QuantityData] = []
+    found: list[DataSet] = []
     samples = 0
-    for m, place in zip(models, (at[i] for i in range(len(models))), strict=True):
-        found.append(read_rate(m, context, place) if isinstance(m, RateModel) else read_quantities(m, context, place))
-        samples += _samples(found[-1])
+    for i, model in enumerate(models):
+        found.append(KINDS[model.kind].read(model, context, at[i]))
+        samples += found[-1].samples
         if samples > MOST_SAMPLES:
-            raise place.error(
+            raise at[i].error(
                 f"the data have more than {MOST_SAMPLES} samples up to here; give windows or thin them out"
             )
     return tuple(found)
 
 
-def _refuse_twice(models: Sequence[RateModel | QuantitiesModel], at: Place) -> None:
+def _refuse_twice(models: Sequence[DataModel], at: Place) -> None:
     names: set[str] = set()
     for i, model in enumerate(models):
         if model.name in names:
             raise (at[i] / "name").error(f'there are two data sets "{model.name}"; rename one')
         names.add(model.name)
-
-
-def _samples(data: RateData | QuantityData) -> int:
-    """Samples of a curve and of the courses that belong to it, or rows of a map."""
-    if isinstance(data, QuantityData):
-        return len(data.points)
-    point = data.point
-    courses = (point.rail_pressure, point.cylinder_pressure, point.return_pressure, point.drive)
-    return len(data.rate) + sum(len(c.time) for c in courses if isinstance(c, Trace))
 
 
 def _method(model: OptimiserModel, space: Space, at: Place) -> Method:

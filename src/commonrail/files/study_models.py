@@ -1,180 +1,51 @@
-"""The shape of a study file: which keys it has, and of which type each is. Units are read later."""
+"""Shape of a study file: which keys it has, and of which type each is. Units are read later."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Discriminator,
-    Field,
-    PlainValidator,
-    Tag,
-    model_validator,
-)
-from pydantic_core import PydanticCustomError
+from pydantic import Field, GetCoreSchemaHandler
+from pydantic_core import core_schema
 
 from commonrail.calibration.optimisers.evolution_settings import MOST_GENERATIONS, MOST_MEMBERS, InitialSampling
 from commonrail.calibration.optimisers.treatments import Treatment
 from commonrail.engine.lanes import Precision
-from commonrail.errors import nearest_key
+from commonrail.kinds import KINDS
+from commonrail.kinds.reading import DataModel, Name, TableModel, Value
 
 __all__ = [
     "ConstraintsModel",
-    "DeadTimesModel",
     "OptimiserModel",
     "ParameterModel",
-    "PulseModel",
-    "QuantitiesModel",
-    "RateModel",
     "StudyModel",
-    "TraceModel",
 ]
-
-UNSTATED = "no source stated"
 
 # Far above what anybody calibrates; below what would fill the memory. The loader counts samples and rows.
 MOST_SETS = 1000
 MOST_PARAMETERS = 1000
 MOST_CONSTRAINTS = 1000
-LONGEST_NAME = 200
 
 
-class _TableModel(BaseModel):
-    """A table of the file: no key beyond its fields, no type converted in silence."""
+class _ByKind:
+    """Schema of a data set's block: the model of the kind that it names."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _refuse_unknown_keys(cls, data: Any) -> Any:
-        for key in data if isinstance(data, dict) else ():
-            if key not in cls.model_fields:
-                hint = nearest_key(key, cls.model_fields)
-                raise PydanticCustomError("unknown_key", 'there is no key "{key}"{hint}', {"key": key, "hint": hint})
-        return data
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        names = [f'"{name}"' for name in KINDS]
+        return core_schema.tagged_union_schema(
+            {f"<{name}>": handler.generate_schema(kind.model) for name, kind in KINDS.items()},
+            _kind_of,
+            custom_error_type="kind",
+            custom_error_message=f"kind must be {', '.join(names[:-1])} or {names[-1]}",
+        )
 
 
-def _value(item: Any) -> str | float:
-    if isinstance(item, bool) or not isinstance(item, (str, int, float)):
-        raise PydanticCustomError("value", 'must be a text with a unit, such as "160 MPa"')
-    return item
-
-
-def _name(item: str) -> str:
-    if not item.isprintable():
-        raise PydanticCustomError("value", "must be one line of characters that are printed")
-    return item
-
-
-# What tables, legends and files call something.
-Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_name)]
-
-# A number with its unit; a plain number is refused by `units`, unless its unit is 1.
-Value = Annotated[str | float, PlainValidator(_value)]
-
-
-class TraceModel(_TableModel):
-    """A course in time from a file, by default that of the data set."""
-
-    column: str
-    file: str | None = None
-    time: str | None = None
-    unit: str | None = None
-    time_unit: str | None = None
-
-
-def _course_form(item: Any) -> str:
-    return "<trace>" if isinstance(item, (dict, TraceModel)) else "<value>"
-
-
-Course = Annotated[
-    Annotated[Value, Tag("<value>")] | Annotated[TraceModel, Tag("<trace>")], Discriminator(_course_form)
-]
-
-
-class PulseModel(_TableModel):
-    """One energising."""
-
-    start: Value
-    duration: Value
-
-
-class _DataModel(_TableModel):
-    name: Name
-    role: Literal["fit", "validation"]
-    file: str
-    weight: float = Field(default=1.0, gt=0.0)
-    source: str = UNSTATED
-    synthetic: str = ""
-
-
-class RateModel(_DataModel):
-    """An injection curve."""
-
-    kind: Literal["rate"]
-    time: str = "time"
-    rate: str = "rate"
-    time_unit: str | None = None
-    rate_unit: str | None = None
-    rail_pressure: Course
-    cylinder_pressure: Course
-    return_pressure: Course
-    drive: TraceModel | None = None
-    energising_time: Value | None = None
-    energisings: list[PulseModel] | None = Field(default=None, min_length=1, max_length=100)
-    window: list[Value] | None = Field(default=None, min_length=2, max_length=2)
-    sampling: Literal["mean", "centred"] = "mean"
-    first_bound: Value | None = None
-
-
-class DeadTimesModel(_TableModel):
-    """Energising times at which a small quantity is reached."""
-
-    file: str
-    quantity: Value
-    rail_pressure_unit: str | None = None
-    energising_time_unit: str | None = None
-
-
-class QuantitiesModel(_DataModel):
-    """A map of quantities per stroke; rail_pressure and energising_time choose rows of it."""
-
-    kind: Literal["quantities"]
-    rail_pressure_unit: str | None = None
-    energising_time_unit: str | None = None
-    quantity_unit: str | None = None
-    rail_pressure: list[Value] | None = Field(default=None, min_length=1, max_length=1000)
-    energising_time: list[Value] | None = Field(default=None, min_length=1, max_length=1000)
-    dead_times: DeadTimesModel | None = None
-    cylinder_pressure: Value
-    return_pressure: Value
-    absolute: Value = "0.15 mm3"
-    relative: Value = 0.03
-
-
-_KINDS = ("rate", "quantities")
-
-
-def _data_kind(item: Any) -> str | None:
+def _kind_of(item: Any) -> str | None:
     kind = item.get("kind") if isinstance(item, Mapping) else getattr(item, "kind", None)
-    return f"<{kind}>" if kind in _KINDS else None
+    return f"<{kind}>" if isinstance(kind, str) and kind in KINDS else None
 
 
-DataModel = Annotated[
-    Annotated[RateModel, Tag("<rate>")] | Annotated[QuantitiesModel, Tag("<quantities>")],
-    Discriminator(
-        _data_kind,
-        custom_error_type="kind",
-        custom_error_message='kind must be "rate" or "quantities"',
-    ),
-]
-
-
-class ParameterModel(_TableModel):
+class ParameterModel(TableModel):
     """A parameter to be calibrated: bounds around a reference in percent, Eq. (16), or outright."""
 
     name: str
@@ -188,14 +59,14 @@ class ParameterModel(_TableModel):
     source: str | None = None
 
 
-class ConstraintsModel(_TableModel):
+class ConstraintsModel(TableModel):
     """Orderings and other linear inequalities between parameters, Eq. (14), (15)."""
 
     order: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
     linear: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
 
 
-class OptimiserModel(_TableModel):
+class OptimiserModel(TableModel):
     """Settings of the optimiser; what is left out keeps the paper's value."""
 
     members: int | None = Field(default=None, le=MOST_MEMBERS)
@@ -212,7 +83,7 @@ class OptimiserModel(_TableModel):
 AUTO_STEP = "auto"  # short enough for every candidate within the bounds
 
 
-class StudyModel(_TableModel):
+class StudyModel(TableModel):
     """The whole file."""
 
     format: Literal["commonrail-study/1"]
@@ -223,7 +94,7 @@ class StudyModel(_TableModel):
     seed: int = Field(default=1, ge=0)
     time_step: Value = AUTO_STEP
     precision: Precision = Field(default=Precision.F64, strict=False)
-    data: list[DataModel] = Field(min_length=1, max_length=MOST_SETS)
+    data: list[Annotated[DataModel, _ByKind()]] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()
     optimiser: OptimiserModel = OptimiserModel()

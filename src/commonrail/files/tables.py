@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError, nearest
 from commonrail.files.csv_rows import read_rows
+from commonrail.kinds.reading import LEAST_SAMPLES
 from commonrail.unit_table import NAMES
 from commonrail.units import compatible, convert
 
@@ -28,7 +29,6 @@ __all__ = ["Table", "read_columns"]
 Floats = NDArray[np.float64]
 Units = str | tuple[str, ...]
 
-LEAST_SAMPLES = 4
 LONGEST_NUMBER = 100  # [characters]
 _BINARY = {".mf4": "MDF4", ".mdf": "MDF", ".mat": "MATLAB", ".nc": "NetCDF", ".xlsx": "Excel", ".xls": "Excel"}
 

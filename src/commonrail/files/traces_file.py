@@ -18,20 +18,19 @@ from commonrail.files.atomic import replacing
 from commonrail.files.csv_rows import LARGEST_FILE, check_count, check_header, check_row, parse_cells
 from commonrail.files.tables import LONGEST_NUMBER
 from commonrail.files.text_file import read_lines
+from commonrail.kinds.records import MEASURED, MM3_PER_MS
 
-__all__ = ["MEASURED", "Curve", "Traces", "read_curve_rows", "read_traces", "write_traces"]
+__all__ = ["Curve", "Traces", "read_curve_rows", "read_traces", "write_traces"]
 
 Floats = NDArray[np.float64]
 Traces = dict[str, dict[str, Floats]]
 
-MEASURED = "measured"
 TIME = "time_s"
 MOST_COLUMNS = 20  # eight models, the data and what names them
 MOST_SETS = 1000  # curves
 
 _KEYS = ("data", "time [us]")
 _UNIT = " [mm3/ms]"
-_MM3_PER_MS = 1e6  # of 1 m³/s
 
 
 class Curve(NamedTuple):
@@ -59,7 +58,7 @@ def _rows(curve: Curve, labels: Sequence[str]) -> Iterator[list[str]]:
     middles = 0.5e6 * (curve.bounds[1:] + curve.bounds[:-1])
     for i, moment in enumerate(middles):
         rates = (float(curve.rates[label][i]) if label in curve.rates else math.nan for label in labels)
-        texts = (repr(rate * _MM3_PER_MS) if math.isfinite(rate) else "" for rate in rates)
+        texts = (repr(rate * MM3_PER_MS) if math.isfinite(rate) else "" for rate in rates)
         yield [curve.data, repr(round(float(moment), 6)), *texts]  # 1e-6 us: below any clock
 
 
@@ -123,6 +122,6 @@ def _number(text: str, column: str, where: str) -> float:
 
 
 def _trace(values: Floats, labels: Sequence[str]) -> dict[str, Floats]:
-    rates = {label: values[:, 1 + i] / _MM3_PER_MS for i, label in enumerate(labels)}
+    rates = {label: values[:, 1 + i] / MM3_PER_MS for i, label in enumerate(labels)}
     found = {label: rate for label, rate in rates.items() if np.isfinite(rate).any()}
     return {TIME: 1e-6 * values[:, 0], **found}

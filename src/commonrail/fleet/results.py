@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.files.atomic import replacing, write_text
-from commonrail.files.study_models import RateModel
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import Entry
 from commonrail.fleet.summary import fleet_record, units_of
+from commonrail.kinds import KINDS
 
 __all__ = ["RECORD", "RESULTS", "RESULTS_PARQUET", "result_columns", "write_results"]
 
@@ -76,8 +76,8 @@ def result_columns(fleet: Fleet, entries: Sequence[Entry]) -> dict[str, list[Val
     columns |= {f"J {key}": [r["J"][key] if r else None for r in records] for key in ("start", "best")}
     for data in fleet.template.model.data:
         if data.name not in fleet.template.left_out:
-            measure = "J {} [mm3/ms]" if isinstance(data, RateModel) else "rms {} [%]"
-            columns[measure.format(data.name)] = [_of_data(r, data.name) for r in records]
+            measure, unit = KINDS[data.kind].error_head
+            columns[f"{measure} {data.name} [{unit}]"] = [_of_data(r, data.name) for r in records]
     units = units_of(fleet)
     for name, unit in units.items():
         own = [r["parameters"][name] if r else {} for r in records]

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError, nearest
 from commonrail.files.atomic import write_text
-from commonrail.files.study_models import RateModel
 from commonrail.fleet.supply import DEAD_TIMES, INJECTOR, Layout, check_name, checked_names, fingerprint_of
 from commonrail.fleet.table import Table, bare_name, find_column, read_table
 
@@ -104,8 +103,7 @@ def _check_columns(table: Table, second: Table | None, layout: Layout) -> None:
     for key, column in layout.columns.items():
         if column not in known:
             find_column(table, column, f"which {layout.at / 'columns'} gives for {key}")
-    curves = any(isinstance(d, RateModel) for d in layout.data)
-    if curves and len(layout.data) > 1:
+    if len(layout.data) > 1 and not all(d.selects_rows for d in layout.data):
         find_column(table, layout.column(DATA), f"which says to which data set of {layout.study} a row belongs")
 
 

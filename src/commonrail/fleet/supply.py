@@ -9,8 +9,8 @@ from typing import NamedTuple, Protocol
 
 from commonrail.errors import InputError
 from commonrail.files.place import Place
-from commonrail.files.study_models import QuantitiesModel, RateModel
 from commonrail.fleet.table import Table, find_column, read_table
+from commonrail.kinds.reading import DataModel
 
 __all__ = ["DEAD_TIMES", "INJECTOR", "FileSupply", "Layout", "Supply", "check_name", "checked_names", "fingerprint_of"]
 
@@ -26,7 +26,7 @@ class Layout(NamedTuple):
 
     Attributes
     ----------
-    data : tuple of RateModel or QuantitiesModel
+    data : tuple of DataModel
         Data sets of the template that are used.
     left_out : tuple of str
         Names of those that are not.
@@ -38,7 +38,7 @@ class Layout(NamedTuple):
         The template, for messages.
     """
 
-    data: tuple[RateModel | QuantitiesModel, ...]
+    data: tuple[DataModel, ...]
     left_out: tuple[str, ...]
     columns: Mapping[str, str]
     at: Place
@@ -51,7 +51,7 @@ class Layout(NamedTuple):
     @property
     def with_dead_times(self) -> list[str]:
         """Names of the data sets that have dead times."""
-        return [d.name for d in self.data if isinstance(d, QuantitiesModel) and d.dead_times]
+        return [d.name for d in self.data if d.has_dead_times]
 
     @property
     def sources(self) -> list[str]:

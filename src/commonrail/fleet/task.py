@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping
 from contextlib import suppress
@@ -13,11 +12,11 @@ from typing import Any, NamedTuple
 from commonrail.analysis.identifiability import identify
 from commonrail.calibration.result import warning_records
 from commonrail.calibration.run import Calibration, calibrate, scores_of
-from commonrail.calibration.score import DataScore, RateScore
-from commonrail.calibration.study import QuantityData, RateData
 from commonrail.calibration.worker import heed_caller_alone
+from commonrail.display.text import number
 from commonrail.errors import CommonrailError
 from commonrail.files.study_file import load_study
+from commonrail.kinds import DataSet, Score
 
 __all__ = ["Answer", "Done", "Lost", "Refused", "Up", "calibrate_file", "serve"]
 
@@ -71,7 +70,7 @@ def calibrate_file(path: Path) -> dict[str, Any]:
     return {
         "seed": study.seed,
         "synthetic": study.synthetic,
-        "J": {"start": _number(calibration.start_cost), "best": _number(calibration.cost)},
+        "J": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
         "slots": counts.slots,
         "simulated": counts.simulated,
         "failed": counts.failed,
@@ -83,12 +82,10 @@ def calibrate_file(path: Path) -> dict[str, Any]:
     }
 
 
-def _data(data: RateData | QuantityData, start: DataScore, best: DataScore) -> dict[str, Any]:
-    found = {"name": data.name, "role": data.role.value}
-    if isinstance(start, RateScore) and isinstance(best, RateScore):
-        return found | {"measure": "J", "unit": "mm3/ms", "start": _number(start.j), "best": _number(best.j)}
-    errors = [100.0 * score.rms_large for score in (start, best) if not isinstance(score, RateScore)]
-    return found | {"measure": "rms", "unit": "%", "start": _number(errors[0]), "best": _number(errors[1])}
+def _data(data: DataSet, start: Score, best: Score) -> dict[str, Any]:
+    measure, unit = data.error_head
+    found = {"name": data.name, "role": data.role.value, "measure": measure, "unit": unit}
+    return found | {"start": number(start.error), "best": number(best.error)}
 
 
 def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -104,10 +101,6 @@ def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, 
             "at_bound": p.is_at_bound(best),
         }
     return found
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def serve(pipe: Connection) -> None:

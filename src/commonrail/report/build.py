@@ -11,23 +11,24 @@ from jinja2 import UndefinedError
 from numpy.typing import NDArray
 
 from commonrail.arguments import file_path
+from commonrail.display.chart import Figure
+from commonrail.display.text import duration, significant
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text
 from commonrail.files.comparison_folder import COMPARISON, read_comparison
 from commonrail.files.reproduction_folder import RECORD, read_reproduction
 from commonrail.files.run_folder import RESULT, TRACES, read_run
-from commonrail.report.chart import Figure
+from commonrail.kinds.records import Record
 from commonrail.report.comparison import comparison_html
 from commonrail.report.draw import figure_html
 from commonrail.report.figures import convergence_figure, figures_of
 from commonrail.report.headline import headline, parameter_lines, synthetic_notes, warning_lines
 from commonrail.report.html import render
 from commonrail.report.parameters import parameter_rows
-from commonrail.report.record import Record, check_comparison, check_record, texts_of
+from commonrail.report.record import check_comparison, check_record, texts_of
 from commonrail.report.reproduction import check_reproduction, reproduction_html
 from commonrail.report.rerun import rerun_lines
 from commonrail.report.tables import tables_of
-from commonrail.report.text import duration, significant
 
 __all__ = ["report_html", "write_report"]
 

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
-from commonrail.report.comparison_figures import comparison_figures
+from commonrail.display.text import listed, number, significant
+from commonrail.kinds.records import Record, Traces
 from commonrail.report.comparison_tables import comparison_tables, difference_table
 from commonrail.report.draw import figure_html
+from commonrail.report.figures import comparison_figures
 from commonrail.report.headline import synthetic_notes
 from commonrail.report.html import render
-from commonrail.report.record import Record, number, of_kind, texts_of
-from commonrail.report.tables import limit_text
-from commonrail.report.text import listed, significant
+from commonrail.report.record import by_kind, texts_of
 
 __all__ = ["comparison_commands", "comparison_html", "comparison_lines"]
 
-Floats = NDArray[np.float64]
 
-
-def comparison_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], folder: str = "DIR") -> str:
+def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
     """The page of a comparison; `folder` is its name for the command lines in it."""
     drawn = enumerate(comparison_figures(record, traces))
     return render(
@@ -44,10 +39,8 @@ def comparison_lines(record: Record) -> list[str]:
     counts = (_counted(len(labels), "model"), _counted(len(data), "data set"))
     lines = [f"{counts[0]} on {counts[1]}; nothing was fitted."]
     if len(labels) > 1:
-        maps = of_kind(data, "quantities")
-        large = f"the least error of the quantities above {limit_text(maps)} mm³" if maps else ""
-        lines += _nearest("the least J", of_kind(data, "rate"), lambda d: d["J"], labels)
-        lines += _nearest(large, maps, _large_errors, labels)
+        for view, own in by_kind(data):
+            lines += _nearest(*view.leading(own), [d["name"] for d in own], labels)
     failed = sum(len(failures) for d in data for failures in d.get("failures", {}).values())
     if failed:
         lines.append(f"{_counted(failed, 'point')} could not be simulated or judged; the last table says why.")
@@ -66,25 +59,29 @@ def comparison_commands(record: Record, folder: str) -> list[tuple[str, str]]:
     return [*commands, ("Make this report again", f"commonrail report {shlex.quote(folder)}")]
 
 
-def _nearest(
-    what: str, data: Sequence[Record], errors_of: Callable[[Record], Mapping[str, object]], labels: Sequence[str]
-) -> list[str]:
-    """A sentence on which model has the least error of which data sets."""
+def _nearest(what: str, errors: Sequence[Record], names: Sequence[str], labels: Sequence[str]) -> list[str]:
+    """Sentence on which model has the least error of which data sets.
+
+    Parameters
+    ----------
+    what : str
+        What the best model has.
+    errors : sequence of mapping
+        Errors by label, of each data set.
+    names : sequence of str
+        Of the data sets.
+    labels : sequence of str
+    """
     won: dict[str, list[str]] = {}
-    for d in data:
-        errors = errors_of(d)
-        found = {label: value for label in labels if (value := number(errors.get(label))) is not None}
+    for name, own in zip(names, errors, strict=True):
+        found = {label: value for label in labels if (value := number(own.get(label))) is not None}
         if found:
-            won.setdefault(min(found, key=lambda label: found[label]), []).append(d["name"])
+            won.setdefault(min(found, key=lambda label: found[label]), []).append(name)
     if not won:
         return []
     order = sorted(won, key=lambda label: -len(won[label]))
     first, *others = (f"“{label}”{{}} on {listed(won[label])}" for label in order)
     return ["; ".join([first.replace("{}", f" has {what}"), *(part.replace("{}", "") for part in others)]) + "."]
-
-
-def _large_errors(data: Record) -> dict[str, object]:
-    return {label: found.get("rms_large_percent") for label, found in data["figures"].items()}
 
 
 def _counted(count: int, word: str) -> str:

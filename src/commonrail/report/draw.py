@@ -11,7 +11,7 @@ import plotly.io as pio
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from commonrail.report.chart import Band, Boxes, Figure, Panel, Series
+from commonrail.display.chart import Band, Boxes, Figure, Panel, Series
 
 __all__ = ["draw", "figure_html", "plotly_script"]
 

@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from commonrail.display.chart import Boxes, Figure, Panel, Series
+from commonrail.display.table import Cell, Table
+from commonrail.display.text import duration, fixed, listed, number, percent, quantity, significant
 from commonrail.files.atomic import write_text
-from commonrail.report.chart import Boxes, Figure, Panel, Series
+from commonrail.kinds.records import Record
 from commonrail.report.draw import figure_html
 from commonrail.report.html import render
-from commonrail.report.record import Record, number
-from commonrail.report.tables import Cell, Table
-from commonrail.report.text import duration, fixed, listed, percent, quantity, significant
 
 __all__ = ["fleet_figures", "fleet_html", "fleet_lines", "fleet_tables", "fleet_warnings", "write_fleet_report"]
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from commonrail.report.record import Record, number, of_kind, of_role
-from commonrail.report.text import fixed, listed, significant
+from commonrail.display.text import fixed, listed, number, significant
+from commonrail.kinds.records import Record
+from commonrail.report.record import by_kind, of_role
 
 __all__ = ["data_lines", "headline", "parameter_lines", "synthetic_notes", "warning_lines"]
 
-MM3 = 1e9  # of 1 m³
 _ROLES = {"fit": "On the fitted data", "validation": "On data that the fit never saw"}
 
 
@@ -19,14 +19,13 @@ def headline(record: Record) -> list[str]:
 
 
 def data_lines(data: Sequence[Record]) -> list[str]:
-    """One sentence for each kind and role of data."""
-    lines = []
-    for role, opening in _ROLES.items():
-        chosen = of_role(data, role)
-        if curves := of_kind(chosen, "rate"):
-            lines.append(f"{opening}, {_curves(curves)}.")
-        lines += [f"{opening} ({d['name']}), {_map(d)}." for d in of_kind(chosen, "quantities")]
-    return lines
+    """One sentence or more for each kind and role of data."""
+    return [
+        f"{opening}{end}."
+        for role, opening in _ROLES.items()
+        for view, own in by_kind(of_role(data, role))
+        for end in view.sentences(own)
+    ]
 
 
 def parameter_lines(parameters: Sequence[Record]) -> list[str]:
@@ -84,35 +83,3 @@ def _objective(record: Record) -> str:
     if best < start:
         return f"The objective fell from {significant(start)} to {significant(best)}{share}."
     return f"The objective did not fall: {significant(start)} at the start and still at the end."
-
-
-def _curves(curves: Sequence[Record]) -> str:
-    found = []
-    for d in curves:
-        best = fixed(d["J"].get("best"), 1)
-        others = [
-            f"{fixed(d['J'][key], 1)} {words}"
-            for key, words in (("start", "with the start values"), ("rigid", "as a rigid body"))
-            if number(d["J"].get(key)) is not None
-        ]
-        against = f" against {listed(others)}" if others else ""
-        found.append(f"{d['name']} has J = {best} mm³/ms{against}")
-    return listed(found)
-
-
-def _map(data: Record) -> str:
-    best, start = (data["figures"].get(key, {}) for key in ("best", "start"))
-    limit = significant(best.get("limit_quantity"), 3, MM3)
-    parts = []
-    for key, scale, decimals, words in (
-        ("rms_large_percent", 1.0, 1, f"quantities above {limit} mm³ are met to {{}} % rms"),
-        ("rms_small", MM3, 2, f"those up to {limit} mm³ to {{}} mm³ rms"),
-        ("dead_time_rms", 1e6, 0, "dead times to {} µs rms"),
-    ):
-        if number(best.get(key)) is None:
-            continue
-        text = words.format(fixed(best[key], decimals, scale))
-        if number(start.get(key)) is not None:
-            text += f" (start: {fixed(start[key], decimals, scale)})"
-        parts.append(text)
-    return listed(parts) or "nothing could be simulated"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from commonrail.report.record import Record, number
-from commonrail.report.tables import Cell, Table
-from commonrail.report.text import MISSING, quantity, signed, significant
+from commonrail.display.table import Cell, Table
+from commonrail.display.text import MISSING, number, quantity, signed, significant
+from commonrail.kinds.records import Record
 
 __all__ = ["ParameterRow", "parameter_rows", "parameter_table"]
 

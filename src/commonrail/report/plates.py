@@ -13,10 +13,10 @@ from matplotlib.figure import Figure as Sheet
 from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
+from commonrail.display.chart import MARKERS, Band, Boxes, Figure, Panel, Series
 from commonrail.files.atomic import replacing
+from commonrail.kinds.records import Record
 from commonrail.report import reproduction_figures
-from commonrail.report.chart import MARKERS, Band, Boxes, Figure, Panel, Series
-from commonrail.report.record import Record
 
 __all__ = ["PLATES", "write_plates"]
 

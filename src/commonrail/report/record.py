@@ -1,31 +1,24 @@
-"""What result.json and comparison.json say, read by the labels of the models in them."""
+"""Records of result.json and comparison.json: checked, and read by kinds of data and labels of models."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
-from commonrail.calibration.result import LABELS
 from commonrail.errors import InputError
+from commonrail.kinds import KINDS
+from commonrail.kinds.base import View
+from commonrail.kinds.records import LABELS, Record, Shown
 
 __all__ = [
-    "LABELS",
     "SCHEMA",
-    "Record",
-    "Shown",
+    "by_kind",
     "check_comparison",
     "check_record",
-    "labels_of",
-    "number",
-    "of_kind",
     "of_role",
-    "origin_of",
     "shown_of",
     "texts_of",
 ]
-
-Record = Mapping[str, Any]
 
 SCHEMA = 1
 
@@ -71,14 +64,6 @@ def _checked(record: Any, where: str, kind: str, needed: Sequence[str]) -> Recor
     return record
 
 
-class Shown(NamedTuple):
-    """How figures show a model: text of the legend, and look and family of its `Series`."""
-
-    text: str
-    look: str
-    family: int | None = None
-
-
 def texts_of(record: Record) -> Mapping[str, str]:
     """Text of every label, in order; records of early versions carry none and mean `LABELS`."""
     found: Mapping[str, str] = record.get("labels", LABELS)
@@ -93,34 +78,13 @@ def shown_of(record: Record) -> dict[str, Shown]:
     return {label: Shown(text, _DASHES[i % len(_DASHES)], i) for i, (label, text) in enumerate(texts.items())}
 
 
-def of_kind(data: Sequence[Record], kind: str) -> list[Record]:
-    """Data sets of one kind: "rate" or "quantities"."""
-    return [d for d in data if d["kind"] == kind]
+def by_kind(data: Sequence[Record]) -> Iterator[tuple[View, list[Record]]]:
+    """Data sets of each kind that there is, with what reports show of it."""
+    for name, kind in KINDS.items():
+        if own := [d for d in data if d["kind"] == name]:
+            yield kind.view, own
 
 
 def of_role(data: Sequence[Record], role: str) -> list[Record]:
     """Data sets of one role: "fit" or "validation"."""
     return [d for d in data if d["role"] == role]
-
-
-def labels_of(data: Sequence[Record], texts: Mapping[str, str] = LABELS) -> list[str]:
-    """Labels for which at least one of the data sets has figures, in the order of their texts."""
-    return [label for label in texts if any(_has(d, label) for d in data)]
-
-
-def origin_of(data: Record) -> str:
-    """What to call the values of a data set: synthetic ones are never shown as measured."""
-    return "synthetic" if data.get("synthetic") else "measured"
-
-
-def number(value: Any) -> float | None:
-    """A finite number, or None: what a failed simulation leaves."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return float(value) if math.isfinite(value) else None
-
-
-def _has(data: Record, label: str) -> bool:
-    if data["kind"] == "rate":
-        return number(data["J"].get(label)) is not None
-    return any(number(row.get(label)) is not None for row in data["rows"])

@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.display.text import duration, listed, percent, significant
 from commonrail.errors import InputError
+from commonrail.kinds.records import Record
 from commonrail.report import reproduction_figures as figures
 from commonrail.report import reproduction_tables as tables
 from commonrail.report.draw import figure_html
 from commonrail.report.html import render
-from commonrail.report.record import Record
-from commonrail.report.text import duration, listed, percent, significant
 
 __all__ = ["PLATE_FOLDER", "check_reproduction", "reproduction_html", "verdicts"]
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.report.chart import MARKERS, Band, Boxes, Figure, Panel, Points, Series
-from commonrail.report.figures import ERROR, MICROSECOND, MM3_PER_MS, RATE
-from commonrail.report.record import Record, number
+from commonrail.display.chart import MARKERS, Band, Boxes, Figure, Panel, Points, Series
+from commonrail.display.text import number
+from commonrail.kinds.curves.view import ERROR, RATE
+from commonrail.kinds.records import MICROSECOND, MM3_PER_MS, Record
 
 __all__ = ["convergence", "rates", "search_boxes"]
 

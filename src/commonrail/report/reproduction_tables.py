@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from commonrail.report.record import Record, number
-from commonrail.report.tables import Cell, Table
-from commonrail.report.text import fixed, signed, significant
+from commonrail.display.table import Cell, Table
+from commonrail.display.text import fixed, number, signed, significant
+from commonrail.kinds.records import Record
 
 __all__ = [
     "SIGNS",

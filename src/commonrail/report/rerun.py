@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import shlex
 
-from commonrail.report.record import Record
+from commonrail.kinds import KINDS
+from commonrail.kinds.records import Record
 from commonrail.units import to_text
 
 __all__ = ["rerun_lines"]
@@ -16,7 +17,7 @@ _POINT |= {"return_pressure": "Pa"}
 def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
     """Purpose and command line, for the run folder of that name."""
     data = record["data"][0]
-    point = data if data["kind"] == "rate" else [r for r in data["rows"] if not r["dead_time"]][-1]
+    point = KINDS[data["kind"]].view.operating_point(data)
     options = [
         f"--{key.replace('_', '-')} {to_text(point[key], unit).replace(' ', '')}"
         for key, unit in _POINT.items()

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import instance, mapping, plain_text
+from commonrail.display.chart import Figure, Panel, Points, Series
 from commonrail.engine.solution import Solution
 from commonrail.errors import ConfigurationError
-from commonrail.report.chart import Figure, Panel, Points, Series
+from commonrail.kinds.curves.view import RATE
 from commonrail.report.draw import figure_html
-from commonrail.report.figures import RATE
 from commonrail.report.html import render
 
 __all__ = ["course_figure", "simulation_figure"]

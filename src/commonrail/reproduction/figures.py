@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.calibration.objective import curve_j
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.calibration.space import Space
 from commonrail.reproduction import paper
@@ -52,7 +51,8 @@ class Figures:
         """J (n,) by data and label [mm³/ms]."""
         return {
             name: {
-                label: np.array([curve_j(r.rates[label][i], r.data[i]) for r in self.repetitions]) for label in LABELS
+                label: np.array([float(r.data[i].misfit(r.rates[label][i])) for r in self.repetitions])
+                for label in LABELS
             }
             for i, name in enumerate(paper.RAIL_PRESSURES)
         }

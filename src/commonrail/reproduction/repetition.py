@@ -16,10 +16,10 @@ from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Counts, DifferentialEvolution, EvolutionSettings
 from commonrail.calibration.search import generations
 from commonrail.calibration.space import Space
-from commonrail.calibration.study import RateData, Role
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Body
+from commonrail.kinds import RateData, Role
 from commonrail.reproduction import paper
 from commonrail.reproduction.paper import Configuration
 
@@ -243,7 +243,7 @@ class _Searches:
 
     def costs(self, x: Floats) -> Floats:
         """J of stiffness (n, 7) at all pressures (3, n)."""
-        return np.array([self.objective(d).curve_costs(x)[:, 0] for d in self.data])
+        return np.array([self.objective(d).misfits(x)[:, 0] for d in self.data])
 
     def model_rates(self, best: Floats, fitted: Floats) -> dict[str, Floats]:
         """Rates of the models of `LABELS` at all pressures, given the best stiffness and the rigid body's best."""
@@ -257,6 +257,6 @@ class _Searches:
             "optimised": (self.flexible, best),
         }
         return {
-            label: np.array([self.objective(d, model).rates(d, x[None, :])[0] for d in self.data])
+            label: np.array([d.simulated(self.objective(d, model).simulator, x[None, :])[0] for d in self.data])
             for label, (model, x) in models.items()
         }

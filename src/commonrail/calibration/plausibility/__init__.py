@@ -18,9 +18,9 @@ from commonrail.calibration.plausibility.settings import (
     step_findings,
 )
 from commonrail.calibration.plausibility.start import share_findings, start_findings
-from commonrail.calibration.score import DataScore
-from commonrail.calibration.study import QuantityData, RateData, Study
+from commonrail.calibration.study import Study
 from commonrail.injector.definition import Injector
+from commonrail.kinds import DataSet, Score
 
 __all__ = ["Finding", "Fit", "after_fit", "of_model", "of_settings", "of_start"]
 
@@ -32,7 +32,7 @@ def of_settings(study: Study) -> tuple[Finding, ...]:
     return tuple(findings)
 
 
-def of_start(study: Study, scores: Sequence[DataScore]) -> tuple[Finding, ...]:
+def of_start(study: Study, scores: Sequence[Score]) -> tuple[Finding, ...]:
     """Findings about the data beside their simulation with the start values, one score for each data set."""
     findings = [f for data, score in _judged(study, scores) for f in start_findings(data, score)]
     return (*findings, *share_findings(study.data, scores, "start values"))
@@ -45,7 +45,7 @@ def after_fit(fit: Fit, injector: Injector, before: Iterable[Finding] = ()) -> t
     return _unknown(findings, before)
 
 
-def of_model(study: Study, injector: Injector, scores: Sequence[DataScore], fitted: bool) -> tuple[Finding, ...]:
+def of_model(study: Study, injector: Injector, scores: Sequence[Score], fitted: bool) -> tuple[Finding, ...]:
     """Findings about any injector on the data of a study; errors, shifts and gains only of one that was fitted."""
     findings = [f for data in study.data for f in data_findings(data, injector)]
     findings += injector_findings(injector)
@@ -61,11 +61,11 @@ def _unknown(findings: Iterable[Finding], before: Iterable[Finding]) -> tuple[Fi
     return tuple(f for f in findings if (f.code, f.subject) not in known)
 
 
-def _of_scores(study: Study, injector: Injector, scores: Sequence[DataScore]) -> list[Finding]:
+def _of_scores(study: Study, injector: Injector, scores: Sequence[Score]) -> list[Finding]:
     return [f for data, score in _judged(study, scores) for f in model_findings(data, score, injector)]
 
 
-def _judged(study: Study, scores: Sequence[DataScore]) -> Iterable[tuple[RateData | QuantityData, DataScore]]:
+def _judged(study: Study, scores: Sequence[Score]) -> Iterable[tuple[DataSet, Score]]:
     """Data sets with their scores, without those that lack a signal or are upside down: all else follows from that."""
     for data, score in zip(study.data, scores, strict=True):
         if not any(signal_findings(data)):

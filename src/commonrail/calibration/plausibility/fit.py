@@ -8,17 +8,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.calibration.objective import MM3_PER_MS, quantity_residuals, soft_l1
 from commonrail.calibration.plausibility import limits
 from commonrail.calibration.plausibility.finding import Finding, found
-from commonrail.calibration.score import DataScore, QuantityScore, RateScore
-from commonrail.calibration.study import QuantityData, RateData, Role, Study
+from commonrail.calibration.study import Study
 from commonrail.engine.plan import reference_density
 from commonrail.injector.definition import Injector
+from commonrail.kinds import DataSet, Role, Score
 
-__all__ = ["Fit", "best_gain", "best_shift", "fit_findings", "model_findings", "relative_error"]
+__all__ = ["Fit", "best_gain", "best_shift", "fit_findings", "model_findings"]
 
-Data = RateData | QuantityData
 Floats = NDArray[np.float64]
 
 
@@ -29,7 +27,7 @@ class Fit(NamedTuple):
     best: Mapping[str, float]
     start_cost: float
     cost: float
-    scores: Sequence[DataScore]
+    scores: Sequence[Score]
 
 
 class Change(NamedTuple):
@@ -51,9 +49,9 @@ def fit_findings(fit: Fit) -> Iterator[Finding]:
     yield from _at_bounds(fit)
 
 
-def model_findings(data: Data, score: DataScore, injector: Injector) -> Iterator[Finding]:
+def model_findings(data: DataSet, score: Score, injector: Injector) -> Iterator[Finding]:
     """Findings about one model on one data set: a large error, and a shift or a gain that would explain it."""
-    error = relative_error(data, score)
+    error = data.relative_error(score)
     if error > limits.LARGE_MISFIT:
         yield found(
             "misfit",
@@ -62,86 +60,42 @@ def model_findings(data: Data, score: DataScore, injector: Injector) -> Iterator
             f"{100.0 * limits.LARGE_MISFIT:.0f} % is expected of a fit; check operating point and units, then which "
             "parameters are free.",
         )
-    shift = best_shift(data, score) if isinstance(data, RateData) and isinstance(score, RateScore) else None
-    gain = best_gain(data, score)
+    shift, gain = best_shift(data, score), best_gain(data, score)
     if shift is not None and shift.halves and not (gain.halves and gain.after < shift.after):
         yield from _shift(data.name, shift)
     elif gain.halves:
         yield from _gain(data, gain, injector)
 
 
-def relative_error(data: Data, score: DataScore) -> float:
-    """Σ |error| over |Σ data|; of a curve, what its noise makes of that is subtracted. NaN for a failed simulation."""
-    if isinstance(data, RateData) and isinstance(score, RateScore):
-        error = np.sum(np.abs(score.rate - data.rate)) - _noise(data.rate)
-        return _ratio(error, np.sum(data.rate))
-    assert isinstance(data, QuantityData)
-    assert isinstance(score, QuantityScore)
-    judged = ~data.dead_time
-    return _ratio(np.nansum(np.abs(score.quantity - data.quantity)[judged]), np.sum(data.quantity[judged]))
-
-
-def best_shift(data: RateData, score: RateScore) -> Change:
-    """Shift of the simulated curve in time that makes J least; positive: the data come later."""
+def best_shift(data: DataSet, score: Score) -> Change | None:
+    """Shift of a simulated course in time that makes J least; positive: the data come later. None of other data."""
+    if data.bounds is None:
+        return None
     time = 0.5 * (data.bounds[1:] + data.bounds[:-1])
 
     def j(shift: float) -> float:
-        return float(np.sum(np.abs(np.interp(time - shift, time, score.rate) - data.rate)) * MM3_PER_MS)
+        return float(data.misfit(np.interp(time - shift, time, score.values)))
 
     steps = round(limits.LONGEST_SHIFT / limits.SHIFT_STEP)
     coarse = limits.SHIFT_STEP * np.arange(-steps, steps + 1)
     near = min(coarse, key=j)
     best = min(near + limits.SHIFT_STEP * np.linspace(-1.0, 1.0, 11), key=j)
-    return Change(float(best), score.j, j(best) if abs(best) >= limits.LEAST_SHIFT else score.j)
+    before = float(data.misfit(score.values))
+    return Change(float(best), before, j(best) if abs(best) >= limits.LEAST_SHIFT else before)
 
 
-def best_gain(data: Data, score: DataScore) -> Change:
+def best_gain(data: DataSet, score: Score) -> Change:
     """Factor on the simulated values that makes J least; above 1: the data lie higher."""
-    if isinstance(data, RateData) and isinstance(score, RateScore):
-        gain = _median_ratio(data.rate, score.rate)
-        before, after = score.j, float(np.sum(np.abs(gain * score.rate - data.rate)) * MM3_PER_MS)
-    else:
-        assert isinstance(data, QuantityData)
-        assert isinstance(score, QuantityScore)
-        low, high = np.log(limits.GAINS)
-        gains = np.exp(np.linspace(low, high, round((high - low) / limits.GAIN_STEP) + 1))
-        costs = _map_costs(data, score.quantity, np.append(gains, 1.0))
-        gain, before, after = float(gains[np.argmin(costs[:-1])]), float(costs[-1]), float(np.min(costs[:-1]))
+    low, high = np.log(limits.GAINS)
+    gains = np.exp(np.linspace(low, high, round((high - low) / limits.GAIN_STEP) + 1))
+    gain = data.best_gain(score, gains)
+    before, after = map(float, data.misfit(data.scaled(score.values, np.array([1.0, gain]))))
     return Change(gain, before, after if abs(gain - 1.0) >= limits.LEAST_GAIN else before)
-
-
-def _map_costs(data: QuantityData, quantity: Floats, gains: Floats) -> Floats:
-    """J of a map for each gain; points that failed, and dead times, which a gain does not move, do not count."""
-    residuals = quantity_residuals(data, gains[:, None] * quantity)
-    return soft_l1(np.where(np.isfinite(residuals) & ~data.dead_time, residuals, 0.0))
-
-
-def _median_ratio(measured: Floats, simulated: Floats) -> float:
-    """Gain that makes Σ |gain · simulated − measured| least: the median of the ratios, weighted by the simulated."""
-    used = np.abs(simulated) > 0.0  # not where it is NaN
-    if not used.any():
-        return 1.0
-    ratios, weights = measured[used] / simulated[used], np.abs(simulated[used])
-    order = np.argsort(ratios, kind="stable")
-    half = np.searchsorted(np.cumsum(weights[order]), 0.5 * np.sum(weights))
-    return float(np.clip(ratios[order][half], *limits.GAINS))
-
-
-def _noise(rate: Floats) -> float:
-    """Σ |noise| of a sampled curve, from its second differences, which a smooth curve hardly has."""
-    if len(rate) < 3:
-        return 0.0
-    deviation = np.median(np.abs(np.diff(rate, 2))) / (0.6745 * np.sqrt(6.0))  # white noise: σ √(1 + 4 + 1)
-    return float(np.sqrt(2.0 / np.pi) * deviation * len(rate))
-
-
-def _ratio(error: float, level: float) -> float:
-    return float(max(error, 0.0) / level) if level > 0.0 else float("nan")
 
 
 def _moved(fit: Fit) -> Iterator[Finding]:
     pairs = zip(fit.study.data, fit.scores, strict=True)
-    good = all(relative_error(d, s) <= limits.GOOD_FIT for d, s in pairs if d.role is Role.FIT)
+    good = all(d.relative_error(s) <= limits.GOOD_FIT for d, s in pairs if d.role is Role.FIT)
     if good or not fit.cost >= (1.0 - limits.BARELY) * fit.start_cost:
         return
     yield found(
@@ -181,14 +135,14 @@ def _shift(name: str, shift: Change) -> Iterator[Finding]:
     )
 
 
-def _gain(data: Data, gain: Change, injector: Injector) -> Iterator[Finding]:
-    point = data.point if isinstance(data, RateData) else data.points[0]
+def _gain(data: DataSet, gain: Change, injector: Injector) -> Iterator[Finding]:
+    density = 1e-3 * reference_density(injector, data.points[0])
     yield found(
         "gain",
         data.name,
         f"the data lie {gain.amount:.3g} times as high as the simulation: without that gain J would be "
         f"{gain.after:.4g} instead of {gain.before:.4g}; "
-        f"{_density_slip(gain.amount, 1e-3 * reference_density(injector, point))}check unit and gain of the meter.",
+        f"{_density_slip(gain.amount, density)}check unit and gain of the meter.",
     )
 
 

@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from commonrail.calibration.plausibility import limits
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.space import Space
-from commonrail.calibration.study import QuantityData, RateData, Study
+from commonrail.calibration.study import Study
 from commonrail.calibration.time_step import longest_for_all
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.status import step_advice
 from commonrail.injector.definition import Injector, parameter_quantities
 from commonrail.injector.variants import Drive
+from commonrail.kinds import DataSet
 from commonrail.units import to_text
 
 __all__ = ["bounds_findings", "data_findings", "injector_findings", "signal_findings", "step_findings"]
 
-Data = RateData | QuantityData
 Floats = NDArray[np.float64]
 
 _PRESSURES = (
@@ -33,16 +33,15 @@ _PRESSURES = (
 _DRIVES = {Drive.CURRENT: "drive.peak_current", Drive.VOLTAGE: "drive.boost_voltage"}  # whose ranges a trace keeps
 
 
-def data_findings(data: Data, injector: Injector) -> Iterator[Finding]:
+def data_findings(data: DataSet, injector: Injector) -> Iterator[Finding]:
     """Findings about one data set by itself: values, times, pressures, measured drive."""
     yield from signal_findings(data)
-    points = [data.point] if isinstance(data, RateData) else list(data.points)
-    if isinstance(data, RateData):
-        yield from _sampling(data)
-        yield from _drive(data, injector)
-    yield from _energising(data.name, points)
+    if data.bounds is not None:
+        yield from _sampling(data.name, data.bounds)
+    yield from _drive(data, injector)
+    yield from _energising(data.name, data.points)
     for key, words, usual in _PRESSURES:
-        yield from _pressure(data.name, words, [getattr(point, key) for point in points], usual)
+        yield from _pressure(data.name, words, [getattr(point, key) for point in data.points], usual)
 
 
 def injector_findings(injector: Injector) -> Iterator[Finding]:
@@ -86,18 +85,15 @@ def step_findings(study: Study) -> Iterator[Finding]:
         )
 
 
-def signal_findings(data: Data) -> Iterator[Finding]:
+def signal_findings(data: DataSet) -> Iterator[Finding]:
     """No signal at all, or a signal upside down: nothing that is compared with such data says anything."""
-    is_curve = isinstance(data, RateData)
-    values: Floats = data.rate if isinstance(data, RateData) else data.quantity
-    widths = np.diff(data.bounds) if isinstance(data, RateData) else np.ones(len(values))
-    what, unit = ("rate", "m3/s") if is_curve else ("quantity", "m3")
+    values, what, unit = data.measured, data.what, data.unit
     first = to_text(float(values[0]), unit, 4)
     if not np.any(values):
         yield found("constant", data.name, f"all {len(values)} values of the {what} are zero; check the column.")
     elif len(values) > 1 and np.ptp(values) == 0.0:
         yield found("constant", data.name, f"all {len(values)} values of the {what} are {first}; check the column.")
-    elif np.sum(values * widths) < 0.0 or -values.min() > values.max():
+    elif np.sum(values * data.widths) < 0.0 or -values.min() > values.max():
         yield found(
             "sign",
             data.name,
@@ -107,23 +103,24 @@ def signal_findings(data: Data) -> Iterator[Finding]:
         )
 
 
-def _sampling(data: RateData) -> Iterator[Finding]:
-    interval = float(np.median(np.diff(data.bounds)))
+def _sampling(name: str, bounds: Floats) -> Iterator[Finding]:
+    interval = float(np.median(np.diff(bounds)))
     if not limits.SAMPLING[0] <= interval <= limits.SAMPLING[1]:
         yield found(
             "sampling",
-            data.name,
+            name,
             f"its samples are {to_text(interval, 's', 4)} apart, and {_range(limits.SAMPLING, 's')} is usual; check "
             "the unit of its times.",
         )
 
 
-def _drive(data: RateData, injector: Injector) -> Iterator[Finding]:
+def _drive(data: DataSet, injector: Injector) -> Iterator[Finding]:
     name = _DRIVES.get(injector.variant.drive)
-    if name is None or data.point.drive is None:
+    drives = [point.drive.value for point in data.points if point.drive is not None]
+    if name is None or not drives:
         return
     q = parameter_quantities()[name]
-    peak = float(np.max(np.abs(data.point.drive.value)))
+    peak = float(np.max(np.abs(np.concatenate(drives))))
     if q.usual is not None and not q.is_usual(peak):
         yield found(
             "drive",

@@ -7,16 +7,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.calibration.objective import quantity_residuals, soft_l1
 from commonrail.calibration.plausibility import limits
 from commonrail.calibration.plausibility.finding import Finding, found
-from commonrail.calibration.score import DataScore, QuantityScore, RateScore
-from commonrail.calibration.study import QuantityData, RateData, Role
+from commonrail.kinds import DataSet, Role, Score
 from commonrail.units import to_text
 
 __all__ = ["onset", "set_cost", "share_findings", "start_findings"]
 
-Data = RateData | QuantityData
 Floats = NDArray[np.float64]
 
 MM3 = 1e9  # of 1 m³
@@ -30,26 +27,22 @@ _SLIPS = (  # factor between the number and what it should be, by the units that
 _SLIP_MATCH = 1.5  # start values know the quantity no better
 
 
-def start_findings(data: Data, score: DataScore) -> Iterator[Finding]:
+def start_findings(data: DataSet, score: Score) -> Iterator[Finding]:
     """Findings about one data set beside its simulation."""
-    if not _is_simulated(score):
+    if not np.any(np.isfinite(score.values)):
         yield found(
             "start",
             data.name,
             "the simulation fails, so that quantity and onset cannot be compared; check the injector with "
             "`commonrail simulate`.",
         )
-    elif isinstance(data, RateData) and isinstance(score, RateScore):
-        widths = np.diff(data.bounds)
-        pair = float(np.sum(data.rate * widths)), float(np.sum(score.rate * widths))
-        yield from _quantities(data.name, *map(np.atleast_1d, pair))
-        yield from _onset(data, score)
-    elif isinstance(data, QuantityData) and isinstance(score, QuantityScore):
-        judged = np.isfinite(score.quantity) & ~data.dead_time
-        yield from _quantities(data.name, data.quantity[judged], score.quantity[judged])
+        return
+    yield from _quantities(data.name, *data.quantities(score))
+    if data.bounds is not None:
+        yield from _onset(data, onset(data.measured, data.bounds), onset(score.values, data.bounds))
 
 
-def share_findings(data: Sequence[Data], scores: Sequence[DataScore], of: str) -> Iterator[Finding]:
+def share_findings(data: Sequence[DataSet], scores: Sequence[Score], of: str) -> Iterator[Finding]:
     """Fitted sets that make nearly all of J, or nearly nothing of it; `of` names the model."""
     fitted = [(d, s) for d, s in zip(data, scores, strict=True) if d.role is Role.FIT]
     costs = np.array([set_cost(d, s) for d, s in fitted])
@@ -69,13 +62,9 @@ def share_findings(data: Sequence[Data], scores: Sequence[DataScore], of: str) -
             )
 
 
-def set_cost(data: Data, score: DataScore) -> float:
+def set_cost(data: DataSet, score: Score) -> float:
     """Weight · J of one data set; NaN for a failed simulation."""
-    if isinstance(data, RateData) and isinstance(score, RateScore):
-        return data.weight * score.j
-    assert isinstance(data, QuantityData)
-    assert isinstance(score, QuantityScore)
-    return data.weight * float(soft_l1(quantity_residuals(data, score.quantity)[None, :])[0])
+    return data.weight * float(data.misfit(score.values))
 
 
 def onset(rate: Floats, bounds: Floats) -> float | None:
@@ -85,12 +74,6 @@ def onset(rate: Floats, bounds: Floats) -> float | None:
         return None
     before = np.flatnonzero(cumulated < limits.ONSET_SHARE * cumulated[-1])
     return float(bounds[before[-1] + 1]) if len(before) else float(bounds[0])
-
-
-def _is_simulated(score: DataScore) -> bool:
-    return bool(
-        np.all(np.isfinite(score.rate)) if isinstance(score, RateScore) else np.any(np.isfinite(score.quantity))
-    )
 
 
 def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Finding]:
@@ -126,9 +109,8 @@ def _slip(measured: float, simulated: float) -> str:
     return f" ({times:.3g} times; {likely[0]} would do that)" if likely else f" ({times:.3g} times)"
 
 
-def _onset(data: RateData, score: RateScore) -> Iterator[Finding]:
-    measured, simulated = onset(data.rate, data.bounds), onset(score.rate, data.bounds)
-    pulses = data.point.pulses
+def _onset(data: DataSet, measured: float | None, simulated: float | None) -> Iterator[Finding]:
+    pulses = data.points[0].pulses
     if measured is None or not pulses:
         return
     at = f"the measured injection begins at {to_text(measured, 's', 4)}"

@@ -1,31 +1,61 @@
-"""Quantity maps of a study: chosen rows of a table, one operating point each, and dead times."""
+"""Reading of quantity maps: chosen rows of a table, one operating point each, and dead times."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from commonrail.calibration.study import QuantityData, Role
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError, InputError
-from commonrail.files.place import Place, located
-from commonrail.files.study_context import Context
-from commonrail.files.study_models import QuantitiesModel
-from commonrail.files.tables import Table, read_columns
+from commonrail.kinds.reading import Columns, Context, DataModel, Place, TableModel, Value, drive_unit, mass_density
 from commonrail.units import parse, to_text
 
-__all__ = ["read_quantities"]
+__all__ = ["DeadTimesModel", "QuantitiesModel", "ReadMap", "read_map"]
 
 Floats = NDArray[np.float64]
 
 AFTER_ENERGISING = 3e-3  # simulated after the end of energising; it ends early once the needle has closed [s]
 MOST_POINTS = 10_000
 SAME = 1e-6  # relative difference below which a row is at a pressure or time that was asked for
+
+
+class DeadTimesModel(TableModel):
+    """Energising times at which a small quantity is reached."""
+
+    file: str
+    quantity: Value
+    rail_pressure_unit: str | None = None
+    energising_time_unit: str | None = None
+
+
+class QuantitiesModel(DataModel):
+    """A map of quantities per stroke; rail_pressure and energising_time choose rows of it."""
+
+    selects_rows: ClassVar[bool] = True
+    quantity_column: ClassVar[str] = "quantity"
+
+    kind: Literal["quantities"]
+    rail_pressure_unit: str | None = None
+    energising_time_unit: str | None = None
+    quantity_unit: str | None = None
+    rail_pressure: list[Value] | None = Field(default=None, min_length=1, max_length=1000)
+    energising_time: list[Value] | None = Field(default=None, min_length=1, max_length=1000)
+    dead_times: DeadTimesModel | None = None
+    cylinder_pressure: Value
+    return_pressure: Value
+    absolute: Value = "0.15 mm3"
+    relative: Value = 0.03
+
+    @property
+    def has_dead_times(self) -> bool:
+        """True if a second file has dead times."""
+        return self.dead_times is not None
 
 
 class _Row(NamedTuple):
@@ -37,8 +67,19 @@ class _Row(NamedTuple):
     dead_time: bool
 
 
-def read_quantities(model: QuantitiesModel, context: Context, at: Place) -> QuantityData:
-    """Read a quantity map.
+class ReadMap(NamedTuple):
+    """What files say of a map: points, volumes [m³], tolerances, dead times, density that made volumes of masses."""
+
+    points: tuple[OperatingPoint, ...]
+    quantity: Floats
+    absolute: float
+    relative: float
+    dead_time: NDArray[np.bool_]
+    mass_density: Floats | float
+
+
+def read_map(model: QuantitiesModel, context: Context, at: Place) -> ReadMap:
+    """Read a quantity map; see `DataSet.read`.
 
     Parameters
     ----------
@@ -46,55 +87,48 @@ def read_quantities(model: QuantitiesModel, context: Context, at: Place) -> Quan
     context : Context
     at : Place
         Of the data set in the study file.
-
-    Raises
-    ------
-    InputError
-        If a file or a value cannot be read, or a row makes no sense.
-    ConfigurationError
-        If no row is at a pressure or energising time that was asked for, or the injector needs a trace.
     """
-    if context.drive_unit:
+    injector = context.injector
+    if drive_unit(injector):
         raise ConfigurationError(
-            f'{at}: the injector {context.injector.name} has drive_kind "{context.injector.variant.drive.value}", '
+            f'{at}: the injector {injector.name} has drive_kind "{injector.variant.drive.value}", '
             "which quantities cannot give; set it to regulated or pwm."
         )
     rows = _map_rows(model, context, at) + _dead_time_rows(model, context, at)
     absolute, relative = _tolerances(model, at)
-    density = np.array([context.mass_density(row.unit, row.point) for row in rows])
+    density = np.array([mass_density(injector, row.unit, row.point) for row in rows])
     by_volume = np.isnan(density)
     quantity = np.array([row.quantity for row in rows])
-    return QuantityData(
-        model.name,
-        Role(model.role),
+    return ReadMap(
         tuple(row.point for row in rows),
         quantity / np.where(by_volume, 1.0, density),
         absolute,
         relative,
         np.array([row.dead_time for row in rows]),
-        model.weight,
-        model.source,
-        model.synthetic,
         math.nan if by_volume.all() else density,
     )
 
 
 def _map_rows(model: QuantitiesModel, context: Context, at: Place) -> list[_Row]:
-    table = read_columns(
-        context.path(model.file, at / "file"),
-        {"rail_pressure": "Pa", "energising_time": "s", "quantity": ("m3", "kg")},
+    column = model.quantity_column
+    table = context.columns(
+        model.file,
+        at,
+        {"rail_pressure": "Pa", "energising_time": "s", column: ("m3", "kg")},
         stated={
             "rail_pressure": model.rail_pressure_unit,
             "energising_time": model.energising_time_unit,
-            "quantity": model.quantity_unit,
+            column: model.quantity_unit,
         },
         least=1,
     )
     rails = _wanted(model.rail_pressure, "Pa", at / "rail_pressure")
     times = _wanted(model.energising_time, "s", at / "energising_time")
     chosen = _choose(table, {"rail_pressure": (rails, "Pa"), "energising_time": (times, "s")}, at)
-    _refuse_negative(table, "quantity")
-    quantity, unit = table.columns["quantity"], table.units["quantity"]
+    quantity, unit = table.columns[column], table.units[column]
+    below = np.flatnonzero(quantity < 0.0)
+    if len(below):
+        raise InputError(f"{table.cell(column, int(below[0]))}: the value must be zero or greater.")
     return [_Row(_point(table, i, model, context, at), float(quantity[i]), unit, False) for i in chosen]
 
 
@@ -102,8 +136,9 @@ def _dead_time_rows(model: QuantitiesModel, context: Context, at: Place) -> list
     dead = model.dead_times
     if dead is None:
         return []
-    table = read_columns(
-        context.path(dead.file, at / "dead_times" / "file"),
+    table = context.columns(
+        dead.file,
+        at / "dead_times",
         {"rail_pressure": "Pa", "energising_time": "s"},
         stated={
             "rail_pressure": dead.rail_pressure_unit,
@@ -140,7 +175,7 @@ def _wanted(items: Sequence[str | float] | None, unit: str, at: Place) -> list[f
     return [parse(item, unit, str(at[i])) for i, item in enumerate(items or ())]
 
 
-def _choose(table: Table, filters: Mapping[str, tuple[list[float], str]], at: Place) -> list[int]:
+def _choose(table: Columns, filters: Mapping[str, tuple[list[float], str]], at: Place) -> list[int]:
     """Rows that are at one of the wanted values of every column that has any."""
     keep = np.ones(len(table.lines), bool)
     for column, (wanted, unit) in filters.items():
@@ -165,23 +200,17 @@ def _choose(table: Table, filters: Mapping[str, tuple[list[float], str]], at: Pl
     return [int(i) for i in np.flatnonzero(keep)]
 
 
-def _refuse_negative(table: Table, column: str) -> None:
-    below = np.flatnonzero(table.columns[column] < 0.0)
-    if len(below):
-        raise Place(table.cell(column, int(below[0]))).error("the value must be zero or greater")
-
-
-def _point(table: Table, row: int, model: QuantitiesModel, context: Context, at: Place) -> OperatingPoint:
+def _point(table: Columns, row: int, model: QuantitiesModel, context: Context, at: Place) -> OperatingPoint:
     energising = float(table.columns["energising_time"][row])
     rail = float(table.columns["rail_pressure"][row])
     for column, value in (("energising_time", energising), ("rail_pressure", rail)):
         if not value > 0.0:
-            raise Place(table.cell(column, row)).error("the value must be greater than zero")
+            raise InputError(f"{table.cell(column, row)}: the value must be greater than zero.")
     cylinder, low = (
         parse(item, "Pa", str(at / key))
         for key, item in (("cylinder_pressure", model.cylinder_pressure), ("return_pressure", model.return_pressure))
     )
-    with located(Place(f"{table.path}, line {table.lines[row]}")):
+    with context.located(f"{table.path}, line {table.lines[row]}"):
         point = OperatingPoint(rail, energising, cylinder, low, horizon=energising + AFTER_ENERGISING)
         check_point(context.injector, point)
         return point

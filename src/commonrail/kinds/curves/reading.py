@@ -1,27 +1,35 @@
-"""Injection curves of a study: which samples count, what each is the mean of, and their operating point."""
+"""Reading of injection curves: which samples count, what each is the mean of, and their operating point."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from commonrail.calibration.study import RateData, Role
-from commonrail.engine.operating_point import LONGEST, Course, Energising, OperatingPoint, Trace
+from commonrail.engine.operating_point import LONGEST, Energising, OperatingPoint, Trace
+from commonrail.engine.operating_point import Course as OwnCourse
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
-from commonrail.files.place import Place, located
-from commonrail.files.study_context import Context
-from commonrail.files.study_models import PulseModel, RateModel, TraceModel
-from commonrail.files.tables import LEAST_SAMPLES, read_columns
+from commonrail.kinds.reading import (
+    LEAST_SAMPLES,
+    Context,
+    Course,
+    DataModel,
+    Place,
+    TableModel,
+    TraceModel,
+    Value,
+    drive_unit,
+    mass_density,
+)
 from commonrail.units import convert, parse, to_text
 
-__all__ = ["read_rate"]
+__all__ = ["PulseModel", "RateModel", "ReadCurve", "read_curve"]
 
 Floats = NDArray[np.float64]
-
 
 _TIME_UNITS = ("us", "ms", "s", "ns")
 
@@ -52,8 +60,43 @@ class _Samples(NamedTuple):
         return ""
 
 
-def read_rate(model: RateModel, context: Context, at: Place) -> RateData:
-    """Read an injection curve.
+class PulseModel(TableModel):
+    """One energising."""
+
+    start: Value
+    duration: Value
+
+
+class RateModel(DataModel):
+    """An injection curve."""
+
+    kind: Literal["rate"]
+    time: str = "time"
+    rate: str = "rate"
+    time_unit: str | None = None
+    rate_unit: str | None = None
+    rail_pressure: Course
+    cylinder_pressure: Course
+    return_pressure: Course
+    drive: TraceModel | None = None
+    energising_time: Value | None = None
+    energisings: list[PulseModel] | None = Field(default=None, min_length=1, max_length=100)
+    window: list[Value] | None = Field(default=None, min_length=2, max_length=2)
+    sampling: Literal["mean", "centred"] = "mean"
+    first_bound: Value | None = None
+
+
+class ReadCurve(NamedTuple):
+    """What a file says of a curve: point, bounds [s], rates [m³/s], and the density that made volumes of masses."""
+
+    point: OperatingPoint
+    bounds: Floats
+    rate: Floats
+    mass_density: float
+
+
+def read_curve(model: RateModel, context: Context, at: Place) -> ReadCurve:
+    """Read an injection curve; see `DataSet.read`.
 
     Parameters
     ----------
@@ -61,33 +104,17 @@ def read_rate(model: RateModel, context: Context, at: Place) -> RateData:
     context : Context
     at : Place
         Of the data set in the study file.
-
-    Raises
-    ------
-    InputError
-        If a file or a value cannot be read.
-    ConfigurationError
-        If the window does not fit the data or the energising, or the drive does not fit the injector.
     """
     samples = _window(_samples(model, context, at), model, at)
     point = _point(model, samples, context, at)
-    density = context.mass_density(samples.unit, point)
-    return RateData(
-        model.name,
-        Role(model.role),
-        point,
-        samples.bounds,
-        samples.rate if math.isnan(density) else samples.rate / density,
-        model.weight,
-        model.source,
-        model.synthetic,
-        density,
-    )
+    density = mass_density(context.injector, samples.unit, point)
+    return ReadCurve(point, samples.bounds, samples.rate if math.isnan(density) else samples.rate / density, density)
 
 
 def _samples(model: RateModel, context: Context, at: Place) -> _Samples:
-    table = read_columns(
-        context.path(model.file, at / "file"),
+    table = context.columns(
+        model.file,
+        at,
         {model.time: "s", model.rate: ("m3/s", "kg/s")},
         stated={model.time: model.time_unit, model.rate: model.rate_unit},
         increasing=model.time,
@@ -144,7 +171,7 @@ def _window(samples: _Samples, model: RateModel, at: Place) -> _Samples:
 
 def _point(model: RateModel, samples: _Samples, context: Context, at: Place) -> OperatingPoint:
     """Operating point, simulated from the first bound or energising to the last bound, in whole steps."""
-    pulses, bounds = _pulses(model, at), samples.bounds
+    pulses, bounds = _pulses(model, context, at), samples.bounds
     if pulses[0].start >= bounds[-1]:
         raise ConfigurationError(
             f"{at}: the samples that count end at {to_text(float(bounds[-1]), 's')}, before the first "
@@ -167,31 +194,31 @@ def _point(model: RateModel, samples: _Samples, context: Context, at: Place) -> 
         )
     )
     drive = _drive(model, context, at / "drive")
-    with located(at):
+    with context.located(at):
         point = OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start)
         check_point(context.injector, point)
         return point
 
 
-def _pulses(model: RateModel, at: Place) -> tuple[Energising, ...]:
+def _pulses(model: RateModel, context: Context, at: Place) -> tuple[Energising, ...]:
     if (model.energising_time is None) == (model.energisings is None):
         raise at.error('give either energising_time = "700 us" or energisings = [{ start = …, duration = … }]')
     if model.energisings is None:
         duration = parse(model.energising_time or 0.0, "s", str(at / "energising_time"))
-        with located(at / "energising_time"):
+        with context.located(at / "energising_time"):
             return (Energising(0.0, duration),)
     at = at / "energisings"
-    return tuple(_pulse(pulse, at[i]) for i, pulse in enumerate(model.energisings))
+    return tuple(_pulse(pulse, context, at[i]) for i, pulse in enumerate(model.energisings))
 
 
-def _pulse(pulse: PulseModel, at: Place) -> Energising:
+def _pulse(pulse: PulseModel, context: Context, at: Place) -> Energising:
     start, duration = parse(pulse.start, "s", str(at / "start")), parse(pulse.duration, "s", str(at / "duration"))
-    with located(at):
+    with context.located(at):
         return Energising(start, duration)
 
 
 def _drive(model: RateModel, context: Context, at: Place) -> Trace | None:
-    injector, unit = context.injector, context.drive_unit
+    injector, unit = context.injector, drive_unit(context.injector)
     if bool(unit) != (model.drive is not None):
         raise ConfigurationError(
             f"{at}: the injector {injector.name} has drive_kind "
@@ -200,7 +227,7 @@ def _drive(model: RateModel, context: Context, at: Place) -> Trace | None:
     return None if model.drive is None else _trace(model.drive, unit, model, context, at)
 
 
-def _course(item: str | float | TraceModel, unit: str, model: RateModel, context: Context, at: Place) -> Course:
+def _course(item: str | float | TraceModel, unit: str, model: RateModel, context: Context, at: Place) -> OwnCourse:
     if isinstance(item, TraceModel):
         return _trace(item, unit, model, context, at)
     return parse(item, unit, str(at))
@@ -210,8 +237,9 @@ def _trace(item: TraceModel, unit: str, model: RateModel, context: Context, at: 
     """A measured course; what it does not say of file and time is that of the data set."""
     time = item.time or model.time
     time_unit = item.time_unit or (model.time_unit if item.file is None else None)
-    table = read_columns(
-        context.path(item.file or model.file, at / "file"),
+    table = context.columns(
+        item.file or model.file,
+        at,
         {time: "s", item.column: unit},
         stated={time: time_unit, item.column: item.unit},
         increasing=time,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
-from commonrail.report.record import number
 from commonrail.units import to_text
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "fixed",
     "listed",
     "megapascal",
+    "number",
     "percent",
     "pressure",
     "quantity",
@@ -24,6 +25,13 @@ __all__ = [
 MISSING = "–"
 _PRETTY = {"mm3": "mm³", "cm3": "cm³", "mm2": "mm²", "m3": "m³", "m2": "m²", "ohm": "Ω"}
 _PRETTY |= {"um": "µm", "us": "µs", "N/um": "N/µm", "um/MPa": "µm/MPa", "mohm": "mΩ"}
+
+
+def number(value: Any) -> float | None:
+    """A finite number, or None: what a failed simulation leaves."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None
 
 
 def fixed(value: Any, decimals: int, scale: float = 1.0) -> str:

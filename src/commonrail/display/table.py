@@ -1,0 +1,73 @@
+"""Tables as plain data: a title, columns, and rows of cells that tell the size of an error without colour."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+__all__ = [
+    "BEST_LEGEND",
+    "BEST_SIGN",
+    "LARGE",
+    "MEDIUM",
+    "SIGNS",
+    "SMALL",
+    "Cell",
+    "Table",
+    "marked",
+    "rows_of",
+    "size_of",
+]
+
+# Sizes of an error, with the sign that says it without colour.
+SMALL, MEDIUM, LARGE = "small", "medium", "large"
+SIGNS = {SMALL: "○", MEDIUM: "◐", LARGE: "●"}
+BEST_SIGN = "★"
+BEST_LEGEND = f"{BEST_SIGN} least error of the row."
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Text of a cell, the size of the error that it states ("" where it states none), and whether it is the least."""
+
+    text: str
+    size: str = ""
+    best: bool = False
+
+    @property
+    def plain(self) -> str:
+        """Text with its sign, for where there is no colour."""
+        # the star stands before the number, so that the digits stay in line
+        marked = f"{BEST_SIGN}\N{NO-BREAK SPACE}{self.text}" if self.best else self.text
+        return f"{marked} {SIGNS[self.size]}" if self.size else marked
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; the first `texts` columns are words, the others numbers."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+    texts: int = 1
+
+
+def rows_of(rows: Sequence[Sequence[str | Cell]]) -> tuple[tuple[Cell, ...], ...]:
+    """Rows of cells from rows of texts and cells."""
+    return tuple(tuple(cell if isinstance(cell, Cell) else Cell(cell) for cell in row) for row in rows)
+
+
+def size_of(error: float | None, steps: Sequence[float]) -> str:
+    """Size of an error: small up to the first step, medium up to the second; large where there is no number."""
+    return LARGE if error is None else (SMALL, MEDIUM, LARGE)[sum(abs(error) > step for step in steps)]
+
+
+def marked(errors: Sequence[float | None], text: Callable[[float | None], str]) -> list[Cell]:
+    """Cells of a row of errors; the least is marked, and what reads the same, unless all of them do."""
+    sizes = [None if error is None else text(abs(error)) for error in errors]
+    numbers = [abs(error) for error in errors if error is not None]
+    least = text(min(numbers)) if len({size for size in sizes if size is not None}) > 1 else None
+    return [
+        Cell(text(error), best=size is not None and size == least) for error, size in zip(errors, sizes, strict=True)
+    ]

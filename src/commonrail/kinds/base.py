@@ -1,0 +1,278 @@
+"""Protocol of a kind of measured data: one object with every face that the house asks of data.
+
+A kind is a frozen dataclass that derives from `DataSet`, has the faces below and stands in `commonrail.kinds.KINDS`.
+Search, journal, fleet, comparison, plausibility and report know these faces only.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from enum import Enum
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.arguments import chosen, number, plain_text, settle
+from commonrail.display.chart import Figure
+from commonrail.display.table import Table
+from commonrail.engine.lanes import Misfit
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.solution import Batch
+from commonrail.errors import ConfigurationError
+from commonrail.kinds.reading import Context, DataModel, Place
+from commonrail.kinds.records import Models, Record, Texts, Traces
+from commonrail.kinds.simulator import Simulator
+
+__all__ = ["LATER", "DataSet", "Missing", "Role", "Score", "Term", "View", "share_of"]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+# Marks a field that the fingerprint of a study leaves out: studies of earlier versions did not have it, or it follows
+# from the others.
+LATER: Mapping[str, bool] = {"later": True}
+
+
+class Role(Enum):
+    """What a data set is used for."""
+
+    FIT = "fit"
+    VALIDATION = "validation"
+
+
+class Term(NamedTuple):
+    """Data sets of one kind that a search simulates together, in one batch.
+
+    Attributes
+    ----------
+    points : sequence of OperatingPoint
+    weights : (data sets,)
+    misfits : function of Batch
+        J of each data set, (candidates, data sets); not finite for a failed simulation.
+    failed : function of (candidates, points) statuses
+        Which simulations count as failed.
+    misfit : Misfit or None
+        Samples that are compared inside the simulation.
+    """
+
+    points: Sequence[OperatingPoint]
+    weights: Floats
+    misfits: Callable[[Batch], Floats]
+    failed: Callable[[NDArray[np.int64]], Bools]
+    misfit: Misfit | None = None
+
+
+class Score(Protocol):
+    """How well one injector agrees with one data set."""
+
+    @property
+    def values(self) -> Floats:
+        """Simulated values, one for each of the data set's `measured`; NaN where a simulation failed."""
+
+    @property
+    def numbers(self) -> Floats:
+        """All that was simulated; a score without a finite one says nothing."""
+
+    @property
+    def error(self) -> float:
+        """The one figure that a table with a column for each data set has, see `DataSet.error_head`."""
+
+
+class Missing(NamedTuple):
+    """A point that has no number: name of its status and what it means, empty where the simulation is to tell them."""
+
+    point: OperatingPoint
+    status: str = ""
+    sentence: str = ""
+
+
+class View(ABC):
+    """What reports show of records of one kind: tables, figures and sentences, as plain data."""
+
+    @abstractmethod
+    def has(self, data: Record, label: str) -> bool:
+        """True if a model has any number for the data set."""
+
+    @abstractmethod
+    def operating_point(self, data: Record) -> Record:
+        """One of the data set's operating points, to simulate it again."""
+
+    @abstractmethod
+    def sentences(self, data: Sequence[Record]) -> list[str]:
+        """How well a calibrated model meets data sets, as ends of sentences on which data are meant."""
+
+    @abstractmethod
+    def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
+        """What the best model of a comparison has, and the errors by label of each data set."""
+
+    @abstractmethod
+    def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
+        """Tables of a calibration; errors and shares are those of the label "best", whatever its text."""
+
+    @abstractmethod
+    def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
+        """Tables of a comparison: a column for each model, the least error of each row marked."""
+
+    @abstractmethod
+    def figures(self, data: Record, traces: Traces, models: Models) -> list[Figure]:
+        """Figures of one data set of a calibration."""
+
+    @abstractmethod
+    def compared_figures(self, data: Record, traces: Traces, models: Models) -> list[Figure]:
+        """Figures of one data set of a comparison."""
+
+
+class DataSet(ABC):
+    """Measured values at operating points.
+
+    Attributes
+    ----------
+    kind : str
+        Of the kind: `kind` in a study file and in a record.
+    what, unit : str
+        Of the kind: what its values are, "rate", and their SI unit.
+    error_head : (str, str)
+        Of the kind: what `Score.error` is, "J", and its unit.
+    model : type of DataModel
+        Of the kind: keys of its block in a study file.
+    view : View
+        Of the kind: what reports show of it.
+    name, source, synthetic : str
+        Where the data come from; what about them is synthetic, empty if measured.
+    role : Role
+    weight : float
+        Factor of its J in the objective.
+    points : tuple of OperatingPoint
+    measured : (n,)
+        Measured values.
+    bounds : (n + 1,) or None
+        Bounds [s] of the samples, if the values are a course in time; None if there is one for each point.
+    judged : (n,) bool
+        Values of the kind itself; not those that stand for another figure, such as a dead time.
+    mass_density : float or (n,)
+        Density [kg/m³] that made volumes of masses; NaN where volumes were measured.
+    """
+
+    kind: ClassVar[str]
+    what: ClassVar[str]
+    unit: ClassVar[str]
+    error_head: ClassVar[tuple[str, str]]
+    model: ClassVar[type[DataModel]]
+    view: ClassVar[View]
+
+    name: str
+    role: Role
+    weight: float
+    source: str
+    synthetic: str
+    points: tuple[OperatingPoint, ...]
+    mass_density: Floats | float
+    bounds: Floats | None
+
+    @classmethod
+    @abstractmethod
+    def read(cls, model: Any, context: Context, at: Place) -> Self:
+        """Read a data set.
+
+        Parameters
+        ----------
+        model : DataModel
+            Its block in the study file, of the kind's own `model`.
+        context : Context
+        at : Place
+            Of the block.
+
+        Raises
+        ------
+        InputError
+            If a file or a value cannot be read, or makes no sense.
+        ConfigurationError
+            If values contradict one another, or the data do not fit the injector.
+        """
+
+    @classmethod
+    @abstractmethod
+    def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
+        """All data sets of this kind in the objective of a search."""
+
+    @property
+    @abstractmethod
+    def measured(self) -> Floats:
+        """Measured values (n,)."""
+
+    @property
+    def judged(self) -> Bools:
+        """Which values are of the kind itself, (n,)."""
+        return np.ones(len(self.measured), bool)
+
+    @property
+    def widths(self) -> Floats:
+        """Time [s] that each value counts for, or 1, (n,)."""
+        return np.ones(len(self.measured)) if self.bounds is None else np.diff(self.bounds)
+
+    @abstractmethod
+    def simulated(self, simulator: Simulator, values: Floats) -> Floats:
+        """Simulated values of candidates (candidates, n); NaN for a failed simulation."""
+
+    @abstractmethod
+    def misfit(self, values: Floats) -> Floats:
+        """J of simulated values (…, n): (…); NaN where one of them is."""
+
+    @abstractmethod
+    def residuals(self, values: Floats) -> Floats:
+        """Residuals of simulated values (candidates, n) for least squares, scaled by the root of the weight."""
+
+    @abstractmethod
+    def score(self, simulator: Simulator) -> Score:
+        """Score of the simulator's injector as it is."""
+
+    @abstractmethod
+    def missing(self, score: Any) -> list[Missing]:
+        """Points that have no number."""
+
+    @abstractmethod
+    def quantities(self, score: Any) -> tuple[Floats, Floats]:
+        """Measured and simulated quantities per stroke [m³]."""
+
+    @abstractmethod
+    def relative_error(self, score: Any) -> float:
+        """Σ |error| beyond noise over Σ data; NaN for a failed simulation."""
+
+    def best_gain(self, score: Any, gains: Floats) -> float:
+        """Factor among `gains` on the simulated values that makes J least; values that failed do not count."""
+        return float(gains[np.argmin(self.misfit(self.scaled(score.values, gains)))])
+
+    def scaled(self, values: Floats, gains: Floats) -> Floats:
+        """Simulated values (n,) times gains, (gains, n); what failed or is not judged becomes the measured value."""
+        counts = np.isfinite(values) & self.judged
+        return np.where(counts, np.multiply.outer(gains, values), self.measured)
+
+    @abstractmethod
+    def record(self, scores: Mapping[str, Any]) -> dict[str, Any]:
+        """JSON-able figures of the scores by label; the keys that all kinds have are added by the caller."""
+
+    def renamed(self, name: str) -> Self:
+        """The same data by another name."""
+        return replace(self, name=name)  # type: ignore[type-var]  # every kind is a dataclass
+
+    @property
+    def samples(self) -> int:
+        """Numbers that the data set holds, to limit the size of a study."""
+        return len(self.measured)
+
+    def _settle_labels(self) -> None:
+        """Read what data sets of all kinds have."""
+        for what in ("name", "source", "synthetic"):
+            plain_text(getattr(self, what), f"{what} of the data")
+        weight = number(self.weight, "1", "weight of the data")
+        if not weight > 0.0:
+            raise ConfigurationError(f"The weight of {self.name} must be greater than zero, not {weight:g}.")
+        settle(self, role=chosen(self.role, Role, "role of the data"), weight=weight)
+
+
+def share_of(error: float, level: float) -> float:
+    """Error over a level, 0 or greater; NaN for a level that is not."""
+    return float(max(error, 0.0) / level) if level > 0.0 else float("nan")

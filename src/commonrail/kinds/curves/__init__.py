@@ -1,0 +1,1 @@
+"""Injection curves (EVI): measured rate of injection at one operating point."""

@@ -1,0 +1,1 @@
+"""Quantity maps: measured quantities per stroke at many operating points, and dead times."""

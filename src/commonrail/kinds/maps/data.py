@@ -1,0 +1,246 @@
+"""Quantity map as a kind of measured data: quantities per stroke, each judged against its tolerance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from commonrail.arguments import Limits, amount, array, flag, instances, settle
+from commonrail.display.text import number
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.solution import Batch
+from commonrail.engine.status import OK
+from commonrail.errors import ConfigurationError
+from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
+from commonrail.kinds.maps.dead_times import NO_DEAD_TIME, NOT_REACHED, find_dead_times
+from commonrail.kinds.maps.reading import QuantitiesModel, read_map
+from commonrail.kinds.maps.view import MapView
+from commonrail.kinds.reading import Context, Place
+from commonrail.kinds.records import MEASURED, point_record
+from commonrail.kinds.simulator import Simulator
+
+__all__ = ["SMALL_QUANTITY", "QuantityData", "QuantityScore", "soft_l1"]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+SMALL_QUANTITY = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
+TOLERANCES = Limits(1e-18, 1.0, (1e-12, 1e-6), ("mm3",))  # of a quantity per stroke [m3]
+
+
+@dataclass(frozen=True)
+class QuantityScore:
+    """Quantity map: simulated quantities (points,) [m³], dead times (dead-time rows,) [s], and root mean squares.
+
+    `rms_large` is relative and over Q > 3 mm³, `rms_small` [m³] over the rest, `rms_dead_time` [s]; NaN where
+    there is no such row.
+    """
+
+    quantity: Floats
+    dead_time: Floats
+    rms_large: float
+    rms_small: float
+    rms_dead_time: float
+
+    @property
+    def values(self) -> Floats:
+        """Simulated quantities [m³]."""
+        return self.quantity
+
+    @property
+    def numbers(self) -> Floats:
+        """Quantities and dead times."""
+        return np.append(self.quantity, self.dead_time)
+
+    @property
+    def error(self) -> float:
+        """Root mean square over the large quantities [%]."""
+        return 100.0 * self.rms_large
+
+
+@dataclass(frozen=True)
+class QuantityData(DataSet):
+    """Measured quantities per stroke at several operating points (a map).
+
+    Attributes
+    ----------
+    name : str
+    role : Role
+    points : tuple of OperatingPoint, length n
+    quantity : (n,)
+        Injected quantity per stroke by volume [m³].
+    absolute, relative : float
+        Tolerances: an error is judged against absolute [m³] + relative × quantity.
+    dead_time : (n,) bool
+        Rows that state the energising time at which the given small quantity is reached.
+    weight : float
+    source, synthetic : str
+    mass_density : float or (n,)
+        As in `RateData`, of each quantity.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or points, quantities and dead times are not of one number.
+    """
+
+    kind: ClassVar[str] = "quantities"
+    what: ClassVar[str] = "quantity"
+    unit: ClassVar[str] = "m3"
+    error_head: ClassVar[tuple[str, str]] = ("rms", "%")
+    model: ClassVar[type[QuantitiesModel]] = QuantitiesModel
+    view: ClassVar[MapView] = MapView()
+
+    name: str
+    role: Role
+    points: tuple[OperatingPoint, ...]
+    quantity: Floats
+    absolute: float
+    relative: float
+    dead_time: Bools
+    weight: float
+    source: str
+    synthetic: str
+    mass_density: Floats | float = field(default=math.nan, metadata=LATER)
+
+    bounds = None
+
+    def __post_init__(self) -> None:
+        self._settle_labels()
+        points = instances(self.points, OperatingPoint, "points of the data")
+        quantity = array(self.quantity, "m3", "quantity of the data", 1)
+        dead_time = np.array([flag(item, "dead_time") for item in np.ravel(self.dead_time)], bool)
+        if not len(points) == len(quantity) == len(dead_time):
+            raise ConfigurationError(
+                f"{self.name} must have as many points as quantities and marks of dead times, not {len(points)}, "
+                f"{len(quantity)} and {len(dead_time)}."
+            )
+        settle(
+            self,
+            points=points,
+            quantity=quantity,
+            absolute=amount(self.absolute, "m3", "absolute tolerance", TOLERANCES),
+            relative=amount(self.relative, "1", "relative tolerance", Limits(0.0, 1e6)),
+            dead_time=dead_time,
+        )
+
+    @classmethod
+    def read(cls, model: QuantitiesModel, context: Context, at: Place) -> Self:
+        """Read a quantity map; see `DataSet.read`."""
+        rows = read_map(model, context, at)
+        labels = model.weight, model.source, model.synthetic
+        values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
+        return cls(model.name, Role(model.role), rows.points, *values, *labels, rows.mass_density)
+
+    @classmethod
+    def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
+        """One term for each map."""
+        return [Term(d.points, np.array([d.weight]), d._j_of, partial(np.not_equal, OK)) for d in group]
+
+    @staticmethod
+    def mass_of(batch: Batch) -> Floats:
+        """Mass per stroke that a map holds volumes of, (candidates, points) [kg]."""
+        return batch.injected_mass
+
+    @property
+    def measured(self) -> Floats:
+        """Measured quantities [m³]."""
+        return self.quantity
+
+    @property
+    def judged(self) -> Bools:
+        """Rows that are no dead times."""
+        return ~self.dead_time
+
+    def simulated(self, simulator: Simulator, values: Floats) -> Floats:
+        """Quantities (candidates, points) [m³]; NaN for a failed simulation or a needle that never closes."""
+        return self.volumes(simulator.batch(self.points, values), self.mass_density)
+
+    def volumes(self, batch: Batch, mass_density: ArrayLike) -> Floats:
+        """Volumes (candidates, points) of a batch [m³], at the data's density or the candidates' own."""
+        density = np.where(np.isnan(mass_density), batch.reference_density, mass_density)
+        return np.where(batch.status == OK, self.mass_of(batch) / density, np.nan)
+
+    def errors(self, values: Floats) -> Floats:
+        """(Q − Q_measured)/(absolute + relative · Q_measured) of simulated quantities (…, points)."""
+        return np.asarray((values - self.quantity) / (self.absolute + self.relative * self.quantity))
+
+    def misfit(self, values: Floats) -> Floats:
+        """J of simulated quantities: the soft-L1 sum of `errors`."""
+        return soft_l1(self.errors(values))
+
+    def residuals(self, values: Floats) -> Floats:
+        """`errors`, scaled by the root of the weight."""
+        return np.asarray(np.sqrt(self.weight) * self.errors(values))
+
+    def score(self, simulator: Simulator) -> QuantityScore:
+        """Score of the simulator's injector as it is."""
+        quantity = self.simulated(simulator, np.empty((1, 0)))[0]
+        found = find_dead_times(self, simulator)
+        error = quantity - self.quantity
+        large = (self.quantity > SMALL_QUANTITY) & self.judged
+        small = ~large & self.judged
+        measured = np.array([self.points[i].pulses[0].duration for i in np.flatnonzero(self.dead_time)])
+        return QuantityScore(
+            quantity, found, _rms(error[large] / self.quantity[large]), _rms(error[small]), _rms(found - measured)
+        )
+
+    def missing(self, score: QuantityScore) -> list[Missing]:
+        """Points whose simulation failed, and those whose dead time was not found."""
+        failed = np.flatnonzero(np.isnan(score.quantity) & self.judged)
+        dead = np.flatnonzero(self.dead_time)[np.isnan(score.dead_time)]
+        found = [Missing(self.points[i]) for i in failed]
+        return found + [Missing(self.points[i], NO_DEAD_TIME, NOT_REACHED) for i in dead]
+
+    def quantities(self, score: QuantityScore) -> tuple[Floats, Floats]:
+        """Measured and simulated quantities where there are both [m³]."""
+        both = np.isfinite(score.quantity) & self.judged
+        return self.quantity[both], score.quantity[both]
+
+    def relative_error(self, score: QuantityScore) -> float:
+        """Σ |error| over Σ quantity, of the points that did not fail."""
+        error = np.nansum(np.abs(score.quantity - self.quantity)[self.judged])
+        return share_of(error, np.sum(self.quantity[self.judged]))
+
+    def record(self, scores: Mapping[str, QuantityScore]) -> dict[str, Any]:
+        """Rows with the quantity or dead time of each label, and root mean squares."""
+        place = np.cumsum(self.dead_time) - 1
+        rows: list[dict[str, Any]] = []
+        for i, point in enumerate(self.points):
+            is_dead, quantity = bool(self.dead_time[i]), float(self.quantity[i])
+            row: dict[str, Any] = {**point_record(point), "dead_time": is_dead}
+            if is_dead:
+                row |= {"quantity": quantity, MEASURED: row["energising_time"]}
+                row |= {label: number(s.dead_time[place[i]]) for label, s in scores.items()}
+            else:
+                row[MEASURED] = quantity
+                row |= {label: number(s.quantity[i]) for label, s in scores.items()}
+            rows.append(row)
+        figures = {
+            label: {
+                "rms_small": number(s.rms_small),
+                "rms_large_percent": number(100.0 * s.rms_large),
+                "dead_time_rms": number(s.rms_dead_time),
+                "limit_quantity": SMALL_QUANTITY,
+            }
+            for label, s in scores.items()
+        }
+        return {"rows": rows, "figures": figures}
+
+    def _j_of(self, batch: Batch) -> Floats:
+        return self.misfit(self.volumes(batch, self.mass_density))[:, None]
+
+
+def soft_l1(residuals: Floats) -> Floats:
+    """Sum of 2 (sqrt(1 + r²) − 1) over the last axis: r² for small residuals, 2 |r| for large ones."""
+    return np.asarray(np.sum(2.0 * (np.sqrt(1.0 + residuals**2) - 1.0), axis=-1))
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")

@@ -1,0 +1,149 @@
+"""Dead times: energising times at which a small quantity is reached, rows of a quantity map that are judged by time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.display.chart import BOTH, MARKERS, Figure, Panel, Series
+from commonrail.display.table import BEST_LEGEND, SIGNS, Cell, Table, marked, rows_of, size_of
+from commonrail.display.text import fixed, megapascal, number, signed, significant
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.kinds.records import (
+    JUDGED,
+    MEASURED,
+    MICROSECOND,
+    MM3,
+    MPA,
+    Models,
+    Record,
+    Texts,
+    origin_of,
+    present,
+    scaled,
+)
+from commonrail.kinds.simulator import Simulator
+
+if TYPE_CHECKING:
+    from commonrail.kinds.maps.data import QuantityData
+
+__all__ = [
+    "NOT_REACHED",
+    "NO_DEAD_TIME",
+    "compared_dead_times",
+    "dead_time_figure",
+    "dead_time_table",
+    "dead_times_of",
+    "find_dead_times",
+]
+
+Floats = NDArray[np.float64]
+
+_SEARCHED = np.linspace(120e-6, 480e-6, 37)  # energising times [s]
+_STEPS = (10.0, 20.0)  # [us]
+_LEGEND = "{small} within 10 µs, {medium} within 20 µs, {large} beyond.".format(**SIGNS)
+
+NO_DEAD_TIME = "NO_DEAD_TIME"
+NOT_REACHED = (
+    "No dead time was found: the quantity is not passed between energising times of 120 and 480 us, or the "
+    "simulation fails there."
+)
+
+
+def find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
+    """Energising time at which each dead-time row's quantity is reached [s], by interpolation; (dead-time rows,)."""
+    rows = np.flatnonzero(data.dead_time)
+    found = np.full(len(rows), np.nan)
+    mass_density = np.broadcast_to(data.mass_density, data.quantity.shape)
+    for i, row in enumerate(rows):
+        points = [_energised(data.points[row], float(t)) for t in _SEARCHED]
+        batch = simulator.once(points)
+        quantity = data.volumes(batch, mass_density[row])[0]
+        above = np.flatnonzero(quantity > data.quantity[row])
+        if len(above) and above[0] > 0:
+            k = int(above[0])
+            share = (data.quantity[row] - quantity[k - 1]) / (quantity[k] - quantity[k - 1])
+            found[i] = _SEARCHED[k - 1] + share * (_SEARCHED[k] - _SEARCHED[k - 1])
+    return found
+
+
+def _energised(point: OperatingPoint, duration: float) -> OperatingPoint:
+    return OperatingPoint(
+        point.rail_pressure, duration, point.cylinder_pressure, point.return_pressure, start=point.start
+    )
+
+
+def dead_times_of(data: Record) -> list[Record]:
+    """Rows of a map that are dead times."""
+    return [row for row in data["rows"] if row["dead_time"]]
+
+
+def dead_time_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
+    """Dead times of one map and the error of the calibrated model.
+
+    Parameters
+    ----------
+    data : Record
+    labels : sequence of str
+        Models that have a column.
+    texts : mapping of str to str
+        What they are called.
+    """
+    rows: list[tuple[str | Cell, ...]] = []
+    for row in dead_times_of(data):
+        (error,) = _errors(row, [JUDGED])
+        times = (fixed(row.get(label), 1, MICROSECOND) for label in labels)
+        rows.append((*_head(row), *times, Cell(signed(error, 1), size_of(error, _STEPS))))
+    columns = ("rail, MPa", "quantity, mm³", origin_of(data), *(texts[label] for label in labels), "error")
+    title = f"Dead times, µs: {data['name']} ({data['role']})"
+    return Table(title, columns, rows_of(rows), f"Energising time at which the quantity is reached. {_LEGEND}", 0)
+
+
+def compared_dead_times(data: Record, labels: Sequence[str]) -> Table:
+    """Errors of the dead times of one map, by model."""
+    rows: list[tuple[str | Cell, ...]] = []
+    for row in dead_times_of(data):
+        errors = _errors(row, labels)
+        cells = zip(marked(errors, lambda e: signed(e, 1)), errors, strict=True)
+        rows.append((*_head(row), *(Cell(cell.text, size_of(e, _STEPS), cell.best) for cell, e in cells)))
+    columns = ("rail, MPa", "quantity, mm³", f"{origin_of(data)}, µs", *labels)
+    note = (
+        "The dead time is the energising time at which the quantity is reached; errors are simulated − "
+        f"{origin_of(data)}. {_LEGEND} {BEST_LEGEND}"
+    )
+    return Table(f"Errors of the dead times, µs: {data['name']}", columns, rows_of(rows), note, 0)
+
+
+def dead_time_figure(data: Record, models: Models) -> list[Figure]:
+    """Dead times [us] against rail pressure [MPa], if there are two or more."""
+    rows = sorted(dead_times_of(data), key=lambda row: float(row["rail_pressure"]))
+    if len(rows) < 2:
+        return []
+    x = scaled(rows, "rail_pressure", MPA)
+    lines = [
+        Series(model.text, model.look, x, scaled(rows, label, MICROSECOND), BOTH, model.family)
+        for label, model in models.items()
+    ]
+    marks = Series(origin_of(data), MEASURED, x, scaled(rows, MEASURED, MICROSECOND), MARKERS)
+    return [
+        Figure(
+            f"Dead times of {data['name']}",
+            "Energising time at which the injector delivers the stated small quantity.",
+            "rail pressure, MPa",
+            (Panel("dead time, µs", (*present(lines), marks)),),
+        )
+    ]
+
+
+def _head(row: Record) -> tuple[str, str, str]:
+    quantity = significant(row.get("quantity"), 3, MM3)
+    return megapascal(row["rail_pressure"]), quantity, fixed(row[MEASURED], 0, MICROSECOND)
+
+
+def _errors(row: Record, labels: Sequence[str]) -> list[float | None]:
+    """Errors [us] of models."""
+    found = (number(row.get(label)) for label in labels)
+    return [None if value is None else (value - row[MEASURED]) * MICROSECOND for value in found]

@@ -1,0 +1,324 @@
+"""Quantity maps in reports: tables of errors and of every point, figures over energising time, sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, groupby
+from typing import Any
+
+from commonrail.display.chart import MARKERS, Figure, Panel, Points, Series
+from commonrail.display.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Table, marked, rows_of, size_of
+from commonrail.display.text import fixed, listed, megapascal, number, pressure, signed, significant
+from commonrail.kinds.base import View
+from commonrail.kinds.maps.dead_times import compared_dead_times, dead_time_figure, dead_time_table
+from commonrail.kinds.records import (
+    JUDGED,
+    MEASURED,
+    MICROSECOND,
+    MM3,
+    Models,
+    Record,
+    Texts,
+    Traces,
+    origin_of,
+    present,
+    relative_error,
+    scaled,
+)
+
+__all__ = ["ENERGISING", "MapView", "error_size"]
+
+ENERGISING = "energising time, µs"
+WIDE = 3  # models of which a row of a map holds quantities and errors; of more only errors
+USUAL_LIMIT = 3e-9  # [m³] where a record says none
+
+_STEPS = ((0.05, 0.1), (0.10, 0.3))  # relative, and [mm³] for what is near zero
+_LEGEND = "{small} within 5 % or 0.1 mm³, {medium} within 10 % or 0.3 mm³, {large} beyond.".format(**SIGNS)
+
+# Keys of a record's figures, and their text.
+_FIGURES: tuple[tuple[str, Callable[[Any], str]], ...] = (
+    ("rms_large_percent", lambda value: fixed(value, 2)),
+    ("rms_small", lambda value: fixed(value, 3, MM3)),
+    ("dead_time_rms", lambda value: fixed(value, 1, MICROSECOND)),
+)
+
+Measure = Callable[[float, float], float]  # of an error and the measured quantity [m³]
+
+
+@dataclass(frozen=True)
+class MapView(View):
+    """Tables, figures and sentences of maps of a quantity per stroke.
+
+    Attributes
+    ----------
+    of : str
+        Word before "quantity" and "quantities", with a space behind it; none for the injected one.
+    caption : str
+        The quantity, as a figure's caption begins.
+    """
+
+    of: str = ""
+    caption: str = "Injected quantity"
+
+    def has(self, data: Record, label: str) -> bool:
+        """True if the model has a number for any row."""
+        return any(number(row.get(label)) is not None for row in data["rows"])
+
+    def operating_point(self, data: Record) -> Record:
+        """The last quantity's operating point."""
+        last: Record = _quantities(data)[-1]
+        return last
+
+    def sentences(self, data: Sequence[Record]) -> list[str]:
+        """Root mean squares of each map, calibrated and start values."""
+        return [f" ({d['name']}), {self._sentence(d)}" for d in data]
+
+    def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
+        """Errors of the large quantities of each map."""
+        what = f"the least error of the {self.of}quantities above {limit_text(data)} mm³"
+        return what, [{label: f.get("rms_large_percent") for label, f in d["figures"].items()} for d in data]
+
+    def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
+        """Root mean squares of all maps, then quantities and dead times of each."""
+        tables = [self._figures_table(data, texts)]
+        for d in data:
+            labels = [label for label in texts if self.has(d, label) and label != "rigid"]
+            tables += [self._quantity_table(d, labels, texts), dead_time_table(d, labels, texts)]
+        return [tables[0], *(table for table in tables[1:] if table.rows)]
+
+    def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
+        """Root mean squares of all maps, then quantities and dead times of each."""
+        tables = [table for d in data for table in (self._compared(d, labels), compared_dead_times(d, labels))]
+        return [self._figures_compared(data, labels), *(table for table in tables if table.rows)]
+
+    def figures(self, data: Record, traces: Traces, models: Models) -> list[Figure]:
+        """Quantities, their errors, and dead times; a rigid body is not shown."""
+        shown = {label: models[label] for label in ("start", JUDGED) if label in models}
+        return [self._map_figure(data), self._error_figure(data), *dead_time_figure(data, shown)]
+
+    def compared_figures(self, data: Record, traces: Traces, models: Models) -> list[Figure]:
+        """Quantities, their errors, and dead times, of each model."""
+        found = [self._map_compared(data, models), self._errors_compared(data, models)] if _quantities(data) else []
+        return [*found, *dead_time_figure(data, models)]
+
+    def _sentence(self, data: Record) -> str:
+        best, start = (data["figures"].get(key, {}) for key in (JUDGED, "start"))
+        limit = significant(best.get("limit_quantity"), 3, MM3)
+        parts = []
+        for key, scale, decimals, words in (
+            ("rms_large_percent", 1.0, 1, f"{self.of}quantities above {limit} mm³ are met to {{}} % rms"),
+            ("rms_small", MM3, 2, f"those up to {limit} mm³ to {{}} mm³ rms"),
+            ("dead_time_rms", MICROSECOND, 0, "dead times to {} µs rms"),
+        ):
+            if number(best.get(key)) is None:
+                continue
+            text = words.format(fixed(best[key], decimals, scale))
+            if number(start.get(key)) is not None:
+                text += f" (start: {fixed(start[key], decimals, scale)})"
+            parts.append(text)
+        return listed(parts) or "nothing could be simulated"
+
+    def _figures_table(self, data: Sequence[Record], texts: Texts) -> Table:
+        rows = [
+            (d["name"], d["role"], texts[label], _count(d), *_figure_texts(d["figures"].get(label, {})))
+            for d in data
+            for label in texts
+            if self.has(d, label)
+        ]
+        columns = ("data set", "role", "model", f"{self.of}quantities", *_figure_heads(data))
+        return Table(f"Errors of the {self.of}quantity maps", columns, rows_of(rows), "", 3)
+
+    def _figures_compared(self, data: Sequence[Record], labels: Sequence[str]) -> Table:
+        rows: list[tuple[str | Cell, ...]] = []
+        for d in data:
+            figures = [d["figures"].get(label, {}) for label in labels]
+            columns = [marked([number(f.get(key)) for f in figures], text) for key, text in _FIGURES]
+            rows += [(d["name"], label, _count(d), *cells) for label, *cells in zip(labels, *columns, strict=True)]
+        failing = "A model that fails at one point has no figure over the points."
+        heads = ("data set", "model", f"{self.of}quantities", *_figure_heads(data))
+        note = f"{BEST_SIGN} least error of the data set. {failing}"
+        return Table(f"Errors of the {self.of}quantity maps", heads, rows_of(rows), note, 2)
+
+    def _quantity_table(self, data: Record, labels: Sequence[str], texts: Texts) -> Table:
+        """Quantities point by point, start and calibrated against measured."""
+        rows: list[tuple[str | Cell, ...]] = []
+        for row in _quantities(data):
+            measured, best = row[MEASURED], number(row.get(JUDGED))
+            error = None if best is None else (best - measured) * MM3
+            share = Cell(signed(relative_error(best, measured), 1), error_size(error, measured * MM3))
+            shown = (fixed(row.get(label), 2, MM3) for label in labels)
+            rows.append((*_head(row), fixed(measured, 2, MM3), *shown, signed(error, 2), share))
+        heads = (*(texts[label] for label in labels), "error", "error, %")
+        title = f"{self._title}, mm³: {data['name']} ({data['role']})"
+        note = f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}"
+        return Table(title, ("rail, MPa", ENERGISING, origin_of(data), *heads), rows_of(rows), note, 0)
+
+    def _compared(self, data: Record, labels: Sequence[str]) -> Table:
+        """Quantities point by point: quantities and errors of few models, errors of many."""
+        wide = len(labels) <= WIDE
+        rows: list[tuple[str | Cell, ...]] = []
+        for row in _quantities(data):
+            measured = float(row[MEASURED])
+            found = [number(row.get(label)) for label in labels]
+            errors = marked([relative_error(value, measured) for value in found], lambda e: signed(e, 1))
+            sized = [
+                Cell(cell.text, error_size(None if v is None else (v - measured) * MM3, measured * MM3), cell.best)
+                for cell, v in zip(errors, found, strict=True)
+            ]
+            shown = zip((Cell(fixed(v, 2, MM3)) for v in found), sized, strict=True) if wide else zip(sized)
+            rows.append((*_head(row), fixed(measured, 2, MM3), *chain.from_iterable(shown)))
+        heads = [head for label in labels for head in ((label, "error, %") if wide else (label,))]
+        columns = ("rail, MPa", ENERGISING, f"{origin_of(data)}, mm³", *heads)
+        note = f"Errors are simulated − {origin_of(data)}. {_LEGEND} {BEST_LEGEND}"
+        title = f"{self._title}, mm³" if wide else f"Errors of the {self.of}quantities, %"
+        return Table(f"{title}: {data['name']}", columns, rows_of(rows), note, 0)
+
+    @property
+    def _title(self) -> str:
+        words = f"{self.of}quantities"
+        return words[0].upper() + words[1:]
+
+    def _map_figure(self, data: Record) -> Figure:
+        """Quantity [mm³] against energising time [us], one family for each rail pressure."""
+        series = []
+        for family, (rail, rows) in enumerate(_by_pressure(data).items()):
+            x = scaled(rows, "energising_time", MICROSECOND)
+            series += [Series("", label, x, scaled(rows, label, MM3), family=family) for label in ("start", JUDGED)]
+            measured = scaled(rows, MEASURED, MM3)
+            series.append(Series(pressure(rail), MEASURED, x, measured, MARKERS, family))
+        return Figure(
+            f"{data['name']} ({data['role']})",
+            f"{self.caption}: markers {origin_of(data)}, solid lines calibrated, dotted lines start values.",
+            ENERGISING,
+            (Panel(f"{self.of}quantity, mm³", tuple(series)),),
+        )
+
+    def _error_figure(self, data: Record) -> Figure:
+        """Errors of the calibrated quantities, in mm³ for small ones and in percent for large ones."""
+        limit = data["figures"].get(JUDGED, {}).get("limit_quantity", USUAL_LIMIT)
+        large, small = [], []
+        for family, (rail, rows) in enumerate(_by_pressure(data).items()):
+            over, under = _parted_at(limit, rows)
+            large.append(Series(pressure(rail), JUDGED, *_errors(over, JUDGED, _percent), MARKERS, family))
+            small.append(Series("", JUDGED, *_errors(under, JUDGED, _absolute), MARKERS, family))
+        text = f"{limit * MM3:.3g} mm³"
+        return Figure(
+            f"Errors of {data['name']}",
+            f"Calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it.",
+            ENERGISING,
+            (
+                Panel("error, %", tuple(large), 0.6, zero_line=True),
+                Panel("error, mm³", tuple(small), 0.4, zero_line=True),
+            ),
+        )
+
+    def _map_compared(self, data: Record, models: Models) -> Figure:
+        """Quantity [mm³] against energising time [us]; each model draws a line for each rail pressure."""
+        parts = _by_pressure(data)
+        rails = list(dict.fromkeys(map(megapascal, parts)))
+        x = _with_gaps(parts, "energising_time", MICROSECOND)
+        series = [
+            Series(model.text, model.look, x, _with_gaps(parts, label, MM3), family=model.family)
+            for label, model in models.items()
+        ]
+        measured = Series(origin_of(data), MEASURED, x, _with_gaps(parts, MEASURED, MM3), MARKERS)
+        return Figure(
+            data["name"],
+            f"{self.caption}: markers {origin_of(data)}; each model has a line for each rail pressure "
+            f"({listed(rails)} MPa).",
+            ENERGISING,
+            (Panel(f"{self.of}quantity, mm³", (*present(series), measured)),),
+        )
+
+    def _errors_compared(self, data: Record, models: Models) -> Figure:
+        """Errors of the quantities, in percent for large ones and in mm³ for small ones."""
+        limit = float(next((f["limit_quantity"] for f in data["figures"].values()), USUAL_LIMIT))
+        over, under = _parted_at(limit, _sorted(data))
+        large, small = (
+            present([Series(m.text, m.look, *_errors(rows, k, measure), MARKERS, m.family) for k, m in models.items()])
+            for rows, measure in ((over, _percent), (under, _absolute))
+        )
+        panels = [Panel("error, %", large, 0.6, zero_line=True)] if over else []
+        panels += [Panel("error, mm³", _unlabelled(small, large), 0.4, zero_line=True)] if under else []
+        return Figure(
+            f"Errors of {data['name']}",
+            f"Simulated − {origin_of(data)}: in percent above {limit * MM3:.3g} mm³, in mm³ up to it; all rail "
+            "pressures.",
+            ENERGISING,
+            tuple(panels),
+        )
+
+
+def error_size(error: float | None, measured: float) -> str:
+    """Size of an error of a quantity [mm³]: relative, or absolute for what is near zero."""
+    return size_of(error, [max(rel * abs(measured), ab) for rel, ab in _STEPS])
+
+
+def limit_text(data: Sequence[Record]) -> str:
+    """Quantity [mm³] above which errors are judged in percent."""
+    limits = [f["limit_quantity"] for d in data for f in d["figures"].values()]
+    return significant(limits[0], 3, MM3) if limits else "3"
+
+
+def _figure_heads(data: Sequence[Record]) -> tuple[str, str, str]:
+    limit = limit_text(data)
+    return f"above {limit} mm³, % rms", f"up to {limit} mm³, mm³ rms", "dead time, µs rms"
+
+
+def _figure_texts(figures: Record) -> list[str]:
+    return [text(figures.get(key)) for key, text in _FIGURES]
+
+
+def _quantities(data: Record) -> list[Record]:
+    """Rows that are quantities."""
+    return [row for row in data["rows"] if not row["dead_time"]]
+
+
+def _count(data: Record) -> str:
+    return str(len(_quantities(data)))
+
+
+def _head(row: Record) -> tuple[str, str]:
+    return megapascal(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)
+
+
+def _sorted(data: Record) -> list[Record]:
+    """Rows that are quantities, by rail pressure and energising time."""
+    return sorted(_quantities(data), key=lambda row: (float(row["rail_pressure"]), float(row["energising_time"])))
+
+
+def _by_pressure(data: Record) -> dict[float, list[Record]]:
+    """Rows that are quantities, by rail pressure [Pa], each in the order of energising time."""
+    return {float(rail): list(rows) for rail, rows in groupby(_sorted(data), key=lambda row: row["rail_pressure"])}
+
+
+def _with_gaps(parts: Mapping[float, list[Record]], key: str, scale: float) -> Points:
+    """Values with a gap between rail pressures."""
+    return tuple(value for rows in parts.values() for value in (*scaled(rows, key, scale), None))[:-1]
+
+
+def _parted_at(limit: float, rows: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+    """Rows above a quantity [m³], and those up to it."""
+    return [row for row in rows if row[MEASURED] > limit], [row for row in rows if row[MEASURED] <= limit]
+
+
+def _errors(rows: list[Record], label: str, measure: Measure) -> tuple[Points, Points]:
+    """Energising times [us], and a measure of simulated − measured at each."""
+    found = ((number(row.get(label)), float(row[MEASURED])) for row in rows)
+    errors = tuple(None if value is None else measure(value - m, m) for value, m in found)
+    return scaled(rows, "energising_time", MICROSECOND), errors
+
+
+def _percent(error: float, measured: float) -> float:
+    return 100.0 * error / measured
+
+
+def _absolute(error: float, measured: float) -> float:
+    return error * MM3
+
+
+def _unlabelled(series: Sequence[Series], named: Sequence[Series]) -> tuple[Series, ...]:
+    """Series of a second panel: one entry in the legend for each model is enough."""
+    known = {s.label for s in named}
+    return tuple(replace(s, label="") if s.label in known else s for s in series)
