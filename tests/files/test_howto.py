@@ -11,13 +11,13 @@ from typing import Annotated, Any
 import pytest
 from pydantic import TypeAdapter
 
-from commonrail.files.fields import Quantities, Room
 from commonrail.files.injector_file import room_quantities
 from commonrail.files.study_models import ConstraintsModel, OptimiserModel, ParameterModel
-from commonrail.files.tables import read_columns
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds.curves.reading import RateModel
 from commonrail.kinds.maps.reading import QuantitiesModel
+from commonrail.reading.fields import Quantities, Room
+from commonrail.reading.tables import Column, read_columns
 
 PAGES = Path(__file__).resolve().parents[2] / "docs" / "howto"
 
@@ -59,5 +59,7 @@ def test_injector_page_lists_every_table() -> None:
 def test_data_page(table_file: Callable[[str], Path]) -> None:
     text = (PAGES / "data-files.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"```\n(# bench.*?)```", text, re.S)
-    table = read_columns(table_file(example), {"time": "s", "rate": "m3/s", "current": "A"}, least=2)
+    table = read_columns(
+        table_file(example), [Column("time", "s"), Column("rate", "m3/s"), Column("current", "A")], least=2
+    )
     assert table.columns["current"][1] == pytest.approx(1.2)

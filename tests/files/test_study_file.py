@@ -215,7 +215,7 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         InputError,
         'rail_pressure = "160 MPa"',
         "rail_pressure = true",
-        r"data\[1\]\.rail_pressure: .*must be a text with a unit",
+        r"data\[1\]\.rail_pressure: .*is not a number with a unit; a pressure is expected",
     ),
     "no injector": (
         InputError,

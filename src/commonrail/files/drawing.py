@@ -6,10 +6,10 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from commonrail.files.fields import FileModel, Given, Number, Room, Sourced, Stated, Values, fault
 from commonrail.injector.definition import Source
 from commonrail.parts.furniture import Q
 from commonrail.parts.plunger_needle import cylinder_mass, cylinder_stiffness
+from commonrail.reading.fields import FileModel, Given, Number, Room, Sourced, Stated, Values, fault
 
 __all__ = ["DrawnRoom"]
 

@@ -16,11 +16,11 @@ from pydantic_core import CoreSchema, core_schema
 
 from commonrail.arguments import plain_text
 from commonrail.files.catalogue import Catalogue
-from commonrail.files.faults import read_model
-from commonrail.files.fields import MARKS, FileModel, Mark, by_key, fault
-from commonrail.files.place import Place
-from commonrail.files.toml_file import parse_toml
 from commonrail.fuel.fuel import Fuel, Law, Origin, Polynomial
+from commonrail.reading.faults import read_model
+from commonrail.reading.fields import MARKS, FileModel, Mark, by_key, fault
+from commonrail.reading.place import Place
+from commonrail.reading.toml_file import parse_toml
 
 __all__ = ["FuelModel", "fuel_catalogue", "load_fuel", "parse_fuel"]
 

@@ -15,18 +15,18 @@ from pydantic import create_model
 from commonrail.arguments import source_of
 from commonrail.files.catalogue import Catalogue
 from commonrail.files.drawing import DrawnRoom
-from commonrail.files.faults import read_model
-from commonrail.files.fields import FileModel, Given, Number, Quantities, Room, Sourced, Stated, Values, choice
 from commonrail.files.fuel_file import FuelModel, load_fuel, parse_fuel
 from commonrail.files.injector_writer import dump_injector
-from commonrail.files.place import Place, located
-from commonrail.files.reach import Reach
-from commonrail.files.toml_file import parse_toml, read_toml
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.injector.model import Parameters
 from commonrail.injector.variants import Body, Boundary, Drive, Variant
 from commonrail.parts.furniture import Q
+from commonrail.reading.faults import read_model
+from commonrail.reading.fields import FileModel, Given, Number, Quantities, Room, Sourced, Stated, Values, choice
+from commonrail.reading.place import Place, located
+from commonrail.reading.reach import Reach
+from commonrail.reading.toml_file import parse_toml, read_toml
 
 __all__ = ["dump_injector", "injector_catalogue", "load_injector", "room_quantities"]
 

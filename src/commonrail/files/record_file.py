@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.errors import InputError
-from commonrail.files.text_file import read_text
+from commonrail.reading.text_file import read_text
 
 __all__ = ["LARGEST_RECORD", "read_record"]
 

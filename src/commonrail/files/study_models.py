@@ -1,18 +1,22 @@
-"""Shape of a study file: which keys it has, and of which type each is. Units are read later."""
+"""Shape of a study file: its keys, with type and unit of each."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, GetCoreSchemaHandler
+from pydantic import AfterValidator, Field, GetCoreSchemaHandler, PlainValidator, ValidationInfo
 from pydantic_core import core_schema
 
 from commonrail.calibration.optimisers.evolution_settings import MOST_GENERATIONS, MOST_MEMBERS, InitialSampling
 from commonrail.calibration.optimisers.treatments import Treatment
 from commonrail.engine.lanes import Precision
+from commonrail.errors import nearest
+from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import KINDS
-from commonrail.kinds.reading import DataModel, Name, TableModel, Value
+from commonrail.kinds.reading import DataModel, Name
+from commonrail.reading.fields import FileModel, Mark, Unit, fault
 
 __all__ = [
     "ConstraintsModel",
@@ -35,7 +39,7 @@ class _ByKind:
         return core_schema.tagged_union_schema(
             {f"<{name}>": handler.generate_schema(kind.model) for name, kind in KINDS.items()},
             _kind_of,
-            custom_error_type="kind",
+            custom_error_type="sentence",
             custom_error_message=f"kind must be {', '.join(names[:-1])} or {names[-1]}",
         )
 
@@ -45,28 +49,55 @@ def _kind_of(item: Any) -> str | None:
     return f"<{kind}>" if isinstance(kind, str) and kind in KINDS else None
 
 
-class ParameterModel(TableModel):
+def _parameter(item: str) -> str:
+    if item not in (known := parameter_quantities()):
+        raise fault(f'there is no parameter "{item}"{nearest(item, known)}')
+    return item
+
+
+def _in_its_unit(item: Any, info: ValidationInfo) -> float:
+    """Number in the unit of the parameter; a fault of its name is told before."""
+    name = info.data.get("name")
+    return Unit(parameter_quantities()[name].unit).read(item) if name else math.nan
+
+
+def _percent(item: Any) -> float:
+    # A bare 50 would be a factor to one reader and percent to another.
+    if not isinstance(item, str) or "%" not in item:
+        raise fault('write percent with its sign, as in "50 %"')
+    return Unit("%").read(item)
+
+
+def _step(item: Any) -> float | None:
+    return None if item == "auto" else Unit("s").read(item)
+
+
+_Value = Annotated[float, PlainValidator(_in_its_unit)]
+_Percent = Annotated[float, PlainValidator(_percent)]
+
+
+class ParameterModel(FileModel):
     """A parameter to be calibrated: bounds around a reference in percent, Eq. (16), or outright."""
 
-    name: str
-    reference: Value | None = None
-    below: Value | None = None
-    above: Value | None = None
-    lower: Value | None = None
-    upper: Value | None = None
+    name: Annotated[str, AfterValidator(_parameter)]
+    reference: _Value | None = None
+    below: _Percent | None = None
+    above: _Percent | None = None
+    lower: _Value | None = None
+    upper: _Value | None = None
     scale: Literal["linear", "log"] = "linear"
-    mark: Literal["M", "C", "F", "E"] | None = None
+    mark: Mark | None = None
     source: str | None = None
 
 
-class ConstraintsModel(TableModel):
+class ConstraintsModel(FileModel):
     """Orderings and other linear inequalities between parameters, Eq. (14), (15)."""
 
     order: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
     linear: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
 
 
-class OptimiserModel(TableModel):
+class OptimiserModel(FileModel):
     """Settings of the optimiser; what is left out keeps the paper's value."""
 
     members: int | None = Field(default=None, le=MOST_MEMBERS)
@@ -80,10 +111,7 @@ class OptimiserModel(TableModel):
     polish_iterations: int = Field(default=30, ge=1, le=10_000)
 
 
-AUTO_STEP = "auto"  # short enough for every candidate within the bounds
-
-
-class StudyModel(TableModel):
+class StudyModel(FileModel):
     """The whole file."""
 
     format: Literal["commonrail-study/1"]
@@ -92,7 +120,7 @@ class StudyModel(TableModel):
     allow_outside: bool = False
     injector: str
     seed: int = Field(default=1, ge=0)
-    time_step: Value = AUTO_STEP
+    time_step: Annotated[float | None, PlainValidator(_step)] = None  # "auto": short enough for every candidate
     precision: Precision = Field(default=Precision.F64, strict=False)
     data: list[Annotated[DataModel, _ByKind()]] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)

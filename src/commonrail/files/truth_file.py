@@ -16,16 +16,16 @@ from commonrail.analysis.truth import FRICTION, MASSES, QUANTITIES, Friction, Sc
 from commonrail.arguments import source_of
 from commonrail.engine.reference import Resolution
 from commonrail.files.catalogue import Catalogue
-from commonrail.files.faults import read_model
-from commonrail.files.fields import FileModel, Number, Quantities, Room, Sourced, Stated, Text, Values, choice, fault
 from commonrail.files.injector_file import ROOMS, load_injector, room_quantities
-from commonrail.files.place import Place, located
-from commonrail.files.reach import Reach
-from commonrail.files.text_file import read_text
-from commonrail.files.toml_file import LARGEST_TOML, parse_toml
 from commonrail.injector.definition import Injector, Source
 from commonrail.injector.variants import Body, Boundary, Drive
 from commonrail.parts.furniture import Q
+from commonrail.reading.faults import read_model
+from commonrail.reading.fields import FileModel, Number, Quantities, Room, Sourced, Stated, Text, Values, choice, fault
+from commonrail.reading.place import Place, located
+from commonrail.reading.reach import Reach
+from commonrail.reading.text_file import read_text
+from commonrail.reading.toml_file import LARGEST_TOML, parse_toml
 from commonrail.units import to_text
 
 __all__ = ["load_truth", "truth_catalogue", "truth_text"]

@@ -10,14 +10,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from commonrail.errors import InputError, nearest
-from commonrail.files.faults import read_model
-from commonrail.files.fields import FileModel, Text, Unit
-from commonrail.files.place import Place, located
-from commonrail.files.study_faults import read_model as read_study_model
 from commonrail.files.study_models import StudyModel
-from commonrail.files.toml_file import read_toml
 from commonrail.fleet.row_supply import RowSupply
 from commonrail.fleet.supply import FileSupply, Layout, Supply
+from commonrail.reading.faults import read_model
+from commonrail.reading.fields import FileModel, Text, Unit
+from commonrail.reading.place import Place, located
+from commonrail.reading.toml_file import read_toml
 
 __all__ = ["Fleet", "Template", "load_fleet"]
 
@@ -125,7 +124,7 @@ def load_fleet(path: str | Path) -> Fleet:
 def _template(path: Path, left_out: Sequence[str], at: Place) -> Template:
     with located(at / "study"):
         tables, text = read_toml(path)
-    model = read_study_model(tables, Place(str(path)))
+    model = read_model(StudyModel, tables, Place(str(path)))
     names = [data.name for data in model.data]
     for name in left_out:
         if name not in names:

@@ -22,9 +22,10 @@ from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.errors import ConfigurationError
-from commonrail.kinds.reading import Context, DataModel, Place
+from commonrail.kinds.reading import Context, DataModel
 from commonrail.kinds.records import Models, Record, Texts, Traces
 from commonrail.kinds.simulator import Simulator
+from commonrail.reading.place import Place
 
 __all__ = ["LATER", "DataSet", "Missing", "Role", "Score", "Term", "View", "share_of"]
 

@@ -20,9 +20,10 @@ from commonrail.errors import ConfigurationError
 from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
 from commonrail.kinds.curves.reading import RateModel, read_curve
 from commonrail.kinds.curves.view import CurveView
-from commonrail.kinds.reading import Context, Place
+from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, MM3_PER_MS, point_record
 from commonrail.kinds.simulator import Simulator
+from commonrail.reading.place import Place
 
 __all__ = ["RateData", "RateScore"]
 

@@ -21,9 +21,10 @@ from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
 from commonrail.kinds.maps.dead_times import NO_DEAD_TIME, NOT_REACHED, find_dead_times
 from commonrail.kinds.maps.reading import QuantitiesModel, read_map
 from commonrail.kinds.maps.view import MapView
-from commonrail.kinds.reading import Context, Place
+from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, point_record
 from commonrail.kinds.simulator import Simulator
+from commonrail.reading.place import Place
 
 __all__ = ["SMALL_QUANTITY", "QuantityData", "QuantityScore", "soft_l1"]
 

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
-from commonrail.files.place import Place
+from commonrail.reading.place import Place
 
 __all__ = ["ALLOW", "Reach"]
 

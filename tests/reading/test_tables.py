@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.files import csv_rows
-from commonrail.files.tables import Table, read_columns
+from commonrail.reading import csv_rows
+from commonrail.reading.tables import Column, Table, read_columns
 
 Write = Callable[[str | bytes], Path]
 
-WANTED = {"time": "s", "rate": ("m3/s", "kg/s")}
 GOOD = "time [us],rate [mm3/ms]\n0,1\n3,2\n6,4\n9,8\n"
 
 
 def read(path: Path, **stated: str) -> Table:
-    return read_columns(path, WANTED, stated=stated, increasing="time")
+    time = Column("time", "s", stated.get("time"), increasing=True)
+    return read_columns(path, [time, Column("rate", ("m3/s", "kg/s"), stated.get("rate"))])
 
 
 def test_units_become_si(table_file: Write) -> None:

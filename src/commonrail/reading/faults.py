@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from commonrail.errors import InputError
-from commonrail.files.place import Place
+from commonrail.reading.place import Place
 
 __all__ = ["read_model"]
 

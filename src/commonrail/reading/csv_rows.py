@@ -13,9 +13,9 @@ from itertools import chain
 from pathlib import Path
 
 from commonrail.errors import InputError
-from commonrail.files.text_file import read_lines
+from commonrail.reading.text_file import read_lines
 
-__all__ = ["LARGEST_FILE", "MOST_ROWS", "Rows", "check_count", "check_header", "check_row", "parse_cells", "read_rows"]
+__all__ = ["MOST_ROWS", "Rows", "read_rows"]
 
 LARGEST_FILE = 100_000_000  # [bytes]
 MOST_ROWS = 1_000_000  # one second at 1 MHz
@@ -37,7 +37,7 @@ class Rows:
     comments: list[str]
 
 
-def read_rows(path: Path, most: int = MOST_ROWS) -> Rows:
+def read_rows(path: Path, most: int = MOST_ROWS, *, plain: bool = False) -> Rows:
     """Rows of a CSV file whose first row is its header.
 
     Comments are complete once the rows have been gone through, and so are the errors: a row that cannot be read is
@@ -48,6 +48,8 @@ def read_rows(path: Path, most: int = MOST_ROWS) -> Rows:
     path : Path
     most : int
         Rows that are read at most.
+    plain : bool
+        Whether the program has written it: commas, comments only above the header, texts as they stand.
 
     Raises
     ------
@@ -56,25 +58,19 @@ def read_rows(path: Path, most: int = MOST_ROWS) -> Rows:
         header.
     """
     comments: list[str] = []
-    lines = _lines(path, comments)
+    lines = _lines(path, comments, plain)
     first = next(lines, None)
     if first is None:
         raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
-    rows = parse_cells(path, chain((first,), lines), _delimiter(first[1]))
+    rows = _cells(path, chain((first,), lines), "," if plain else _delimiter(first[1]), plain)
     _, header = next(rows)
-    names = [cell.strip() for cell in header]
-    check_header(path, names)
+    names = header if plain else [cell.strip() for cell in header]
+    _check_header(path, names)
     return Rows(names, _checked(path, rows, len(header), most), comments)
 
 
-def check_header(path: Path, names: list[str]) -> None:
-    """Refuse a header with too many columns or a name that nobody would write.
-
-    Raises
-    ------
-    InputError
-        If it is one.
-    """
+def _check_header(path: Path, names: list[str]) -> None:
+    """Refuse a header with too many columns or a name that nobody would write."""
     if len(names) > MOST_COLUMNS:
         raise InputError(f"{path}: the header has {len(names)} columns, and at most {MOST_COLUMNS} are read.")
     for number, name in enumerate(names, start=1):
@@ -85,52 +81,21 @@ def check_header(path: Path, names: list[str]) -> None:
             )
 
 
-def check_row(path: Path, line: int, row: list[str], columns: int) -> None:
-    """Refuse a row with more or fewer cells than the header.
-
-    Raises
-    ------
-    InputError
-        If it is one.
-    """
-    if len(row) != columns:
-        hint = "; the decimal sign must be a point" if len(row) > columns else ""
-        raise InputError(f"{path}, line {line}: the row has {len(row)} cells, the header {columns}{hint}.")
-
-
-def check_count(path: Path, line: int, count: int, most: int = MOST_ROWS) -> None:
-    """Refuse the first row of too many.
-
-    Raises
-    ------
-    InputError
-        If it is that.
-    """
-    if count > most:
-        raise InputError(
-            f"{path}, line {line}: the file has more than the {most} rows that are read; keep only what is needed."
-        )
-
-
-def _checked(
-    path: Path, rows: Iterator[tuple[int, list[str]]], columns: int, most: int
-) -> Iterator[tuple[int, list[str]]]:
+def _checked(path: Path, rows: NumberedRows, columns: int, most: int) -> NumberedRows:
+    """Rows, each with as many cells as the header."""
     for count, (line, row) in enumerate(rows, start=1):
-        check_row(path, line, row, columns)
-        check_count(path, line, count, most)
+        if len(row) != columns:
+            hint = "; the decimal sign must be a point" if len(row) > columns else ""
+            raise InputError(f"{path}, line {line}: the row has {len(row)} cells, the header {columns}{hint}.")
+        if count > most:
+            raise InputError(
+                f"{path}, line {line}: the file has more than the {most} rows that are read; keep only what is needed."
+            )
         yield line, row
 
 
-def parse_cells(
-    path: Path, lines: Iterator[tuple[int, str]], delimiter: str, *, trimmed: bool = True
-) -> Iterator[tuple[int, list[str]]]:
-    """Cells of each row and the line on which it begins, from lines with their numbers.
-
-    Raises
-    ------
-    InputError
-        If a row cannot be read.
-    """
+def _cells(path: Path, lines: Iterator[tuple[int, str]], delimiter: str, plain: bool) -> NumberedRows:
+    """Cells of each row and the line on which it begins, from lines with their numbers."""
     taken: list[int] = []  # lines of the row at hand: a quoted cell may go on
 
     def texts() -> Iterator[str]:
@@ -138,7 +103,7 @@ def parse_cells(
             taken.append(number)
             yield text + "\n"
 
-    reader = csv.reader(texts(), delimiter=delimiter, strict=True, skipinitialspace=trimmed)
+    reader = csv.reader(texts(), delimiter=delimiter, strict=True, skipinitialspace=not plain)
     while True:
         taken.clear()
         try:
@@ -150,13 +115,15 @@ def parse_cells(
         yield taken[0], row
 
 
-def _lines(path: Path, comments: list[str]) -> Iterator[tuple[int, str]]:
+def _lines(path: Path, comments: list[str], plain: bool) -> Iterator[tuple[int, str]]:
     """Lines that count with their numbers; the others join the comments."""
+    header = False
     for number, line in enumerate(read_lines(path, LARGEST_FILE), start=1):
-        if line.lstrip().startswith("#"):
+        if line.lstrip().startswith("#") and not (plain and header):
             if len(comments) < MOST_COMMENTS:
                 comments.append(line.lstrip()[1:].strip())
         elif line.strip():
+            header = True
             yield number, line
 
 
