@@ -45,7 +45,7 @@ def test_comments_blank_lines_quotes_and_other_columns_are_passed_over(table_fil
     text = '# bench 3\n\n"rate [mm3/ms]","a, b",time [us]\n1,x,0\n# pause\n2,,3\n\n4,y,6\n8,z,9\n'
     table = read(table_file(text))
     np.testing.assert_allclose(table.columns["rate"], [1e-6, 2e-6, 4e-6, 8e-6], rtol=1e-15)
-    assert table.lines.tolist() == [4, 6, 8, 9]
+    assert table.rows.tolist() == [4, 6, 8, 9]
     assert table.comments == ("bench 3", "pause")
 
 
@@ -53,7 +53,7 @@ def test_comments_blank_lines_quotes_and_other_columns_are_passed_over(table_fil
 def test_a_row_of_units(table_file: Write, row: str) -> None:
     table = read(table_file(f"time,rate\n{row}\n0,1\n3,2\n6,4\n9,8\n"))
     np.testing.assert_allclose(table.columns["time"], [0.0, 3e-6, 6e-6, 9e-6], rtol=1e-15)
-    assert table.lines.tolist() == [3, 4, 5, 6]
+    assert table.rows.tolist() == [3, 4, 5, 6]
 
 
 def test_units_from_whoever_reads(table_file: Write) -> None:

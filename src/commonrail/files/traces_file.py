@@ -120,14 +120,14 @@ def read_curves(path: Path, measured: str, before: Sequence[str] = ()) -> dict[t
         raise InputError(f"{path}: the header has {len(sheet.names)} columns, and at most {MOST_COLUMNS} are read.")
     texts, moment = head[:-1], head[-1]
     needed = (moment, measured + _UNIT)
-    cells = sheet.take([*map(Column, texts), *(Column(name, "1", required=name in needed) for name in (moment, *rest))])
+    table = sheet.take([*map(Column, texts), *(Column(name, "1", required=name in needed) for name in (moment, *rest))])
     groups: dict[tuple[str, ...], list[int]] = {}
-    for i, key in enumerate(zip(*(cells.texts[name] for name in texts), strict=True)):
+    for i, key in enumerate(zip(*(table.texts[name] for name in texts), strict=True)):
         groups.setdefault(key, []).append(i)
         if len(groups) > MOST_SETS:
             raise InputError(
-                f"{path}, line {cells.rows[i]}: the file has more than the {MOST_SETS} data sets that are read."
+                f"{path}, line {table.rows[i]}: the file has more than the {MOST_SETS} data sets that are read."
             )
-    rates = {label: cells.numbers[label + _UNIT] / MM3_PER_MS for label in labels}
-    columns = {TIME: 1e-6 * cells.numbers[moment], **rates}
+    rates = {label: table.columns[label + _UNIT] / MM3_PER_MS for label in labels}
+    columns = {TIME: 1e-6 * table.columns[moment], **rates}
     return {key: {name: column[rows] for name, column in columns.items()} for key, rows in groups.items()}

@@ -19,11 +19,10 @@ import numpy as np
 
 from commonrail.errors import InputError
 from commonrail.reading.csv_rows import read_rows
-from commonrail.reading.place import Place
-from commonrail.reading.sheet import Cells, Column, find_column, name_and_unit
+from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
 from commonrail.units import compatible
 
-__all__ = ["CsvSheet", "cell_place"]
+__all__ = ["CsvSheet"]
 
 LONGEST_NUMBER = 100  # [characters]
 
@@ -50,7 +49,7 @@ class CsvSheet:
         header = [(cell, "") if plain else name_and_unit(cell) for cell in self._rows.header]
         self.names, self._units = (list(parts) for parts in zip(*header, strict=True))
 
-    def take(self, columns: Sequence[Column]) -> Cells:
+    def take(self, columns: Sequence[Column]) -> Table:
         """Content of columns; the other cells are let go at once."""
         places = [find_column(self.path, self.names, column.name) for column in columns]
         body = self._rows.rows
@@ -58,20 +57,22 @@ class CsvSheet:
         below = _units_row(first, [i for c, i in zip(columns, places, strict=True) if c.unit and not self._units[i]])
         if first is not None and below is None:
             body = chain((first,), body)
-        lines, cells = array("q"), [array("d") if column.unit else [] for column in columns]
-        readers = [self._number if column.unit else self._text for column in columns]
-        wanted = list(zip(columns, places, readers, cells, strict=True))
+        lines = array("q")
+        cells: list[Any] = [array("d") if column.unit else [] for column in columns]
+        wanted = list(zip(columns, places, cells, strict=True))
         for line, row in body:
             lines.append(line)
-            for column, i, read, found in wanted:
-                found.append(read(row[i], column, line))
-        by_name: dict[str, Any] = {column.name: found for column, found in zip(columns, cells, strict=True)}
-        return Cells(
+            for column, i, content in wanted:
+                # a text is one of the same few names in every row
+                content.append(self._number(row[i], column, line) if column.unit else sys.intern(row[i]))
+        found = {column.name: content for column, content in zip(columns, cells, strict=True)}
+        return Table(
+            self.path,
+            {c.name: np.array(found[c.name], np.float64) for c in columns if c.unit},
+            {c.name: list(found[c.name]) for c in columns if not c.unit},
             {column.name: (below or self._units)[i] for column, i in zip(columns, places, strict=True)},
-            {c.name: np.array(by_name[c.name], np.float64) for c in columns if c.unit},
-            {c.name: by_name[c.name] for c in columns if not c.unit},
             np.array(lines, np.intp),
-            comments=tuple(self._rows.comments),
+            tuple(self._rows.comments),
         )
 
     def _number(self, cell: str, column: Column, line: int) -> float:
@@ -90,14 +91,6 @@ class CsvSheet:
         if re.fullmatch(r"[+-]?\d+,\d+", text):
             raise at.error(f'"{text}" has a decimal comma; write the decimal sign as a point')
         raise at.error(f'"{text[:40]}" is not a finite number')
-
-    def _text(self, cell: str, column: Column, line: int) -> Any:
-        return sys.intern(cell)  # the same few names in every row
-
-
-def cell_place(path: Path, row: int, column: str, word: str = "line") -> Place:
-    """Place of a cell."""
-    return Place(str(path), f'{word} {row}, column "{column}"')
 
 
 def _units_row(first: tuple[int, list[str]] | None, places: Sequence[int]) -> list[str] | None:

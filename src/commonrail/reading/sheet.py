@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -11,8 +12,9 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError, nearest
 from commonrail.parts.furniture import Domain
+from commonrail.reading.place import Place
 
-__all__ = ["Cells", "Column", "Sheet", "find_column", "name_and_unit"]
+__all__ = ["Column", "Sheet", "Table", "cell_place", "find_column", "name_and_unit"]
 
 MOST_SHOWN = 12  # names of a header
 
@@ -48,51 +50,53 @@ class Column(NamedTuple):
         return (self.unit,) if isinstance(self.unit, str) and self.unit else tuple(self.unit)
 
 
-class Cells(NamedTuple):
-    """Content of some columns by name.
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file.
 
     Attributes
     ----------
-    units : dict of str to str
-        Unit that the file gives, empty if it gives none.
-    numbers : dict of str to (rows,) array
-        In those units.
+    path : Path
+    columns : dict of str to (rows,) array
+        Numbers: in the units of the file from a `Sheet`, SI values from `read_columns`.
     texts : dict of str to list of str
         Columns without a unit.
+    given : dict of str to str
+        Unit of each column as the file or whoever reads it states it, empty if nobody does.
     rows : (rows,) array of int
-        Number of each row in the file.
+        Line in the file of each row.
+    comments : tuple of str
+        Comment lines without their sign.
     row : str
         Word for a row in messages.
-    comments : tuple of str
+    units : dict of str to str
+        SI unit of each column, where several kinds were allowed.
     """
 
-    units: dict[str, str]
-    numbers: dict[str, NDArray[np.float64]]
+    path: Path
+    columns: dict[str, NDArray[np.float64]]
     texts: dict[str, list[str]]
+    given: dict[str, str]
     rows: NDArray[np.intp]
-    row: str = "line"
     comments: tuple[str, ...] = ()
+    row: str = "line"
+    units: dict[str, str] = field(default_factory=dict)
+
+    def place(self, column: str, row: int) -> Place:
+        """Place of a value, for a message."""
+        return cell_place(self.path, int(self.rows[row]), column, self.row)
 
 
 class Sheet(Protocol):
-    """File with named columns."""
+    """File with named columns, of whatever format."""
 
-    @property
-    def path(self) -> Path:
-        """The file."""
+    def take(self, columns: Sequence[Column]) -> Table:
+        """Content of columns in the units of the file; may be called once."""
 
-    @property
-    def names(self) -> Sequence[str]:
-        """Names of its columns, without their units."""
 
-    def take(self, columns: Sequence[Column]) -> Cells:
-        """Content of columns; may be called once.
-
-        Raises
-        ------
-        InputError
-            If a column is missing or there twice, or a cell is no number.
-        """
+def cell_place(path: Path, row: int, column: str, word: str = "line") -> Place:
+    """Place of a cell."""
+    return Place(str(path), f'{word} {row}, column "{column}"')
 
 
 def name_and_unit(cell: str) -> tuple[str, str]:

@@ -6,66 +6,25 @@ The unit of a column stands in the file, or is stated by whoever reads it; it is
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.errors import InputError
 from commonrail.parts.furniture import Domain
-from commonrail.reading.csv_sheet import CsvSheet, cell_place
+from commonrail.reading.csv_sheet import CsvSheet
 from commonrail.reading.place import Place, located
-from commonrail.reading.sheet import Column, Sheet
+from commonrail.reading.sheet import Column, Sheet, Table
 from commonrail.unit_table import NAMES
 from commonrail.units import compatible, convert
 
-__all__ = ["LEAST_SAMPLES", "Column", "Table", "read_columns", "take_columns"]
-
-Floats = NDArray[np.float64]
+__all__ = ["LEAST_SAMPLES", "Column", "Table", "read_columns"]
 
 LEAST_SAMPLES = 4
 
 # Format of a file by the end of its name; all else is CSV.
 _SHEETS: dict[str, Callable[[Path], Sheet]] = {}
 _UNREAD = {".mf4": "MDF4", ".mdf": "MDF", ".mat": "MATLAB", ".nc": "NetCDF", ".xlsx": "Excel", ".xls": "Excel"}
-
-
-@dataclass(frozen=True)
-class Table:
-    """Columns of a file.
-
-    Attributes
-    ----------
-    path : Path
-    columns : dict of str to (rows,) array
-        SI values.
-    texts : dict of str to list of str
-        Columns of texts.
-    units : dict of str to str
-        SI unit of each column, where several kinds were allowed.
-    given : dict of str to str
-        Unit of each column as the file or whoever reads it states it.
-    lines : (rows,) array of int
-        Line in the file of each row.
-    comments : tuple of str
-        Comment lines without their sign.
-    row : str
-        Word for a row in messages.
-    """
-
-    path: Path
-    columns: dict[str, Floats]
-    texts: dict[str, list[str]]
-    units: dict[str, str]
-    given: dict[str, str]
-    lines: NDArray[np.intp]
-    comments: tuple[str, ...]
-    row: str = "line"
-
-    def cell(self, column: str, row: int) -> Place:
-        """Place of a value, for a message."""
-        return cell_place(self.path, int(self.lines[row]), column, self.row)
 
 
 def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
@@ -85,26 +44,18 @@ def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLE
         If the file cannot be read, a column or unit is missing, or a cell is not a finite number.
     """
     suffix = path.suffix.lower()
-    if suffix in _SHEETS:
-        return take_columns(_SHEETS[suffix](path), wanted, least)
     if suffix in _UNREAD:
         raise InputError(f"{path}: {_UNREAD[suffix]} files are not read; export the columns to a CSV file.")
-    return take_columns(CsvSheet(path), wanted, least)
-
-
-def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
-    """Take named columns of a file that is open; see `read_columns`."""
-    path, cells = sheet.path, sheet.take(wanted)
-    if len(cells.rows) < least:
-        raise InputError(f"{path}: the file has {len(cells.rows)} rows of numbers, and at least {least} are needed.")
-    table = Table(path, {}, cells.texts, {}, {}, cells.rows, cells.comments, cells.row)
+    table = _SHEETS.get(suffix, CsvSheet)(path).take(wanted)
+    if len(table.rows) < least:
+        raise InputError(f"{path}: the file has {len(table.rows)} rows of numbers, and at least {least} are needed.")
     numeric = [column for column in wanted if column.unit]
     for column in numeric:
         name, at = column.name, Place(str(path), f'column "{column.name}"')
-        table.given[name] = _unit(column, cells.units[name], at)
+        table.given[name] = _unit(column, table.given[name], at)
         table.units[name] = _kind(column, table.given[name], at)
         with np.errstate(over="ignore"):  # _check names the line
-            table.columns[name] = convert(cells.numbers[name], table.given[name], table.units[name], str(at))
+            table.columns[name] = convert(table.columns[name], table.given[name], table.units[name], str(at))
     for column in numeric:
         _check(table, column)
     for column in numeric:
@@ -144,11 +95,11 @@ def _check(table: Table, column: Column) -> None:
     values = table.columns[column.name]
     beyond = np.flatnonzero(~np.isfinite(values) if column.required else np.isinf(values))
     if len(beyond):
-        raise table.cell(column.name, int(beyond[0])).error("the number is too large for its unit")
+        raise table.place(column.name, int(beyond[0])).error("the number is too large for its unit")
     if column.domain is not Domain.ANY:
         outside = np.flatnonzero(~(column.domain.admits(values) | np.isnan(values)))
         if len(outside):
-            raise table.cell(column.name, int(outside[0])).error(f"the value must be {column.domain.value}")
+            raise table.place(column.name, int(outside[0])).error(f"the value must be {column.domain.value}")
 
 
 def _check_increasing(table: Table, column: str) -> None:
@@ -157,8 +108,8 @@ def _check_increasing(table: Table, column: str) -> None:
         return
     row = int(np.argmax(steps <= 0.0)) + 1
     what = "repeats" if steps[row - 1] == 0.0 else "runs back behind"
-    raise table.cell(column, row).error(
-        f"this {column} {what} the one on {table.row} {table.lines[row - 1]}; it must increase from row to row"
+    raise table.place(column, row).error(
+        f"this {column} {what} the one on {table.row} {table.rows[row - 1]}; it must increase from row to row"
         f"{_exchanged(table, column)}"
     )
 

@@ -154,7 +154,7 @@ def _point_columns(model: QuantitiesModel | DeadTimesModel) -> list[Column]:
 
 def _choose(table: Table, filters: Mapping[str, tuple[Sequence[float] | None, str]], at: Place) -> list[int]:
     """Rows that are at one of the wanted values of every column that has any."""
-    keep = np.ones(len(table.lines), bool)
+    keep = np.ones(len(table.rows), bool)
     for column, (wanted, unit) in filters.items():
         if wanted is None:
             continue
@@ -184,8 +184,8 @@ def _point(table: Table, row: int, model: QuantitiesModel, context: Context) -> 
     rail = float(table.columns["rail_pressure"][row])
     for column, value in (("energising_time", energising), ("rail_pressure", rail)):
         if not value > 0.0:
-            raise table.cell(column, row).error("the value must be greater than zero")
-    with located(Place(str(table.path), f"{table.row} {table.lines[row]}")):
+            raise table.place(column, row).error("the value must be greater than zero")
+    with located(Place(str(table.path), f"{table.row} {table.rows[row]}")):
         point = OperatingPoint(
             rail, energising, model.cylinder_pressure, model.return_pressure, horizon=energising + AFTER_ENERGISING
         )
