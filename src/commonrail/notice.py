@@ -1,4 +1,4 @@
-"""Who is told that a simulation is being compiled: it takes some ten seconds, once on a machine."""
+"""Notice that a simulation is being compiled: it takes some ten seconds, once on a machine."""
 
 from __future__ import annotations
 

@@ -11,14 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, GetCoreSchemaHandler, PlainValidator, Tag, create_model, model_validator
+from pydantic import ConfigDict, Field, GetCoreSchemaHandler, PlainValidator, create_model, model_validator
 from pydantic_core import CoreSchema, core_schema
 
 from commonrail.arguments import plain_text
 from commonrail.files.catalogue import Catalogue
 from commonrail.fuel.fuel import Fuel, Law, Origin, Polynomial
 from commonrail.reading.faults import read_model
-from commonrail.reading.fields import MARKS, FileModel, Mark, by_key, fault
+from commonrail.reading.fields import MARKS, FileModel, Mark, OneOf, fault
 from commonrail.reading.place import Place
 from commonrail.reading.toml_file import parse_toml
 
@@ -128,6 +128,12 @@ class _Polynomials:
         return Law(tuple(getattr(table, name) for name in self.names), Origin(table.mark, table.source, table.error))
 
 
+_DENSITIES = {
+    "eq2": Annotated[Law, _Polynomials("kg/m3")],
+    "integrated": Annotated[Law, _Polynomials("kg/m3", ("at_zero_pressure",))],
+}
+
+
 class _Ranges(FileModel):
     model_config = ConfigDict(extra="ignore")
 
@@ -143,11 +149,7 @@ class FuelModel(FileModel):
     title: str
     source: str
     range: _Ranges
-    density: Annotated[
-        Annotated[Law, _Polynomials("kg/m3"), Tag("<eq2>")]
-        | Annotated[Law, _Polynomials("kg/m3", ("at_zero_pressure",)), Tag("<integrated>")],
-        by_key("kind", "eq2", "integrated"),
-    ]
+    density: Annotated[Law, OneOf("kind", _DENSITIES)]
     bulk_modulus: Annotated[Law, _Polynomials("MPa")] | None = None
     isentropic_bulk_modulus: Annotated[Law, _Polynomials("MPa")] | None = None
     kinematic_viscosity: Annotated[Law, _Polynomials("mm2/s", ("k1", "k2", "k3"))]

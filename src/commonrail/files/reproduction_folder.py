@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text
-from commonrail.files.record_file import read_record
+from commonrail.files.record_file import read_record, write_record
 from commonrail.files.traces_file import Curve, Trace, read_curves, write_traces
 from commonrail.reproduction.repetition import LABELS, Repetition
 from commonrail.reproduction.run import Reproduction
@@ -25,8 +24,7 @@ BEFORE = ("seed",)
 
 def write_reproduction(folder: Path, reproduction: Reproduction, record: Mapping[str, Any]) -> None:
     """Write reproduce.json, traces.csv and truth.toml."""
-    text = json.dumps(record, indent=1, allow_nan=False)
-    write_text(folder / RECORD, text + "\n")
+    write_record(folder / RECORD, record)
     write_text(folder / TRUTH, reproduction.bench.truth.text)
     notes = (
         f"SYNTHETIC: {reproduction.bench.truth.synthetic}",

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, GetCoreSchemaHandler, PlainValidator, ValidationInfo
-from pydantic_core import core_schema
+from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 
 from commonrail.calibration.optimisers.evolution_settings import MOST_GENERATIONS, MOST_MEMBERS, InitialSampling
 from commonrail.calibration.optimisers.treatments import Treatment
@@ -16,7 +14,7 @@ from commonrail.errors import nearest
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import KINDS
 from commonrail.kinds.reading import DataModel, Name
-from commonrail.reading.fields import FileModel, Mark, Unit, fault
+from commonrail.reading.fields import FileModel, Mark, OneOf, Unit, fault
 
 __all__ = [
     "ConstraintsModel",
@@ -30,23 +28,7 @@ MOST_SETS = 1000
 MOST_PARAMETERS = 1000
 MOST_CONSTRAINTS = 1000
 
-
-class _ByKind:
-    """Schema of a data set's block: the model of the kind that it names."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
-        names = [f'"{name}"' for name in KINDS]
-        return core_schema.tagged_union_schema(
-            {f"<{name}>": handler.generate_schema(kind.model) for name, kind in KINDS.items()},
-            _kind_of,
-            custom_error_type="sentence",
-            custom_error_message=f"kind must be {', '.join(names[:-1])} or {names[-1]}",
-        )
-
-
-def _kind_of(item: Any) -> str | None:
-    kind = item.get("kind") if isinstance(item, Mapping) else getattr(item, "kind", None)
-    return f"<{kind}>" if isinstance(kind, str) and kind in KINDS else None
+_BLOCK = OneOf("kind", {name: kind.model for name, kind in KINDS.items()})
 
 
 def _parameter(item: str) -> str:
@@ -122,7 +104,7 @@ class StudyModel(FileModel):
     seed: int = Field(default=1, ge=0)
     time_step: Annotated[float | None, PlainValidator(_step)] = None  # "auto": short enough for every candidate
     precision: Precision = Field(default=Precision.F64, strict=False)
-    data: list[Annotated[DataModel, _ByKind()]] = Field(min_length=1, max_length=MOST_SETS)
+    data: list[Annotated[DataModel, _BLOCK]] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()
     optimiser: OptimiserModel = OptimiserModel()

@@ -14,7 +14,6 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import (
     BaseModel,
     ConfigDict,
-    Discriminator,
     Field,
     GetCoreSchemaHandler,
     PlainValidator,
@@ -36,6 +35,7 @@ __all__ = [
     "Given",
     "Mark",
     "Number",
+    "OneOf",
     "Quantities",
     "Room",
     "Sourced",
@@ -43,7 +43,6 @@ __all__ = [
     "Text",
     "Unit",
     "Values",
-    "by_key",
     "choice",
     "fault",
 ]
@@ -185,12 +184,22 @@ def choice(kind: type[Enum]) -> PlainValidator:
     return PlainValidator(member)
 
 
-def by_key(key: str, *names: str) -> Discriminator:
-    """Choice of a table's form by the value of a key; the tags of the forms are the values in angle brackets."""
+@dataclass(frozen=True)
+class OneOf:
+    """Type of a table whose form follows from the value of a key."""
 
-    def tag(item: Any) -> str | None:
-        found = item.get(key) if isinstance(item, dict) else getattr(item, key, None)
-        return f"<{found}>" if found in names else None
+    key: str
+    forms: Mapping[str, Any]
 
-    known = " or ".join(f'"{name}"' for name in names)
-    return Discriminator(tag, custom_error_type="sentence", custom_error_message=f"{key} must be {known}")
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        *others, last = (f'"{name}"' for name in self.forms)
+        return core_schema.tagged_union_schema(
+            {f"<{name}>": handler.generate_schema(form) for name, form in self.forms.items()},
+            self._tag,
+            custom_error_type="sentence",
+            custom_error_message=f"{self.key} must be {', '.join(others)} or {last}",
+        )
+
+    def _tag(self, item: Any) -> str | None:
+        found = item.get(self.key) if isinstance(item, Mapping) else getattr(item, self.key, None)
+        return f"<{found}>" if isinstance(found, str) and found in self.forms else None
