@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.errors import InputError
 from commonrail.files.injector_file import injector_catalogue, load_injector
 from commonrail.injector.definition import Source, parameter_quantities
-from commonrail.injector.variants import Body, Boundary, Drive
 
 from .conftest import TEMPLATES
 

@@ -10,7 +10,7 @@ import pytest
 
 from commonrail.calibration.optimisers.evolution_settings import InitialSampling
 from commonrail.calibration.optimisers.treatments import Treatment
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.files.study_file import load_study
 from commonrail.kinds import Role

@@ -12,9 +12,9 @@ import pytest
 
 from commonrail.analysis.bench_sensor import Sensor
 from commonrail.analysis.truth import Friction, Scatter
+from commonrail.choices import Boundary
 from commonrail.errors import CommonrailError, InputError
 from commonrail.files.truth_file import load_truth, truth_catalogue
-from commonrail.injector.variants import Boundary
 from tests.files.conftest import changed
 
 TRUTHS = resources.files("commonrail.analysis") / "truths"

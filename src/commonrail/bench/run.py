@@ -15,7 +15,7 @@ from commonrail.bench.methods import measure_methods, own_methods, peer_methods,
 from commonrail.bench.searches import OPTIMISERS, measure_search, reference_searches
 from commonrail.bench.throughput import COUNTS, TIME_STEPS, measure_throughput
 from commonrail.bench.timing import Effort
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.engine.simulate import usable_threads
 
 __all__ = ["EXTRA", "PACKAGES", "Options", "Stage", "missing_peers", "run_bench", "stages"]

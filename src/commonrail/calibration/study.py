@@ -9,7 +9,7 @@ from pathlib import Path
 from commonrail.arguments import chosen, instance, instances, plain_text, settle, whole
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
 from commonrail.calibration.space import Space
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.engine.simulate import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.injector.definition import Injector

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.calibration.worker import Answer, Lost, Outcome, Task, own_values, pack, unpack
 from commonrail.calibration.worker_pool import USUAL, Limits, WorkerPool
-from commonrail.engine.lanes import VECTORS, Precision
+from commonrail.choices import Precision
+from commonrail.engine.lanes import VECTORS
 from commonrail.engine.simulate import usable_threads
 from commonrail.errors import StudyError
 from commonrail.injector.definition import parameter_quantities

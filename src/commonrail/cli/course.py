@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from commonrail.choices import Body, Engine, Precision
 from commonrail.cli.console import SIMULATING, say
-from commonrail.cli.options import BodyChoice, EngineChoice, PrecisionChoice
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
@@ -19,7 +19,6 @@ from commonrail.engine.status import Status
 from commonrail.errors import SimulationError
 from commonrail.files.atomic import replacing
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body
 from commonrail.units import to_text
 
 __all__ = ["Run", "Settings", "figures", "heading", "record", "solve", "with_body", "write_csv"]
@@ -36,9 +35,9 @@ _UNITS = {
 class Settings(NamedTuple):
     """How to simulate: the engine, and time step [s] and precision of the lanes."""
 
-    engine: EngineChoice
+    engine: Engine
     time_step: float
-    precision: PrecisionChoice = PrecisionChoice.F64
+    precision: Precision = Precision.F64
 
 
 class Run(NamedTuple):
@@ -49,14 +48,14 @@ class Run(NamedTuple):
     solution: Solution
     time_step: float
     seconds: float
-    precision: PrecisionChoice = PrecisionChoice.F64
+    precision: Precision = Precision.F64
 
 
-def with_body(injector: Injector, body: BodyChoice | None) -> Injector:
+def with_body(injector: Injector, body: Body | None) -> Injector:
     """The injector with a flexible or rigid body, unchanged for None."""
     if body is None:
         return injector
-    return replace(injector, variant=injector.variant._replace(body=Body(body.value)))
+    return replace(injector, variant=injector.variant._replace(body=body))
 
 
 def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solution:
@@ -67,10 +66,10 @@ def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solu
     SimulationError
         If the simulation failed.
     """
-    if settings.engine is not EngineChoice.REFERENCE:
+    if settings.engine is not Engine.REFERENCE:
         say(SIMULATING)
     engine, step, precision = settings
-    solution = simulate(injector, point, engine.value, step, precision=precision.value)
+    solution = simulate(injector, point, engine, step, precision=precision)
     if solution.status.failed:
         raise SimulationError(f"{injector.name}: {solution.sentence}")
     if solution.status is Status.STILL_INJECTING:
@@ -130,7 +129,7 @@ def record(run: Run) -> dict[str, Any]:
             "horizon": point.duration,
         },
         "engine": s.engine,
-        "time_step": None if s.engine == EngineChoice.REFERENCE.value else run.time_step,
+        "time_step": None if s.engine == Engine.REFERENCE.value else run.time_step,
         "precision": run.precision.value,
         "status": s.status.name,
         "message": s.sentence,

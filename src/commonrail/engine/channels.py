@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.choices import Body, Boundary
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body, Boundary
 from commonrail.parts import nozzle, solenoid
 
 Floats = NDArray[np.float64]

@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.choices import Precision
 from commonrail.engine.block import FUEL, PARAMETERS
-from commonrail.engine.lanes import VECTORS, Job, Misfit, Outcome, Precision, trace_paths
+from commonrail.engine.lanes import VECTORS, Job, Misfit, Outcome, trace_paths
 from commonrail.errors import ConfigurationError
 from commonrail.injector.variants import Variant
 

@@ -19,6 +19,7 @@ import numba
 import numpy as np
 from numba import cuda
 
+from commonrail.choices import Precision
 from commonrail.compile import offer_laws, physics
 from commonrail.engine.block import (
     copy_number,
@@ -32,7 +33,7 @@ from commonrail.engine.block import (
     sample,
     set_densities,
 )
-from commonrail.engine.lanes import VECTORS, Precision
+from commonrail.engine.lanes import VECTORS
 from commonrail.injector.model import Inputs, Setting
 from commonrail.injector.variants import Variant
 

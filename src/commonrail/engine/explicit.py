@@ -16,13 +16,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.choices import Drive
 from commonrail.compile import kernel, physics
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.rates import CORE, make_rates, make_sac_rate, past_limit, tip_index
 from commonrail.engine.timetable import courses, knots, segments, value_at
 from commonrail.injector.joints import CLEAR_LIFT, REOPENED
 from commonrail.injector.model import Coefficients
-from commonrail.injector.variants import Drive, Variant, wiring
+from commonrail.injector.variants import Variant, wiring
 from commonrail.parts.drive import turned
 
 __all__ = ["Marched", "Problem", "march"]

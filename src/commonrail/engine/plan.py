@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.choices import Drive, Precision
 from commonrail.engine.block import FUEL
-from commonrail.engine.lanes import VECTORS, Job, Precision
+from commonrail.engine.lanes import VECTORS, Job
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.stability import Medium, medium_of
 from commonrail.engine.validity import check_point
@@ -18,7 +19,6 @@ from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
-from commonrail.injector.variants import Drive
 from commonrail.parts.furniture import Domain
 
 Floats = NDArray[np.float64]

@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.compile import kernel, physics
 from commonrail.flow.orifice import jet, orifice
 from commonrail.injector import joints
 from commonrail.injector.model import Coefficients
 from commonrail.injector.setup import ambient_density, seat_contact
-from commonrail.injector.variants import Body, Boundary, Drive, Variant, wiring
+from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import drive, needle_seat, plunger_needle, rigid_body, solenoid, valve
 from commonrail.parts.contents import contents
 from commonrail.parts.plunger_needle import Motion, Nine

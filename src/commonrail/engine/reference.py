@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.engine.balance import relative_to_injected
 from commonrail.engine.explicit import Instants, Problem, march
 from commonrail.engine.operating_point import OperatingPoint
@@ -29,7 +30,7 @@ from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.joints import CLEAR_LIFT, REOPENED, make_room
 from commonrail.injector.model import Setting
-from commonrail.injector.variants import Body, Boundary, Drive, wiring
+from commonrail.injector.variants import wiring
 from commonrail.parts import drive, nozzle, solenoid
 from commonrail.parts.contents import contents
 from commonrail.parts.plunger_needle import Motion

@@ -7,7 +7,6 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from enum import Enum
 from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
@@ -27,10 +26,11 @@ from commonrail.arguments import (
     sequence,
     thread_count,
 )
+from commonrail.choices import Engine, Precision
 from commonrail.engine import lanes, plan
 from commonrail.engine.balance import relative_balance
 from commonrail.engine.channels import read_channels
-from commonrail.engine.lanes import VECTORS, Job, Misfit, Outcome, Precision
+from commonrail.engine.lanes import VECTORS, Job, Misfit, Outcome
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, reference_density
 from commonrail.engine.solution import Batch, Solution
@@ -48,14 +48,6 @@ DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail verify`
 
 
 _Given = ParamSpec("_Given")
-
-
-class Engine(Enum):
-    """Who runs the simulation."""
-
-    LANES = "lanes"
-    CUDA = "cuda"
-    REFERENCE = "reference"
 
 
 # Simulations, by their parameters in memory: 20 MB, and on a GPU, which needs many to be busy, 160 MB.

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 from pydantic import create_model
 
 from commonrail.arguments import source_of
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.files.catalogue import Catalogue
 from commonrail.files.drawing import DrawnRoom
 from commonrail.files.fuel_file import FuelModel, load_fuel, parse_fuel
@@ -20,7 +21,7 @@ from commonrail.files.injector_writer import dump_injector
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.injector.model import Parameters
-from commonrail.injector.variants import Body, Boundary, Drive, Variant
+from commonrail.injector.variants import Variant
 from commonrail.parts.furniture import Q
 from commonrail.reading.faults import read_model
 from commonrail.reading.fields import FileModel, Given, Number, Quantities, Room, Sourced, Stated, Values, choice

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 
 from commonrail.calibration.optimisers.evolution_settings import MOST_GENERATIONS, MOST_MEMBERS, InitialSampling
 from commonrail.calibration.optimisers.treatments import Treatment
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.errors import nearest
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import KINDS

@@ -14,11 +14,11 @@ from pydantic import AfterValidator, BeforeValidator, PlainValidator, create_mod
 from commonrail.analysis.bench_sensor import Sensor
 from commonrail.analysis.truth import FRICTION, MASSES, QUANTITIES, Friction, Scatter, Truth
 from commonrail.arguments import source_of
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.engine.reference import Resolution
 from commonrail.files.catalogue import Catalogue
 from commonrail.files.injector_file import ROOMS, load_injector, room_quantities
 from commonrail.injector.definition import Injector, Source
-from commonrail.injector.variants import Body, Boundary, Drive
 from commonrail.parts.furniture import Q
 from commonrail.reading.faults import read_model
 from commonrail.reading.fields import FileModel, Number, Quantities, Room, Sourced, Stated, Text, Values, choice, fault

@@ -8,10 +8,10 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
+from commonrail.choices import Drive
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Drive
 from commonrail.reading.fields import FileModel, Unit, fault
 from commonrail.reading.place import Place
 from commonrail.reading.reach import Reach

@@ -16,9 +16,9 @@ from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Counts, DifferentialEvolution, EvolutionSettings
 from commonrail.calibration.search import generations
 from commonrail.calibration.space import Space
+from commonrail.choices import Body
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body
 from commonrail.kinds import RateData, Role
 from commonrail.reproduction import paper
 from commonrail.reproduction.paper import Configuration
