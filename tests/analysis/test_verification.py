@@ -27,6 +27,7 @@ from commonrail.analysis.verification_cases import (
 from commonrail.choices import Drive
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.kinds.simulator import Simulator
 
 POINT = OperatingPoint(160e6, 700e-6)
 NEAR = Difference(0.05, -0.02, 0.1, -0.4)
@@ -147,8 +148,5 @@ def test_the_objective_agrees_with_the_scores(pwm: Injector) -> None:
 def test_a_score_at_the_density_of_another_temperature_is_found(pwm: Injector, monkeypatch: pytest.MonkeyPatch) -> None:
     """Volumes of hot and cold fuel by the density of the injector's own: what a fixed density does to the search."""
     own = pwm.values[FUEL_TEMPERATURE]
-    score = scores.score_data
-    monkeypatch.setattr(
-        scores, "score_data", lambda data, i, *rest: score(data, i.with_values({FUEL_TEMPERATURE: own}), *rest)
-    )
+    monkeypatch.setattr(scores, "Simulator", lambda i, *rest: Simulator(i.with_values({FUEL_TEMPERATURE: own}), *rest))
     assert [c.passed for c in objective_and_scores(pwm)] == [True, False]

@@ -20,9 +20,7 @@ class Misbehaving(Objective):
     """
 
     def __init__(self, objective: Objective, marked: float, what: str, times: int, folder: Path) -> None:
-        super().__init__(
-            objective.injector, objective.names, [*objective.curves, *objective.maps], objective.time_step, 1
-        )
+        super().__init__(objective.injector, objective.names, objective.data, objective.time_step, 1)
         self.marked, self.what, self.times, self.folder = marked, what, times, folder
         self.home = os.getpid()
 

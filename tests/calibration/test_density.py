@@ -7,15 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from commonrail.calibration.objective import Objective, quantity_residuals
-from commonrail.calibration.score import score_data
+from commonrail.calibration.objective import Objective
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.kinds import QuantityData, QuantityScore, RateData, RateScore, Role
-from commonrail.kinds.maps.data import soft_l1
+from commonrail.kinds import QuantityData, RateData, RateScore, Role
+from commonrail.kinds.simulator import Simulator
 
 STEP = 1e-6
 WARM, COLD = 363.15, 313.15
@@ -38,11 +37,12 @@ def j_of_scores(injector: Injector, data: list[RateData | QuantityData]) -> floa
     """Σ weight · J, from what the report states."""
     total = 0.0
     for one in data:
-        score = score_data(one, injector, STEP, 1)
+        score = one.score(Simulator(injector, (), STEP, 1))
         if isinstance(score, RateScore):
             total += one.weight * score.j
-        elif isinstance(score, QuantityScore) and isinstance(one, QuantityData):
-            total += one.weight * float(soft_l1(quantity_residuals(one, score.quantity[None]))[0])
+        elif isinstance(one, QuantityData):
+            error = (score.values - one.quantity) / (one.absolute + one.relative * one.quantity)
+            total += one.weight * float(np.sum(2.0 * (np.sqrt(1.0 + error**2) - 1.0)))
     return total
 
 
@@ -74,7 +74,7 @@ def test_the_truth_costs_nothing_whatever_temperature_the_search_starts_from(
 ) -> None:
     truth = regulated.with_values({FUEL_TEMPERATURE: COLD})
     start = regulated.with_values({FUEL_TEMPERATURE: WARM})
-    mass = Objective(truth, (), [], STEP, 1).rates(curve(np.zeros(40), 1.0, 1.0), np.empty((1, 0)))[0]
+    mass = curve(np.zeros(40), 1.0, 1.0).simulated(Simulator(truth, (), STEP, 1), np.empty((1, 0)))[0]
     masses = np.array([simulate(truth, point).injected_mass for point in POINTS])
     # a mass is turned into a volume when it is read, at the density of the injector that the search starts from
     made = [reference_density(start if by_mass else truth, point) for point in POINTS]

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonrail.calibration import objective as module
 from commonrail.calibration.objective import Objective
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
@@ -17,6 +16,7 @@ from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.kinds import QuantityData, RateData, Role
+from commonrail.kinds import simulator as module
 
 NAMES = ("plunger_needle.k1", "valve.mass")
 STEP = 1e-6
@@ -49,7 +49,7 @@ def test_maps_are_told_apart_at_every_call(regulated: Injector) -> None:
             quantity = simulate_batch(regulated, data.points, NAMES, values).injected_volume
             error = (quantity - data.quantity) / (data.absolute + data.relative * data.quantity)
             expected += data.weight * np.sum(2.0 * (np.sqrt(1.0 + error**2) - 1.0), axis=1)
-            assert np.array_equal(objective.quantities(data, values), quantity)
+            assert np.array_equal(data.simulated(objective.simulator, values), quantity)
         assert np.array_equal(objective.costs(values).costs, expected)
 
 
@@ -60,7 +60,7 @@ def test_other_data_than_its_own_are_simulated_at_their_own_points(regulated: In
     for pressure in np.linspace(80e6, 140e6, 30):  # objects that come and go take each other's place in memory
         points = (OperatingPoint(float(pressure), 300e-6),)
         data = replace(a_map("other", 80e6), points=points, quantity=np.array([5e-9]), dead_time=[False])
-        found.append(float(objective.quantities(data, itself)[0, 0]))
+        found.append(float(data.simulated(objective.simulator, itself)[0, 0]))
         del points, data
     assert np.all(np.diff(found) > 0.0)  # more pressure, more fuel
 
@@ -69,7 +69,7 @@ def test_the_cost_of_curves_is_weighted(regulated: Injector) -> None:
     values = candidates(regulated, 5)
     curves = [a_curve(80e6), replace(a_curve(160e6), weight=2.5)]
     objective = Objective(regulated, NAMES, curves, STEP, 1)
-    single = [Objective(regulated, NAMES, [curve], STEP, 1).curve_costs(values)[:, 0] for curve in curves]
+    single = [Objective(regulated, NAMES, [curve], STEP, 1).misfits(values)[:, 0] for curve in curves]
     assert objective.costs(values).costs == pytest.approx(single[0] + 2.5 * single[1], rel=1e-14)  # sums of two
 
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from commonrail.calibration import Parameter, Space
-from commonrail.calibration.objective import curve_j
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_model, of_settings, of_start
-from commonrail.calibration.plausibility.fit import best_gain, best_shift, relative_error
+from commonrail.calibration.plausibility.fit import best_gain, best_shift
 from commonrail.calibration.plausibility.limits import LARGE_MISFIT
 from commonrail.calibration.plausibility.start import onset
 from commonrail.calibration.study import Method, Study
@@ -50,7 +49,7 @@ def map_(quantity: np.ndarray = QUANTITY, **changes: Any) -> QuantityData:
 def scored(data: RateData | QuantityData, simulated: np.ndarray) -> RateScore | QuantityScore:
     """Score of a simulation that gave these values."""
     if isinstance(data, RateData):
-        return RateScore(simulated, curve_j(simulated, data))
+        return RateScore(simulated, float(data.misfit(simulated)))
     return QuantityScore(simulated, np.empty(0), 0.0, 0.0, 0.0)
 
 
@@ -295,13 +294,13 @@ def test_a_set_that_makes_nothing_of_j_is_told_if_no_other_makes_all(pwm: Inject
 @pytest.mark.parametrize(("fall", "odd"), [(1.0, 1), (1.009, 1), (1.02, 0)])
 def test_a_fit_that_barely_moved(pwm: Injector, fall: float, odd: int) -> None:
     data, simulated = curve(pulse() + NOISE), pulse(length=1.1e-3)  # 9 % off, which neither shift nor gain mends
-    j = curve_j(simulated, data)
+    j = float(data.misfit(simulated))
     assert codes(fitted(pwm, data, simulated, start=fall * j)) == ["moved"] * odd
 
 
 def test_a_fall_that_rounds_to_nothing_is_not_called_one(pwm: Injector) -> None:
     data, simulated = curve(pulse() + NOISE), pulse(length=1.1e-3)
-    j = curve_j(simulated, data)
+    j = float(data.misfit(simulated))
     sentences = [fitted(pwm, data, simulated, start=fall * j)[0].sentence for fall in (1.0 + 1e-9, 1.009)]
     assert f"J is {j:.4g} at the start and at the end: the free parameters" in sentences[0]
     assert "J fell only from" in sentences[1]
@@ -309,7 +308,7 @@ def test_a_fall_that_rounds_to_nothing_is_not_called_one(pwm: Injector) -> None:
 
 def test_good_start_values_need_not_move(pwm: Injector) -> None:
     data, simulated = curve(pulse() + NOISE), pulse(length=1.02e-3)
-    assert fitted(pwm, data, simulated, start=curve_j(simulated, data)) == ()
+    assert fitted(pwm, data, simulated, start=float(data.misfit(simulated))) == ()
 
 
 @pytest.mark.parametrize(("length", "odd"), [(750e-6, 0), (650e-6, 1)])
@@ -321,8 +320,8 @@ def test_noise_is_no_error(pwm: Injector) -> None:
     """A pilot of 0.5 mm³ in noise whose absolute values sum up to twice that."""
     pilot = pulse(length=310e-6, height=3e-6)
     data = curve(pilot + 3.0 * NOISE)
-    assert curve_j(pilot, data) > 2.0 * np.sum(pilot) * 1e6
-    assert relative_error(data, RateScore(pilot, 0.0)) < LARGE_MISFIT
+    assert data.misfit(pilot) > 2.0 * np.sum(pilot) * 1e6
+    assert data.relative_error(RateScore(pilot, 0.0)) < LARGE_MISFIT
     assert fitted(pwm, data, pilot) == ()
 
 
@@ -330,9 +329,9 @@ def test_noise_is_no_error(pwm: Injector) -> None:
 def test_a_shift_that_halves_j_is_told_with_its_size(pwm: Injector, shift: float) -> None:
     data = curve(pulse(350e-6 + shift, 700e-6) + NOISE)
     simulated = pulse(length=700e-6)
-    found = best_shift(data, RateScore(simulated, curve_j(simulated, data)))
+    found = best_shift(data, RateScore(simulated, float(data.misfit(simulated))))
     assert found.amount == pytest.approx(shift, abs=1e-6)  # the step of the search
-    assert found.after == pytest.approx(curve_j(pulse(350e-6 + shift, 700e-6), data), rel=0.05)
+    assert found.after == pytest.approx(float(data.misfit(pulse(350e-6 + shift, 700e-6))), rel=0.05)
     (finding,) = (f for f in fitted(pwm, data, simulated) if f.code == "shift")
     assert f"come {abs(shift) * 1e6:.0f} us {'later' if shift > 0.0 else 'earlier'}" in finding.sentence
 

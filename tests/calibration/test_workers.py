@@ -172,7 +172,7 @@ def test_an_interrupted_population_leaves_no_answers_behind(
 
 
 def test_two_objectives_can_take_turns(two: Workers, objective: Objective, population: Floats, expected: bytes) -> None:
-    other = Objective(objective.injector, objective.names, objective.curves, 2e-6, threads=1)
+    other = Objective(objective.injector, objective.names, objective.data, 2e-6, threads=1)
     first, second = two.spread(objective), two.spread(other)
     for _ in range(2):
         assert first.costs(population).costs.tobytes() == expected

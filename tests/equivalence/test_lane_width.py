@@ -23,7 +23,7 @@ study = cr.load_study(sys.argv[2])
 objective = Objective(study.injector, study.space.names, study.data, study.time_step, 1)
 own = np.array([study.injector.values[name] for name in objective.names])
 factors = np.random.default_rng(1).uniform(0.5, 2.0, (64, len(own)))
-np.save(sys.argv[3], objective.curve_costs(own * factors))
+np.save(sys.argv[3], objective.misfits(own * factors))
 """
 CASE = Path(__file__).resolve().parents[2] / "cases" / "paper" / "study.toml"
 

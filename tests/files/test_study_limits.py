@@ -9,9 +9,9 @@ import pytest
 
 from commonrail.errors import CommonrailError
 from commonrail.files import study_file as loader
-from commonrail.files import study_quantities
 from commonrail.files.injector_file import load_injector
 from commonrail.files.study_file import load_study
+from commonrail.kinds.maps import reading
 from tests.files.conftest import Edit
 
 CASE = Path(__file__).resolve().parents[2] / "cases" / "cri2-16"
@@ -46,7 +46,7 @@ def test_samples_of_courses_count_too(study_file: Edit, monkeypatch: pytest.Monk
 
 
 def test_rows_of_a_map_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study_quantities, "MOST_POINTS", 20)
+    monkeypatch.setattr(reading, "MOST_POINTS", 20)
     assert "21 rows of" in refused(CASE / "study.toml")
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from commonrail.report.comparison_figures import (
-    comparison_figures,
-    dead_times_compared,
-    map_compared,
-    map_errors_compared,
-)
+from commonrail.display.chart import Figure
 from commonrail.report.draw import draw
+from commonrail.report.figures import comparison_figures
 from commonrail.report.record import shown_of
 from tests.report.comparison_samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces
+
+
+def of_map(record: dict[str, Any]) -> list[Figure]:
+    """Figures of the first map: quantities, errors, dead times."""
+    return comparison_figures(record | {"data": record["data"][:1]}, {})
 
 
 def test_every_figure_can_be_drawn_and_names_no_role() -> None:
@@ -51,7 +54,7 @@ def test_eight_models_can_be_told_apart_by_colour_and_marker_or_dash() -> None:
 
 def test_a_map_has_a_gap_between_rail_pressures() -> None:
     record = compared_maps()
-    (panel,) = map_compared(record["data"][0], shown_of(record)).panels
+    (panel,) = of_map(record)[0].panels
     old, new, measured = panel.series
     assert [i for i, y in enumerate(old.y) if y is None] == [7]  # after 40 MPa
     assert old.x[7] is None
@@ -62,7 +65,7 @@ def test_a_map_has_a_gap_between_rail_pressures() -> None:
 
 def test_map_errors_are_relative_above_the_limit_and_absolute_below() -> None:
     record = compared_maps()
-    large, small = map_errors_compared(record["data"][0], shown_of(record)).panels
+    large, small = of_map(record)[1].panels
     assert (large.y_title, small.y_title) == ("error, %", "error, mm³")
     assert small.series[1].y[0] == pytest.approx(0.24 * 0.15 + 0.1)
     assert large.series[1].y[0] == pytest.approx(100.0 * (-0.15 / 4 + 0.1 / 4.20))
@@ -71,10 +74,11 @@ def test_map_errors_are_relative_above_the_limit_and_absolute_below() -> None:
 
 def test_a_model_without_any_number_is_not_in_the_legend() -> None:
     record = compared_maps()
-    data, shown = record["data"][0], shown_of(record)
-    for row in data["rows"]:
+    for row in record["data"][0]["rows"]:
         row[OLD] = None
-    for figure in (map_compared(data, shown), map_errors_compared(data, shown), dead_times_compared(data, shown)):
+    figures = of_map(record)
+    assert len(figures) == 3
+    for figure in figures:
         assert OLD not in [s.label for panel in figure.panels for s in panel.series]
 
 
@@ -90,7 +94,7 @@ def test_a_map_of_large_quantities_only_has_one_panel_of_errors() -> None:
     record = compared_maps()
     data = record["data"][0]
     data["rows"] = [row for row in data["rows"] if row["measured"] > 3e-9 and not row["dead_time"]]
-    (panel,) = map_errors_compared(data, shown_of(record)).panels
+    (panel,) = of_map(record)[1].panels
     assert panel.y_title == "error, %"
 
 
@@ -103,7 +107,7 @@ def test_a_map_of_dead_times_only_has_no_figure_of_quantities() -> None:
 
 def test_dead_times_stand_against_rail_pressure() -> None:
     record = compared_maps()
-    (panel,) = dead_times_compared(record["data"][0], shown_of(record)).panels
+    (panel,) = of_map(record)[2].panels
     assert panel.series[-1].x == pytest.approx((40.0, 160.0))
     assert panel.series[0].y == pytest.approx((313.0, 259.0))
     assert np.all(np.array(panel.series[1].y) < np.array(panel.series[0].y))

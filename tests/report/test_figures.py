@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from commonrail.report.figures import (
-    convergence_figure,
-    dead_time_figure,
-    figures_of,
-    map_error_figure,
-    map_figure,
-    rate_figure,
-)
+from commonrail.display.chart import Figure
+from commonrail.report.figures import convergence_figure, figures_of
 from tests.report.samples import map_record, rate_record
 
 TRACE = {
@@ -23,8 +19,19 @@ TRACE = {
 }
 
 
+def rate_figure(data: dict[str, Any]) -> Figure:
+    """The figure of one curve."""
+    (figure,) = figures_of({"data": [data]}, {data["name"]: TRACE})
+    return figure
+
+
+def map_figures() -> list[Figure]:
+    """Figures of a map: quantities, errors, dead times."""
+    return figures_of({"data": map_record()["data"][:1]}, {})
+
+
 def test_a_rate_is_shown_in_its_units_with_its_error_below() -> None:
-    rate, error = rate_figure(rate_record()["data"][0], TRACE).panels
+    rate, error = rate_figure(rate_record()["data"][0]).panels
     assert [series.look for series in rate.series] == ["measured", "start", "best"]
     assert rate.series[0].x == pytest.approx((1.5, 4.5))  # us
     assert rate.series[0].y == pytest.approx((10.0, 20.0))  # mm³/ms
@@ -33,19 +40,19 @@ def test_a_rate_is_shown_in_its_units_with_its_error_below() -> None:
 
 def test_a_synthetic_curve_is_not_called_measured() -> None:
     data = rate_record()["data"][0]
-    assert rate_figure(data, TRACE).panels[0].series[0].label == "synthetic"
-    assert "measured" not in rate_figure(data, TRACE).caption
-    assert rate_figure(data | {"synthetic": ""}, TRACE).panels[0].series[0].label == "measured"
+    assert rate_figure(data).panels[0].series[0].label == "synthetic"
+    assert "measured" not in rate_figure(data).caption
+    assert rate_figure(data | {"synthetic": ""}).panels[0].series[0].label == "measured"
 
 
 def test_what_is_not_finite_leaves_a_gap() -> None:
-    rate, error = rate_figure(rate_record()["data"][0], TRACE).panels
+    rate, error = rate_figure(rate_record()["data"][0]).panels
     assert rate.series[1].y[1] is None
     assert error.series[0].y[1] is None
 
 
 def test_a_map_has_one_family_for_each_rail_pressure() -> None:
-    (panel,) = map_figure(map_record()["data"][0]).panels
+    (panel,) = map_figures()[0].panels
     assert [s.label for s in panel.series if s.label] == ["40 MPa", "160 MPa"]
     assert {s.family for s in panel.series} == {0, 1}
     measured = panel.series[-1]
@@ -54,7 +61,7 @@ def test_a_map_has_one_family_for_each_rail_pressure() -> None:
 
 
 def test_map_errors_are_relative_above_the_limit_and_absolute_below() -> None:
-    large, small = map_error_figure(map_record()["data"][0]).panels
+    large, small = map_figures()[1].panels
     # 40 MPa: four quantities above 3 mm³ (4.20 … 45.12), three below
     assert len(large.series[0].y) == 4
     assert len(small.series[0].y) == 3
@@ -63,7 +70,7 @@ def test_map_errors_are_relative_above_the_limit_and_absolute_below() -> None:
 
 
 def test_dead_times_stand_against_rail_pressure() -> None:
-    (panel,) = dead_time_figure(map_record()["data"][0]).panels
+    (panel,) = map_figures()[2].panels
     marks = panel.series[-1]
     assert marks.x == pytest.approx((40.0, 160.0))
     assert marks.y == pytest.approx((282.0, 228.0))

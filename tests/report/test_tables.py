@@ -2,11 +2,33 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from commonrail.display.table import LARGE, MEDIUM, SMALL, Table
-from commonrail.report.tables import dead_time_table, figures_table, j_table, quantity_table, tables_of, volume_table
+from commonrail.report.tables import tables_of
 from tests.report.samples import map_record, rate_record
+
+
+def j_table(data: list[dict[str, Any]]) -> Table:
+    return tables_of(data)[0]
+
+
+def volume_table(data: list[dict[str, Any]]) -> Table:
+    return tables_of(data)[1]
+
+
+def figures_table(data: list[dict[str, Any]]) -> Table:
+    return tables_of(data)[0]
+
+
+def quantity_table(data: dict[str, Any]) -> Table:
+    return tables_of([data])[1]
+
+
+def dead_time_table(data: dict[str, Any]) -> Table:
+    return tables_of([data])[2]
 
 
 def column(table: Table, name: str) -> list[str]:

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import NamedTuple
 
-import numpy as np
-
 from commonrail.arguments import instance, instances, mapping, thread_count
 from commonrail.calibration.study import Study
 from commonrail.choices import Drive
@@ -68,7 +66,8 @@ class Comparison:
     @property
     def simulated(self) -> bool:
         """Whether there is any number at all."""
-        return any(np.isfinite(score.numbers).any() for scores in self.scores.values() for score in scores)
+        failed = (zip(self.data, found, strict=True) for found in self.failures.values())
+        return any(len(points) < len(data.points) for pairs in failed for data, points in pairs)
 
 
 def compare(

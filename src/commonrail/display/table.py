@@ -2,22 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-
-__all__ = [
-    "BEST_LEGEND",
-    "BEST_SIGN",
-    "LARGE",
-    "MEDIUM",
-    "SIGNS",
-    "SMALL",
-    "Cell",
-    "Table",
-    "marked",
-    "rows_of",
-    "size_of",
-]
+from typing import Any, NamedTuple
 
 # Sizes of an error, with the sign that says it without colour.
 SMALL, MEDIUM, LARGE = "small", "medium", "large"
@@ -53,9 +40,30 @@ class Table:
     texts: int = 1
 
 
-def rows_of(rows: Sequence[Sequence[str | Cell]]) -> tuple[tuple[Cell, ...], ...]:
-    """Rows of cells from rows of texts and cells."""
-    return tuple(tuple(cell if isinstance(cell, Cell) else Cell(cell) for cell in row) for row in rows)
+class Part(NamedTuple):
+    """Columns of a table next to one another: their heads, and the cells that a row has in them."""
+
+    heads: Sequence[str]
+    cells: Callable[[Any], Iterable[str | Cell]]
+
+
+def table_of(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str = "", texts: int = 1) -> Table:
+    """Table of any rows.
+
+    Parameters
+    ----------
+    title : str
+    rows : iterable
+        What the parts make cells of.
+    parts : sequence of Part
+    note : str
+    texts : int
+        Number of columns that are words.
+    """
+    heads = tuple(head for part in parts for head in part.heads)
+    found = ((cell for part in parts for cell in part.cells(row)) for row in rows)
+    cells = tuple(tuple(cell if isinstance(cell, Cell) else Cell(cell) for cell in row) for row in found)
+    return Table(title, heads, cells, note, texts)
 
 
 def size_of(error: float | None, steps: Sequence[float]) -> str:

@@ -74,10 +74,6 @@ class Score(Protocol):
         """Simulated values, one for each of the data set's `measured`; NaN where a simulation failed."""
 
     @property
-    def numbers(self) -> Floats:
-        """All that was simulated; a score without a finite one says nothing."""
-
-    @property
     def error(self) -> float:
         """The one figure that a table with a column for each data set has, see `DataSet.error_head`."""
 

@@ -12,26 +12,6 @@ from commonrail.display.chart import Points, Series
 from commonrail.display.text import number
 from commonrail.engine.operating_point import OperatingPoint
 
-__all__ = [
-    "JUDGED",
-    "LABELS",
-    "MEASURED",
-    "MICROSECOND",
-    "MM3",
-    "MM3_PER_MS",
-    "MPA",
-    "Models",
-    "Record",
-    "Shown",
-    "Texts",
-    "Traces",
-    "origin_of",
-    "point_record",
-    "present",
-    "relative_error",
-    "scaled",
-]
-
 Record = Mapping[str, Any]
 Texts = Mapping[str, str]  # of the labels, in order
 Traces = Mapping[str, Mapping[str, NDArray[np.float64]]]  # by data set: "time_s", "measured", and rates by label

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from commonrail.choices import Precision
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.plan import Prepared, prepare, reference_densities
-from commonrail.engine.sampling import sampled_rates
+from commonrail.engine.plan import Prepared, prepare
 from commonrail.engine.simulate import check_step, simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.injector.definition import Injector
@@ -82,20 +81,3 @@ class Simulator:
     def once(self, points: Sequence[OperatingPoint]) -> Batch:
         """Figures of the injector as it is at points that are not asked for again, (1, points)."""
         return simulate_batch(self.injector, points, time_step=self.time_step, threads=self.threads)
-
-    def rates(self, point: OperatingPoint, bounds: Floats, values: Floats) -> Floats:
-        """Mean mass flow between time bounds [s] for each candidate, (candidates, bounds − 1) [kg/s].
-
-        Parameters
-        ----------
-        point : OperatingPoint
-        bounds : (samples + 1,)
-            [s].
-        values : (candidates, names)
-            [SI].
-        """
-        return sampled_rates(self.injector, point, bounds, self.names, values, self.time_step)
-
-    def densities(self, point: OperatingPoint, values: Floats) -> Floats:
-        """Density at cylinder pressure of each candidate's fuel, (candidates, 1) [kg/m³]."""
-        return reference_densities(self.injector, [point], self.names, values)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from commonrail.display.table import Table, rows_of
+from commonrail.display.table import Part, Table, table_of
 from commonrail.display.text import fixed, pressure, quantity
 from commonrail.kinds.records import MICROSECOND, Record
 from commonrail.report.record import by_kind, texts_of
@@ -23,23 +23,23 @@ def comparison_tables(record: Record) -> list[Table]:
 def difference_table(record: Record) -> Table:
     """Parameters that are not the same in all the models, with prefixes that suit them."""
     labels = list(texts_of(record))
-    rows = [
-        (d["name"], d["meaning"], *(quantity(d["values"].get(label), d["unit"]) for label in labels))
-        for d in record["differences"]
-    ]
-    return Table("Parameters that differ", ("parameter", "meaning", *labels), rows_of(rows), "", 2)
+    parts = (
+        Part(("parameter", "meaning"), lambda d: (d["name"], d["meaning"])),
+        Part(labels, lambda d: [quantity(d["values"].get(label), d["unit"]) for label in labels]),
+    )
+    return table_of("Parameters that differ", record["differences"], parts, "", 2)
 
 
 def failure_table(data: Sequence[Record]) -> Table:
     """Points that have no number, and why."""
-    rows = []
+    rows: dict[tuple[str, str, str], list[Record]] = {}
     for d in data:
         for label, failures in d.get("failures", {}).items():
-            for reason in dict.fromkeys(f["sentence"] for f in failures):
-                found = [f for f in failures if f["sentence"] == reason]
-                rows.append((d["name"], label, _points(found), reason, str(len(found))))
-    columns = ("data set", "model", "points", "reason", "number of points")
-    return Table("Points without a number", columns, rows_of(rows), "", 4)
+            for failure in failures:
+                rows.setdefault((d["name"], label, failure["sentence"]), []).append(failure)
+    heads = ("data set", "model", "points", "reason", "number of points")
+    cells = ((name, label, _points(found), reason, str(len(found))) for (name, label, reason), found in rows.items())
+    return table_of("Points without a number", cells, (Part(heads, lambda row: row),), "", 4)
 
 
 def _points(failures: Sequence[Record]) -> str:

@@ -14,6 +14,8 @@ from commonrail.arguments import array, instance, settle
 from commonrail.display.text import number
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.plan import reference_densities
+from commonrail.engine.sampling import sampled_rates
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.errors import ConfigurationError
@@ -39,11 +41,6 @@ class RateScore:
 
     @property
     def values(self) -> Floats:
-        """Simulated samples [m³/s]."""
-        return self.rate
-
-    @property
-    def numbers(self) -> Floats:
         """Simulated samples [m³/s]."""
         return self.rate
 
@@ -141,9 +138,9 @@ class RateData(DataSet):
 
     def simulated(self, simulator: Simulator, values: Floats) -> Floats:
         """Simulated samples (candidates, samples) [m³/s]."""
-        by_volume = math.isnan(self.mass_density)
-        density = simulator.densities(self.point, values) if by_volume else self.mass_density
-        return simulator.rates(self.point, self.bounds, values) / density
+        s, density = simulator, self.mass_density
+        own = reference_densities(s.injector, [self.point], s.names, values) if math.isnan(density) else density
+        return sampled_rates(s.injector, self.point, self.bounds, s.names, values, s.time_step) / own
 
     def misfit(self, values: Floats) -> Floats:
         """J of simulated samples: Σ |rate − measured rate| [mm³/ms], Sec. 4."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.display.chart import Figure, Panel, Points, Series
-from commonrail.display.table import BEST_LEGEND, Cell, Table, marked, rows_of
+from commonrail.display.table import BEST_LEGEND, Cell, Part, Table, marked, table_of
 from commonrail.display.text import fixed, listed, megapascal, number, percent, pressure, signed
 from commonrail.kinds.base import View
 from commonrail.kinds.records import (
@@ -101,64 +101,61 @@ def _sentence(data: Record) -> str:
 
 def _j_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Table:
     """J of every injection curve, Σ |rate error| over its samples [mm³/ms], by label."""
-    rows = [
-        (
-            *(d["name"], d["role"], *(fixed(d["J"].get(label), 1) for label in labels)),
-            *(percent(d["J_relative"].get(JUDGED)), megapascal(d["rail_pressure"]), str(d["samples"])),
-        )
-        for d in data
-    ]
+    parts = (
+        Part(("data set", "role"), lambda d: (d["name"], d["role"])),
+        Part([texts[label] for label in labels], lambda d: [fixed(d["J"].get(label), 1) for label in labels]),
+        Part(("share, %",), lambda d: (percent(d["J_relative"].get(JUDGED)),)),
+        Part(("rail, MPa",), lambda d: (megapascal(d["rail_pressure"]),)),
+        _SAMPLES,
+    )
     note = (
         "J is the sum over the samples of |simulated rate − data|; the share is that of J of "
         f"“{texts[JUDGED]}” in the sum of the data's rates."
     )
-    columns = ("data set", "role", *(texts[label] for label in labels), "share, %", "rail, MPa", "samples")
-    return Table(_J_TITLE, columns, rows_of(rows), note, 2)
+    return table_of(_J_TITLE, data, parts, note, 2)
 
 
 def _volume_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Table:
     """Volume injected within the samples of every curve [mm³], by label."""
-    rows = []
-    for d in data:
-        measured = d["volume"][MEASURED]
-        cells = [d["name"], d["role"], fixed(measured, 2, MM3)]
+
+    def simulated(d: Record) -> Iterator[str]:
         for label in labels:
             volume = number(d["volume"].get(label))
-            cells += [fixed(volume, 2, MM3), signed(relative_error(volume, measured), 1)]
-        rows.append(cells)
-    heads = [head for label in labels for head in (texts[label], "error, %")]
-    return Table("Injected volume, mm³", ("data set", "role", _origin(data), *heads), rows_of(rows), "", 2)
+            yield fixed(volume, 2, MM3)
+            yield signed(relative_error(volume, d["volume"][MEASURED]), 1)
+
+    parts = (
+        Part(("data set", "role"), lambda d: (d["name"], d["role"])),
+        Part((_origin(data),), lambda d: (fixed(d["volume"][MEASURED], 2, MM3),)),
+        Part([head for label in labels for head in (texts[label], "error, %")], simulated),
+    )
+    return table_of("Injected volume, mm³", data, parts, "", 2)
 
 
 def _j_compared(data: Sequence[Record], labels: Sequence[str]) -> Table:
-    rows: list[tuple[str | Cell, ...]] = []
-    for d in data:
-        errors = marked([number(d["J"].get(label)) for label in labels], lambda j: fixed(j, 1))
-        rows.append((*_head(d), *errors, str(d["samples"])))
+    errors = Part(labels, lambda d: marked([number(d["J"].get(label)) for label in labels], lambda j: fixed(j, 1)))
     note = f"J is the sum over the samples of |simulated rate − data|. {BEST_LEGEND}"
-    return Table(_J_TITLE, ("data set", "rail, MPa", *labels, "samples"), rows_of(rows), note)
+    return table_of(_J_TITLE, data, (_HEAD, errors, _SAMPLES), note)
 
 
 def _j_relative_compared(data: Sequence[Record], labels: Sequence[str]) -> Table:
-    rows: list[tuple[str | Cell, ...]] = []
-    for d in data:
-        rows.append((*_head(d), *marked([number(d["J_relative"].get(label)) for label in labels], percent)))
+    errors = Part(labels, lambda d: marked([number(d["J_relative"].get(label)) for label in labels], percent))
     note = f"J over the sum of |data| over the same samples. {BEST_LEGEND}"
-    return Table("J relative to the data, %", ("data set", "rail, MPa", *labels), rows_of(rows), note)
+    return table_of("J relative to the data, %", data, (_HEAD, errors), note)
 
 
 def _volume_compared(data: Sequence[Record], labels: Sequence[str]) -> Table:
-    rows: list[tuple[str | Cell, ...]] = []
-    for d in data:
-        measured = d["volume"][MEASURED]
-        errors = [relative_error(number(d["volume"].get(label)), measured) for label in labels]
-        rows.append((*_head(d), fixed(measured, 2, MM3), *marked(errors, lambda e: signed(e, 1))))
-    columns = ("data set", "rail, MPa", f"{_origin(data)}, mm³", *labels)
-    return Table("Error of the injected volume, %", columns, rows_of(rows), f"Simulated against data. {BEST_LEGEND}")
+    def errors(d: Record) -> list[Cell]:
+        found = [relative_error(number(d["volume"].get(label)), d["volume"][MEASURED]) for label in labels]
+        return marked(found, lambda error: signed(error, 1))
+
+    measured = Part((f"{_origin(data)}, mm³",), lambda d: (fixed(d["volume"][MEASURED], 2, MM3),))
+    note = f"Simulated against data. {BEST_LEGEND}"
+    return table_of("Error of the injected volume, %", data, (_HEAD, measured, Part(labels, errors)), note)
 
 
-def _head(data: Record) -> tuple[str, str]:
-    return data["name"], megapascal(data["rail_pressure"])
+_HEAD = Part(("data set", "rail, MPa"), lambda d: (d["name"], megapascal(d["rail_pressure"])))
+_SAMPLES = Part(("samples",), lambda d: (str(d["samples"]),))
 
 
 def _origin(data: Sequence[Record]) -> str:

@@ -55,11 +55,6 @@ class QuantityScore:
         return self.quantity
 
     @property
-    def numbers(self) -> Floats:
-        """Quantities and dead times."""
-        return np.append(self.quantity, self.dead_time)
-
-    @property
     def error(self) -> float:
         """Root mean square over the large quantities [%]."""
         return 100.0 * self.rms_large

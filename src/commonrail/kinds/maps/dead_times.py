@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.display.chart import BOTH, MARKERS, Figure, Panel, Series
-from commonrail.display.table import BEST_LEGEND, SIGNS, Cell, Table, marked, rows_of, size_of
+from commonrail.display.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.display.text import fixed, megapascal, number, signed, significant
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.kinds.records import (
@@ -92,29 +92,35 @@ def dead_time_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
     texts : mapping of str to str
         What they are called.
     """
-    rows: list[tuple[str | Cell, ...]] = []
-    for row in dead_times_of(data):
-        (error,) = _errors(row, [JUDGED])
-        times = (fixed(row.get(label), 1, MICROSECOND) for label in labels)
-        rows.append((*_head(row), *times, Cell(signed(error, 1), size_of(error, _STEPS))))
-    columns = ("rail, MPa", "quantity, mm³", origin_of(data), *(texts[label] for label in labels), "error")
+
+    def error(row: Record) -> list[Cell]:
+        (found,) = _errors(row, [JUDGED])
+        return [Cell(signed(found, 1), size_of(found, _STEPS))]
+
+    parts = (
+        *_head(origin_of(data)),
+        Part([texts[label] for label in labels], lambda row: [fixed(row.get(k), 1, MICROSECOND) for k in labels]),
+        Part(("error",), error),
+    )
     title = f"Dead times, µs: {data['name']} ({data['role']})"
-    return Table(title, columns, rows_of(rows), f"Energising time at which the quantity is reached. {_LEGEND}", 0)
+    note = f"Energising time at which the quantity is reached. {_LEGEND}"
+    return table_of(title, dead_times_of(data), parts, note, 0)
 
 
 def compared_dead_times(data: Record, labels: Sequence[str]) -> Table:
     """Errors of the dead times of one map, by model."""
-    rows: list[tuple[str | Cell, ...]] = []
-    for row in dead_times_of(data):
-        errors = _errors(row, labels)
-        cells = zip(marked(errors, lambda e: signed(e, 1)), errors, strict=True)
-        rows.append((*_head(row), *(Cell(cell.text, size_of(e, _STEPS), cell.best) for cell, e in cells)))
-    columns = ("rail, MPa", "quantity, mm³", f"{origin_of(data)}, µs", *labels)
+
+    def errors(row: Record) -> list[Cell]:
+        found = _errors(row, labels)
+        cells = zip(marked(found, lambda error: signed(error, 1)), found, strict=True)
+        return [Cell(cell.text, size_of(error, _STEPS), cell.best) for cell, error in cells]
+
     note = (
         "The dead time is the energising time at which the quantity is reached; errors are simulated − "
         f"{origin_of(data)}. {_LEGEND} {BEST_LEGEND}"
     )
-    return Table(f"Errors of the dead times, µs: {data['name']}", columns, rows_of(rows), note, 0)
+    parts = (*_head(f"{origin_of(data)}, µs"), Part(labels, errors))
+    return table_of(f"Errors of the dead times, µs: {data['name']}", dead_times_of(data), parts, note, 0)
 
 
 def dead_time_figure(data: Record, models: Models) -> list[Figure]:
@@ -138,9 +144,12 @@ def dead_time_figure(data: Record, models: Models) -> list[Figure]:
     ]
 
 
-def _head(row: Record) -> tuple[str, str, str]:
-    quantity = significant(row.get("quantity"), 3, MM3)
-    return megapascal(row["rail_pressure"]), quantity, fixed(row[MEASURED], 0, MICROSECOND)
+def _head(origin: str) -> tuple[Part, Part]:
+    place = Part(
+        ("rail, MPa", "quantity, mm³"),
+        lambda row: (megapascal(row["rail_pressure"]), significant(row.get("quantity"), 3, MM3)),
+    )
+    return place, Part((origin,), lambda row: (fixed(row[MEASURED], 0, MICROSECOND),))
 
 
 def _errors(row: Record, labels: Sequence[str]) -> list[float | None]:

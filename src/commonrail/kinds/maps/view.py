@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, groupby
+from itertools import groupby
 from typing import Any
 
 from commonrail.display.chart import MARKERS, Figure, Panel, Points, Series
-from commonrail.display.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Table, marked, rows_of, size_of
+from commonrail.display.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.display.text import fixed, listed, megapascal, number, pressure, signed, significant
 from commonrail.kinds.base import View
 from commonrail.kinds.maps.dead_times import compared_dead_times, dead_time_figure, dead_time_table
@@ -120,59 +120,66 @@ class MapView(View):
         return listed(parts) or "nothing could be simulated"
 
     def _figures_table(self, data: Sequence[Record], texts: Texts) -> Table:
-        rows = [
-            (d["name"], d["role"], texts[label], _count(d), *_figure_texts(d["figures"].get(label, {})))
-            for d in data
-            for label in texts
-            if self.has(d, label)
-        ]
-        columns = ("data set", "role", "model", f"{self.of}quantities", *_figure_heads(data))
-        return Table(f"Errors of the {self.of}quantity maps", columns, rows_of(rows), "", 3)
+        rows = [(d, label) for d in data for label in texts if self.has(d, label)]
+        parts = (
+            Part(("data set", "role", "model"), lambda row: (row[0]["name"], row[0]["role"], texts[row[1]])),
+            Part((f"{self.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
+            Part(_figure_heads(data), lambda row: _figure_texts(row[0]["figures"].get(row[1], {}))),
+        )
+        return table_of(f"Errors of the {self.of}quantity maps", rows, parts, "", 3)
 
     def _figures_compared(self, data: Sequence[Record], labels: Sequence[str]) -> Table:
-        rows: list[tuple[str | Cell, ...]] = []
+        rows = []
         for d in data:
             figures = [d["figures"].get(label, {}) for label in labels]
             columns = [marked([number(f.get(key)) for f in figures], text) for key, text in _FIGURES]
-            rows += [(d["name"], label, _count(d), *cells) for label, *cells in zip(labels, *columns, strict=True)]
+            rows += [(d, label, cells) for label, *cells in zip(labels, *columns, strict=True)]
+        parts = (
+            Part(("data set", "model"), lambda row: (row[0]["name"], row[1])),
+            Part((f"{self.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
+            Part(_figure_heads(data), lambda row: row[2]),
+        )
         failing = "A model that fails at one point has no figure over the points."
-        heads = ("data set", "model", f"{self.of}quantities", *_figure_heads(data))
         note = f"{BEST_SIGN} least error of the data set. {failing}"
-        return Table(f"Errors of the {self.of}quantity maps", heads, rows_of(rows), note, 2)
+        return table_of(f"Errors of the {self.of}quantity maps", rows, parts, note, 2)
 
     def _quantity_table(self, data: Record, labels: Sequence[str], texts: Texts) -> Table:
         """Quantities point by point, start and calibrated against measured."""
-        rows: list[tuple[str | Cell, ...]] = []
-        for row in _quantities(data):
+
+        def errors(row: Record) -> tuple[str, Cell]:
             measured, best = row[MEASURED], number(row.get(JUDGED))
             error = None if best is None else (best - measured) * MM3
-            share = Cell(signed(relative_error(best, measured), 1), error_size(error, measured * MM3))
-            shown = (fixed(row.get(label), 2, MM3) for label in labels)
-            rows.append((*_head(row), fixed(measured, 2, MM3), *shown, signed(error, 2), share))
-        heads = (*(texts[label] for label in labels), "error", "error, %")
+            share = signed(relative_error(best, measured), 1)
+            return signed(error, 2), Cell(share, error_size(error, measured * MM3))
+
+        parts = (
+            *_head(origin_of(data)),
+            Part([texts[label] for label in labels], lambda row: [fixed(row.get(k), 2, MM3) for k in labels]),
+            Part(("error", "error, %"), errors),
+        )
         title = f"{self._title}, mm³: {data['name']} ({data['role']})"
         note = f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}"
-        return Table(title, ("rail, MPa", ENERGISING, origin_of(data), *heads), rows_of(rows), note, 0)
+        return table_of(title, _quantities(data), parts, note, 0)
 
     def _compared(self, data: Record, labels: Sequence[str]) -> Table:
         """Quantities point by point: quantities and errors of few models, errors of many."""
         wide = len(labels) <= WIDE
-        rows: list[tuple[str | Cell, ...]] = []
-        for row in _quantities(data):
+
+        def shown(row: Record) -> Iterator[Cell]:
             measured = float(row[MEASURED])
             found = [number(row.get(label)) for label in labels]
             errors = marked([relative_error(value, measured) for value in found], lambda e: signed(e, 1))
-            sized = [
-                Cell(cell.text, error_size(None if v is None else (v - measured) * MM3, measured * MM3), cell.best)
-                for cell, v in zip(errors, found, strict=True)
-            ]
-            shown = zip((Cell(fixed(v, 2, MM3)) for v in found), sized, strict=True) if wide else zip(sized)
-            rows.append((*_head(row), fixed(measured, 2, MM3), *chain.from_iterable(shown)))
+            for value, error in zip(found, errors, strict=True):
+                if wide:
+                    yield Cell(fixed(value, 2, MM3))
+                absolute = None if value is None else (value - measured) * MM3
+                yield Cell(error.text, error_size(absolute, measured * MM3), error.best)
+
         heads = [head for label in labels for head in ((label, "error, %") if wide else (label,))]
-        columns = ("rail, MPa", ENERGISING, f"{origin_of(data)}, mm³", *heads)
-        note = f"Errors are simulated − {origin_of(data)}. {_LEGEND} {BEST_LEGEND}"
         title = f"{self._title}, mm³" if wide else f"Errors of the {self.of}quantities, %"
-        return Table(f"{title}: {data['name']}", columns, rows_of(rows), note, 0)
+        note = f"Errors are simulated − {origin_of(data)}. {_LEGEND} {BEST_LEGEND}"
+        parts = (*_head(f"{origin_of(data)}, mm³"), Part(heads, shown))
+        return table_of(f"{title}: {data['name']}", _quantities(data), parts, note, 0)
 
     @property
     def _title(self) -> str:
@@ -275,12 +282,12 @@ def _quantities(data: Record) -> list[Record]:
     return [row for row in data["rows"] if not row["dead_time"]]
 
 
-def _count(data: Record) -> str:
-    return str(len(_quantities(data)))
-
-
-def _head(row: Record) -> tuple[str, str]:
-    return megapascal(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)
+def _head(origin: str) -> tuple[Part, Part]:
+    place = Part(
+        ("rail, MPa", ENERGISING),
+        lambda row: (megapascal(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)),
+    )
+    return place, Part((origin,), lambda row: (fixed(row[MEASURED], 2, MM3),))
 
 
 def _sorted(data: Record) -> list[Record]:

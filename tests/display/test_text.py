@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from commonrail.display import text
 from commonrail.display.text import MISSING
-from commonrail.report import text
 
 
 @pytest.mark.parametrize("nothing", [None, math.nan, math.inf, "171", True])

@@ -1,0 +1,64 @@
+"""A block and a table for each kind of measured data: what the contract of `test_contract` is tried on."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from commonrail.injector.definition import Injector
+from commonrail.kinds import DataSet
+from commonrail.kinds.reading import Context
+from commonrail.kinds.simulator import Simulator
+from commonrail.reading.place import Place
+from commonrail.reading.reach import Reach
+
+STEP = 1e-6
+ITSELF = np.empty((1, 0))
+BLOCK = 'name = "data"\nrole = "fit"\nfile = "data.csv"\nweight = 2.5\nsource = "bench"\nsynthetic = "all of it"\n'
+PRESSURES = 'cylinder_pressure = "5 MPa"\nreturn_pressure = "0.5 MPa"\n'
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Keys of a kind's own, its table of measured values [SI], and words that a message on a bad table has."""
+
+    keys: str
+    table: Callable[[np.ndarray], str]
+    count: int
+
+    def read(self, kind: type[DataSet], injector: Injector, folder: Path, values: np.ndarray, more: str = "") -> Any:
+        """Data set of a kind from files in a folder, with some measured values."""
+        (folder / "data.csv").write_text(self.table(values), encoding="utf-8")
+        block = tomllib.loads(f'kind = "{kind.kind}"\n{BLOCK}{PRESSURES}{self.keys}{more}')
+        context = Context(injector, STEP, Reach(folder / "study.toml", False))
+        return kind.read(kind.model.model_validate(block), context, Place("study.toml", "data[1]"))
+
+    def truth(self, kind: type[DataSet], injector: Injector, folder: Path) -> Any:
+        """Data set whose measured values are those that the injector itself gives."""
+        data = self.read(kind, injector, folder, np.ones(self.count))
+        values = data.simulated(Simulator(injector, (), STEP, 1), ITSELF)[0]
+        return self.read(kind, injector, folder, values)
+
+
+def curve_table(values: np.ndarray) -> str:
+    """Rates, 5 us apart."""
+    rows = (f"{5 * (i + 1)},{float(rate)!r}\n" for i, rate in enumerate(values))
+    return "time [us],rate [m3/s]\n" + "".join(rows)
+
+
+def map_table(values: np.ndarray) -> str:
+    """Quantities at two rail pressures."""
+    places = ((60, 300), (60, 700), (160, 300), (160, 700))
+    rows = (f"{rail},{time},{float(q)!r}\n" for (rail, time), q in zip(places, values, strict=True))
+    return "rail_pressure [MPa],energising_time [us],quantity [m3]\n" + "".join(rows)
+
+
+SAMPLES = {
+    "rate": Sample('rail_pressure = "160 MPa"\nenergising_time = "400 us"\n', curve_table, 190),
+    "quantities": Sample('absolute = "0.2 mm3"\nrelative = 0.05\n', map_table, 4),
+}
