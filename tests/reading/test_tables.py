@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.reading import csv_rows
+from commonrail.parts.furniture import Domain
+from commonrail.reading import csv_rows, tables
 from commonrail.reading.tables import Column, Table, read_columns
 
 Write = Callable[[str | bytes], Path]
@@ -164,3 +165,36 @@ def test_header_of_many_columns_is_not_shown_whole(table_file: Write) -> None:
 def test_other_formats(tmp_path: Path, name: str, kind: str) -> None:
     with pytest.raises(InputError, match=rf"{name}: {kind} files are not read; export the columns to a CSV file"):
         read(tmp_path / name)
+
+
+class Counted:
+    """A format of two samples, in other units than SI."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def take(self, columns: Sequence[Column]) -> Table:
+        values = {"time": [0.0, 1.0], "rate": [-1.0, 2.0]}
+        units = {"time": "ms", "rate": ""}
+        wanted = [column.name for column in columns]
+        numbers = {name: np.array(values[name]) for name in wanted}
+        return Table(self.path, numbers, {}, {name: units[name] for name in wanted}, np.array([7, 8]), row="sample")
+
+
+def test_another_format_is_a_source_of_the_same_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(tables._SHEETS, ".counted", Counted)
+    path, time = Path("a.counted"), Column("time", "s", increasing=True)
+    table = read_columns(path, [time, Column("rate", ("m3/s", "kg/s"), "mg/ms")], least=2)
+    assert (table.columns["time"].tolist(), table.columns["rate"].tolist()) == ([0.0, 1e-3], [-1e-3, 2e-3])
+    assert (table.units["rate"], table.given["time"]) == ("kg/s", "ms")
+    with pytest.raises(InputError, match=r'a\.counted, column "rate": there is no unit'):
+        read_columns(path, [Column("rate", "m3/s")], least=2)
+    with pytest.raises(InputError, match=r'a\.counted, sample 7, column "rate": the value must be zero or greater'):
+        read_columns(path, [Column("rate", "m3/s", "mm3/ms", domain=Domain.NON_NEGATIVE)], least=2)
+
+
+def test_texts_and_gaps(table_file: Write) -> None:
+    path = table_file("name,rate [mm3/ms]\na,1\nb,\n")
+    table = read_columns(path, [Column("name"), Column("rate", "m3/s", required=False)], least=2)
+    assert table.texts["name"] == ["a", "b"]
+    np.testing.assert_array_equal(table.columns["rate"], [1e-6, np.nan])

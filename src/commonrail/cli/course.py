@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.errors import SimulationError
-from commonrail.files.atomic import replacing
+from commonrail.files import atomic
 from commonrail.injector.definition import Injector
 from commonrail.units import to_text
 
@@ -156,14 +155,13 @@ def write_csv(run: Run, path: Path) -> None:
     names = [f"{name} [{_unit(name)[0]}]" for name in s.channels]
     columns = [s.time[1:] * 1e6, s.rate_mm3_per_ms, s.rate_mg_per_ms, s.injected[1:] * 1e6]
     columns += [values[1:] * _unit(name)[1] for name, values in s.channels.items()]
-    with replacing(path) as stream:
-        stream.write(f"# simulated by commonrail, not measured: {heading(run)}\n")
-        stream.write("# rates are means over the interval that ends at the row's time; the rest is ")
-        stream.write("instantaneous\n")
-        writer = csv.writer(stream, lineterminator="\n")
-        head = ["time [us]", "rate [mm3/ms]", "mass rate [mg/ms]", "injected [mg]"]
-        writer.writerow([*head, *names])
-        writer.writerows([f"{value:.9g}" for value in row] for row in np.column_stack(columns))
+    notes = (
+        f"simulated by commonrail, not measured: {heading(run)}",
+        "rates are means over the interval that ends at the row's time; the rest is instantaneous",
+    )
+    head = ["time [us]", "rate [mm3/ms]", "mass rate [mg/ms]", "injected [mg]", *names]
+    rows = ([f"{value:.9g}" for value in row] for row in np.column_stack(columns))
+    atomic.write_csv(path, notes, head, rows)
 
 
 def _unit(channel: str) -> tuple[str, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError
-from commonrail.files.atomic import replacing
+from commonrail.files.atomic import write_csv
 from commonrail.kinds.records import MEASURED, MM3_PER_MS
 from commonrail.reading.csv_sheet import CsvSheet
 from commonrail.reading.sheet import Column
@@ -61,12 +60,9 @@ def write_traces(
     before : sequence of str
         Columns before the name of the data set.
     """
-    with replacing(path) as stream:
-        stream.writelines(f"# {' '.join(note.split())}\n" for note in notes)
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([*before, *_KEYS, *(label + _UNIT for label in labels)])
-        for curve in curves:
-            writer.writerows(_rows(curve, labels))
+    header = [*before, *_KEYS, *(label + _UNIT for label in labels)]
+    rows = (row for curve in curves for row in _rows(curve, labels))
+    write_csv(path, (" ".join(note.split()) for note in notes), header, rows)
 
 
 def _rows(curve: Curve, labels: Sequence[str]) -> Iterator[list[str]]:
