@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import pytest
+from pydantic import Field
 
 from commonrail.choices import Body
 from commonrail.errors import InputError
@@ -32,7 +33,7 @@ class Part(FileModel):
     mass: Annotated[Number, Stated(MASS)] | None = None
     room: Annotated[Room, Quantities({"mass": MASS})] = Room()
     body: Annotated[Body, choice(Body)] = Body.FLEXIBLE
-    holes: list[Annotated[Any, OneOf("form", {"round": Round, "square": Square})]] = []
+    holes: list[Annotated[Any, OneOf("form", {"round": Round, "square": Square})]] = Field(default=[])
 
 
 def read(**tables: Any) -> Part:
