@@ -10,7 +10,7 @@ import pytest
 
 from commonrail.errors import InputError
 from commonrail.parts.furniture import Domain
-from commonrail.reading import csv_rows, tables
+from commonrail.reading import csv_file, tables
 from commonrail.reading.tables import Column, Table, read_columns
 
 Write = Callable[[str | bytes], Path]
@@ -121,15 +121,15 @@ def test_two_units_for_one_column(table_file: Write) -> None:
 
 
 def test_size_limit(table_file: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(csv_rows, "LARGEST_FILE", 20)
+    monkeypatch.setattr(csv_file, "LARGEST_FILE", 20)
     with pytest.raises(InputError, match="more than the 2e-05 MB that are read"):
         read(table_file(GOOD))
 
 
 def test_row_limit(table_file: Write) -> None:
-    assert len(list(csv_rows.read_rows(table_file(GOOD), most=4).rows)) == 4
+    assert len(list(csv_file.CsvFile(table_file(GOOD), most=4).rows)) == 4
     with pytest.raises(InputError, match=r"line 6: the file has more than the 4 rows that are read; keep only"):
-        list(csv_rows.read_rows(table_file(GOOD + "12,9\n"), most=4).rows)
+        list(csv_file.CsvFile(table_file(GOOD + "12,9\n"), most=4).rows)
 
 
 HEADERS = {

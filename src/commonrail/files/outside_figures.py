@@ -12,7 +12,7 @@ from commonrail.analysis.outside import INTERVAL, Outside, Run
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.files.injector_file import load_injector
-from commonrail.reading.csv_sheet import CsvSheet
+from commonrail.reading.csv_file import CsvFile
 from commonrail.reading.sheet import Column
 
 __all__ = ["load_outside"]
@@ -53,6 +53,6 @@ def _rates() -> dict[str, NDArray[np.float64]]:
     return {name: 1e-6 * columns[name] for name in names}
 
 
-def _sheet(name: str) -> CsvSheet:
+def _sheet(name: str) -> CsvFile:
     with resources.as_file(_FOLDER / name) as path:
-        return CsvSheet(path)
+        return CsvFile(path)

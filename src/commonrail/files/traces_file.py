@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_csv
 from commonrail.kinds.records import MEASURED, MM3_PER_MS
-from commonrail.reading.csv_sheet import CsvSheet
+from commonrail.reading.csv_file import CsvFile
 from commonrail.reading.sheet import Column
 
 __all__ = ["Curve", "Traces", "read_curves", "read_traces", "write_traces"]
@@ -106,7 +106,7 @@ def read_curves(path: Path, measured: str, before: Sequence[str] = ()) -> dict[t
     InputError
         As `read_traces`.
     """
-    sheet = CsvSheet(path, plain=True)
+    sheet = CsvFile(path, plain=True)
     head, rest = (*before, *_KEYS), sheet.names[len(before) + len(_KEYS) :]
     labels = [cell.removesuffix(_UNIT) for cell in rest]
     whole = all(cell.endswith(_UNIT) for cell in rest) and len({*labels}) == len(labels)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError
 from commonrail.reading import sheet
-from commonrail.reading.csv_rows import read_rows
+from commonrail.reading.csv_file import CsvFile
 
 __all__ = ["Table", "find_column", "names_of", "read_table"]
 
@@ -61,20 +61,7 @@ def names_of(table: Table) -> list[str]:
 
 
 def find_column(table: Table, name: str, what: str) -> int:
-    """Index of a column in the header.
-
-    Parameters
-    ----------
-    table : Table
-    name : str
-    what : str
-        What the column is for.
-
-    Raises
-    ------
-    InputError
-        If it is not there, or there twice.
-    """
+    """Index of a column in the header; see `commonrail.reading.sheet.find_column`."""
     return sheet.find_column(table.path, names_of(table), name, what)
 
 
@@ -153,7 +140,7 @@ def _decoded(code: int, texts: Sequence[Sequence[str]]) -> tuple[str, ...]:
 
 
 def _read_csv(path: Path) -> _Csv:
-    found = read_rows(path, MOST_ROWS)
+    found = CsvFile(path, most=MOST_ROWS)
     lines, rows = [], []
     for line, row in found.rows:
         lines.append(line)

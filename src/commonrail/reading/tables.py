@@ -12,7 +12,7 @@ import numpy as np
 
 from commonrail.errors import InputError
 from commonrail.parts.furniture import Domain
-from commonrail.reading.csv_sheet import CsvSheet
+from commonrail.reading.csv_file import CsvFile
 from commonrail.reading.place import Place, located
 from commonrail.reading.sheet import Column, Sheet, Table
 from commonrail.unit_table import NAMES
@@ -46,7 +46,7 @@ def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLE
     suffix = path.suffix.lower()
     if suffix in _UNREAD:
         raise InputError(f"{path}: {_UNREAD[suffix]} files are not read; export the columns to a CSV file.")
-    table = _SHEETS.get(suffix, CsvSheet)(path).take(wanted)
+    table = _SHEETS.get(suffix, CsvFile)(path).take(wanted)
     if len(table.rows) < least:
         raise InputError(f"{path}: the file has {len(table.rows)} rows of numbers, and at least {least} are needed.")
     numeric = [column for column in wanted if column.unit]
