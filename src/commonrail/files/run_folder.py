@@ -70,6 +70,13 @@ def refuse_used(path: Path) -> None:
 def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
     """Write study.toml, calibrated.toml, result.json and traces.csv.
 
+    Parameters
+    ----------
+    folder : str or Path
+    calibration : Calibration
+    identified : mapping
+        As `identify(calibration)` returns it.
+
     Raises
     ------
     ConfigurationError

@@ -30,6 +30,13 @@ class Reach(NamedTuple):
     def path(self, folder: Path, name: str, at: Place) -> Path:
         """Path of a file named in a file of `folder`.
 
+        Parameters
+        ----------
+        folder : Path
+        name : str
+        at : Place
+            Of the name.
+
         Raises
         ------
         InputError
