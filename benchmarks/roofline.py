@@ -27,6 +27,7 @@ import numpy as np
 
 from commonrail.bench.case import POINT, TIME_STEP, candidates, injector
 from commonrail.bench.timing import Effort, time_best
+from commonrail.choices import Precision
 from commonrail.compile import compiler_choices
 from commonrail.engine import lanes, plan
 from commonrail.engine.population import candidate_matrix
@@ -197,7 +198,7 @@ def figures(block: list[str], steps: int, times: Times, bound: float | None) -> 
     }
 
 
-def measure(precision: lanes.Precision) -> dict[str, Any]:
+def measure(precision: Precision) -> dict[str, Any]:
     """The step of one precision, measured on this machine."""
     variant = injector().variant
     vector = lanes.VECTORS[precision]
@@ -224,7 +225,7 @@ def main() -> None:
     """Measure, print, and add the figures to a record if one is named."""
     with tempfile.TemporaryDirectory() as place:
         os.environ["XDG_CACHE_HOME"] = place  # machine code from a cache cannot be looked at
-        rows = [measure(precision) for precision in lanes.Precision]
+        rows = [measure(precision) for precision in Precision]
     for key in rows[0]:
         texts = [f"{row[key]:.4g}" if isinstance(row[key], float) else str(row[key]) for row in rows]
         print(f"{key:34s}", *(f"{text:>14s}" for text in texts))

@@ -11,9 +11,10 @@ from dataclasses import replace
 import pytest
 from hypothesis import HealthCheck, settings
 
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.files.injector_file import load_injector
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body, Boundary, Drive, Variant
+from commonrail.injector.variants import Variant
 
 # How long an example takes is the machine's business: no deadline, and nothing is called too slow.
 settings.register_profile("commonrail", deadline=None, suppress_health_check=[HealthCheck.too_slow])

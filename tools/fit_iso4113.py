@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from commonrail.files.fuel_file import load_fuel
 from commonrail.fuel import laws
-from commonrail.fuel.catalogue import load_fuel
 from commonrail.fuel.laws import Array
 
 TEMPERATURES = np.linspace(293.15, 393.15, 41)

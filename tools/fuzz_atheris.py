@@ -13,9 +13,7 @@ from pathlib import Path
 
 import atheris
 
-with atheris.instrument_imports(
-    include=["commonrail.files", "commonrail.units", "commonrail.fuel.catalogue", "tomllib"]
-):
+with atheris.instrument_imports(include=["commonrail.files", "commonrail.reading", "commonrail.units", "tomllib"]):
     from tests.fuzz.targets import TARGETS, check
 
 LONGEST = 20_000  # of an input [bytes]

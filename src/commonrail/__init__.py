@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from commonrail.calibration.search import steps
     from commonrail.calibration.space import Space
     from commonrail.calibration.study import Method, Study
+    from commonrail.choices import Body
     from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
     from commonrail.engine.simulate import simulate, simulate_batch
     from commonrail.engine.solution import Batch, Solution
@@ -44,14 +45,14 @@ if TYPE_CHECKING:
         SimulationError,
         StudyError,
     )
+    from commonrail.files.fuel_file import load_fuel
     from commonrail.files.injector_file import dump_injector, injector_catalogue, load_injector
     from commonrail.files.run_folder import create_run_folder, read_run, write_run
     from commonrail.files.study_file import load_study
     from commonrail.files.truth_file import load_truth
-    from commonrail.fuel.catalogue import load_fuel
     from commonrail.fuel.fuel import Fuel
     from commonrail.injector.definition import Injector, Source, parameter_quantities
-    from commonrail.injector.variants import Body, Variant
+    from commonrail.injector.variants import Variant
     from commonrail.kinds import QuantityData, RateData, Role
     from commonrail.report.build import write_report
     from commonrail.report.simulation import simulation_figure
@@ -79,19 +80,20 @@ _HOMES = {
     "calibration.search": "steps",
     "calibration.space": "Space",
     "calibration.study": "Method Study",
+    "choices": "Body",
     "engine.operating_point": "Energising OperatingPoint Trace",
     "engine.simulate": "simulate simulate_batch",
     "engine.solution": "Batch Solution",
     "engine.status": "Status",
     "errors": "CommonrailError ConfigurationError InputError OutputError SimulationError StudyError",
+    "files.fuel_file": "load_fuel",
     "files.injector_file": "dump_injector injector_catalogue load_injector",
     "files.run_folder": "create_run_folder read_run write_run",
     "files.study_file": "load_study",
     "files.truth_file": "load_truth",
-    "fuel.catalogue": "load_fuel",
     "fuel.fuel": "Fuel",
     "injector.definition": "Injector Source parameter_quantities",
-    "injector.variants": "Body Variant",
+    "injector.variants": "Variant",
     "kinds": "QuantityData RateData Role",
     "report.build": "write_report",
     "report.simulation": "simulation_figure",

@@ -209,7 +209,15 @@ def _element(item: object, unit: str, what: str) -> float:
 
 
 def whole(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -> int:
-    """Read a whole number between two limits, both included.
+    """Read a whole number.
+
+    Parameters
+    ----------
+    value : object
+    what : str
+        Name of the argument in words.
+    low, high : int
+        Limits, both included.
 
     Raises
     ------
@@ -240,6 +248,14 @@ def flag(value: object, what: str) -> bool:
 
 def chosen(value: object, kind: type[_Choice], what: str) -> _Choice:
     """Read a member of an enum, or its value.
+
+    Parameters
+    ----------
+    value : object
+    kind : type
+        The enum.
+    what : str
+        Name of the argument in words.
 
     Raises
     ------
@@ -297,6 +313,13 @@ def instance(value: object, kind: UnionType, what: str) -> Any: ...
 def instance(value: object, kind: Any, what: str) -> Any:
     """Refuse what is not of a kind, or of one of several, with the way to get one.
 
+    Parameters
+    ----------
+    value : object
+    kind : type or union of types
+    what : str
+        Name of the argument in words.
+
     Raises
     ------
     ConfigurationError
@@ -335,7 +358,14 @@ def instances(value: object, kind: type[_Kind], what: str) -> tuple[_Kind, ...]:
 @overload
 def instances(value: object, kind: UnionType, what: str) -> tuple[Any, ...]: ...
 def instances(value: object, kind: Any, what: str) -> tuple[Any, ...]:
-    """Read a list whose items are all of a kind; `what` names it in the plural.
+    """Read a list whose items are all of a kind.
+
+    Parameters
+    ----------
+    value : object
+    kind : type
+    what : str
+        Name of the argument in words, in the plural.
 
     Raises
     ------
@@ -369,6 +399,15 @@ def mapping(value: object, what: str, example: str) -> Mapping[str, Any]:
 
 def known_names(value: object, known: Collection[str], what: str, example: str) -> tuple[str, ...]:
     """Read a list of names, each one known and listed once.
+
+    Parameters
+    ----------
+    value : object
+    known : collection of str
+    what : str
+        Name of the argument in words, in the plural.
+    example : str
+        A name.
 
     Raises
     ------

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from commonrail.choices import Boundary
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
 from commonrail.files.injector_file import load_injector
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.injector.variants import Boundary
 from commonrail.parts.furniture import Domain
 
 BATCH = 1000

@@ -7,9 +7,9 @@ import re
 import pytest
 
 from commonrail.analysis.truth import Friction, Truth
+from commonrail.choices import Boundary
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Boundary
 
 
 def test_the_hidden_injector_is_the_fitted_one_altered(truth: Truth, pwm: Injector) -> None:

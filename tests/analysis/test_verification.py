@@ -24,9 +24,9 @@ from commonrail.analysis.verification_cases import (
     Volume,
     comparisons,
 )
+from commonrail.choices import Drive
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.variants import Drive
 from commonrail.kinds.simulator import Simulator
 
 POINT = OperatingPoint(160e6, 700e-6)

@@ -11,11 +11,11 @@ import pytest
 from commonrail.analysis.bench_sensor import Sensor
 from commonrail.analysis.truth import Scatter, Truth
 from commonrail.analysis.virtual_bench import INTERVAL, PAPER_OPTIMUM, SAMPLES, Curve, bench_curve
+from commonrail.choices import Body
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
 from commonrail.errors import SimulationError
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body
 
 ENERGISING = 700e-6
 COARSE = (60, 30)  # cells: nothing here asks how fine they are

@@ -8,7 +8,7 @@ from commonrail.bench import throughput
 from commonrail.bench.accuracy import lane_errors
 from commonrail.bench.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
 from commonrail.bench.timing import Effort
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.engine.population import candidate_matrix
 from commonrail.engine.stability import medium_of, too_long
 from commonrail.reproduction import paper

@@ -13,12 +13,12 @@ from commonrail.calibration.comparison import Comparison, check_drive, check_lab
 from commonrail.calibration.comparison_record import comparison_record
 from commonrail.calibration.run import validate
 from commonrail.calibration.study import Study
+from commonrail.choices import Body, Drive
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
 from commonrail.files.study_file import load_study
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body, Drive
 from commonrail.kinds import QuantityData, RateData
 
 CASES = Path(__file__).resolve().parents[2] / "cases"

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
+from commonrail.choices import Drive
 from commonrail.files.injector_file import dump_injector, load_injector
-from commonrail.injector.variants import Drive
 from tests.cli.conftest import Command
 
 NAME = "virtual-lino-2016"

@@ -86,11 +86,11 @@ def test_the_csv_has_units_and_adds_up(command: Command, tmp_path: Path) -> None
 
 
 def test_the_csv_can_be_read_back_as_data(command: Command, tmp_path: Path) -> None:
-    from commonrail.files.tables import read_columns
+    from commonrail.reading.tables import Column, read_columns
 
     path = tmp_path / "course.csv"
     command(*SIMULATE, "--out", path)
-    columns = read_columns(path, {"time": "s", "rate": "m3/s"}, increasing="time").columns
+    columns = read_columns(path, [Column("time", "s", increasing=True), Column("rate", "m3/s")]).columns
     assert columns["time"][0] == pytest.approx(1e-6)
     assert max(columns["rate"]) == pytest.approx(max(solution().rate))
 

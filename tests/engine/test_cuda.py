@@ -17,8 +17,9 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from commonrail.choices import Precision
 from commonrail.engine import cuda
-from commonrail.engine.lanes import Misfit, Precision
+from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.solution import Batch

@@ -12,7 +12,7 @@ import pytest
 
 from commonrail import compile as laws
 from commonrail.analysis.verification import difference
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status

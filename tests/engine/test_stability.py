@@ -9,6 +9,7 @@ import pytest
 from scipy.linalg import eigh
 
 from commonrail.analysis.ringing import chain_matrices
+from commonrail.choices import Body
 from commonrail.engine import stability
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.population import candidate_matrix
@@ -17,7 +18,6 @@ from commonrail.engine.stability import Medium, longest_step, medium_of, stiffes
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import nice_step, step_advice
 from commonrail.injector.definition import Injector, parameter_paths, parameter_quantities
-from commonrail.injector.variants import Body
 
 POINT = OperatingPoint(160e6, 700e-6)
 EMPTY = Medium(0.0, 0.0, 0.0)  # no fuel: its springs and its waves do not count

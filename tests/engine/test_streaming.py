@@ -7,8 +7,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from commonrail.choices import Precision
 from commonrail.engine import simulate as engine
-from commonrail.engine.lanes import Misfit, Precision
+from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.errors import ConfigurationError

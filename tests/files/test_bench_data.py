@@ -13,8 +13,8 @@ from commonrail.analysis.virtual_bench import bench_curve
 from commonrail.errors import InputError
 from commonrail.files.bench_data import ENERGISING_TIME, write_bench_data
 from commonrail.files.injector_file import load_injector
-from commonrail.files.tables import read_columns
 from commonrail.files.truth_file import load_truth
+from commonrail.reading.tables import Column, read_columns
 
 SEED = 7
 
@@ -47,7 +47,9 @@ def test_the_files_say_what_they_are(written: list[Path]) -> None:
 
 def test_the_files_hold_the_benchs_signals(written: list[Path], truth: Truth) -> None:
     curve = bench_curve(truth, load_injector(truth.injector), 120e6, ENERGISING_TIME, SEED)
-    columns = read_columns(written[1], {"time": "s", "rate": "m3/s", "rail pressure": "Pa"}).columns
+    columns = read_columns(
+        written[1], [Column("time", "s"), Column("rate", "m3/s"), Column("rail pressure", "Pa")]
+    ).columns
     np.testing.assert_allclose(columns["time"], curve.time, rtol=0, atol=0.5e-9)  # three decimals of a microsecond
     # nine digits
     np.testing.assert_allclose(columns["rate"], curve.rate, rtol=1e-8)

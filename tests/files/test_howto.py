@@ -6,17 +6,18 @@ import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pytest
+from pydantic import TypeAdapter
 
-from commonrail.files.injector_values import read_room
-from commonrail.files.place import Place
+from commonrail.files.injector_file import room_quantities
 from commonrail.files.study_models import ConstraintsModel, ParameterModel, read_optimisers
-from commonrail.files.tables import read_columns
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds.curves.reading import RateModel
 from commonrail.kinds.maps.reading import QuantitiesModel
+from commonrail.reading.fields import Quantities, Room
+from commonrail.reading.tables import Column, read_columns
 
 PAGES = Path(__file__).resolve().parents[2] / "docs" / "howto"
 
@@ -44,9 +45,8 @@ def test_study_page() -> None:
 
 def test_injector_page() -> None:
     (valve,) = tables("injector-file.md")["valve"]
-    named = {path: q for path, q in parameter_quantities().items() if path.startswith("valve.")}
-    room = {path.removeprefix("valve."): q for path, q in named.items()}
-    given = read_room(valve, room, Place("injector-file.md"))
+    table: TypeAdapter[Room] = TypeAdapter(Annotated[Room, Quantities(room_quantities("valve"))])
+    given = table.validate_python(valve).values()
     assert given["lift"].source.mark == "M"
 
 
@@ -59,5 +59,7 @@ def test_injector_page_lists_every_table() -> None:
 def test_data_page(table_file: Callable[[str], Path]) -> None:
     text = (PAGES / "data-files.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"```\n(# bench.*?)```", text, re.S)
-    table = read_columns(table_file(example), {"time": "s", "rate": "m3/s", "current": "A"}, least=2)
+    table = read_columns(
+        table_file(example), [Column("time", "s"), Column("rate", "m3/s"), Column("current", "A")], least=2
+    )
     assert table.columns["current"][1] == pytest.approx(1.2)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.errors import InputError
 from commonrail.files.injector_file import injector_catalogue, load_injector
 from commonrail.injector.definition import Source, parameter_quantities
-from commonrail.injector.variants import Body, Boundary, Drive
 
 from .conftest import TEMPLATES
 
@@ -228,7 +228,7 @@ FAULTS = {
     "fuel given twice": ('name = "iso4113"', 'name = "iso4113"\nfile = "a.toml"', "fuel: give either name"),
     "fuel key": ('name = "iso4113"', 'nam = "iso4113"', r'fuel: there is no key "nam" \(did you mean "name"'),
     "fuel file": ('name = "iso4113"', 'file = "a.toml"', r"a\.toml: there is no such file"),
-    "no temperature": ('temperature = "80 degC"', "", "fuel: there is no temperature; add temperature"),
+    "no temperature": ('temperature = "80 degC"', "", r"fuel\.temperature: this key is missing; add temperature = "),
     "temperature": ('"80 degC"', '"180 degC"', r"fuel\.temperature: 453\.15 K lies outside the range of iso4113"),
     "temperature below": ('"80 degC"', '"10 degC"', r"fuel\.temperature: 283\.15 K lies outside the range of iso4113"),
     "drawing no table": (
@@ -237,10 +237,18 @@ FAULTS = {
         r"plunger_needle\.drawing: this must be a table",
     ),
     "drawing unknown key": ('density = "7850', 'densty = "7850', r'plunger_needle\.drawing: there is no key "densty"'),
-    "drawing no modulus": ('elastic_modulus = "210 GPa"', "", r"plunger_needle\.drawing: there is no elastic_modulus"),
+    "drawing no modulus": (
+        'elastic_modulus = "210 GPa"',
+        "",
+        r"drawing\.elastic_modulus: this key is missing; add it",
+    ),
     "six cylinders": (CYLINDER, "", r"plunger_needle\.drawing\.cylinders: give 7 cylinders"),
     "cylinder no table": (CYLINDER, "    3,\n", r"plunger_needle\.drawing\.cylinders\[7\]: write the cylinder as"),
-    "cylinder no length": (CYLINDER, '    { diameter = "2.66 mm" },\n', r"cylinders\[7\]: there is no length"),
+    "cylinder no length": (
+        CYLINDER,
+        '    { diameter = "2.66 mm" },\n',
+        r"cylinders\[7\]\.length: this key is missing",
+    ),
     "cylinder key": (CYLINDER, '    { radius = "1 mm" },\n', r'cylinders\[7\]: there is no key "radius"'),
     "cylinder size": ('"4.11 mm"', '"0 mm"', r"cylinders\[6\]\.diameter: the length must be greater than zero"),
 }

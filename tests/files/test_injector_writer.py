@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from commonrail.errors import OutputError
+from commonrail.files.fuel_file import fuel_catalogue, load_fuel
 from commonrail.files.injector_file import dump_injector, injector_catalogue, load_injector
-from commonrail.fuel.catalogue import catalogue, load_fuel
 from commonrail.fuel.fuel import Origin
 from commonrail.injector.definition import FUEL_TEMPERATURE, Source, parameter_quantities
 from commonrail.parts.furniture import Domain
@@ -73,7 +73,7 @@ def test_header_and_meanings_are_comments(tmp_path: Path, injector_file: Edit) -
     assert hole.endswith("# 215 um: diameter of the Z-hole (inlet throttle)")
 
 
-@pytest.mark.parametrize("name", catalogue())
+@pytest.mark.parametrize("name", fuel_catalogue())
 def test_fuel_that_is_not_of_the_catalogue_is_written_out(tmp_path: Path, injector_file: Edit, name: str) -> None:
     known = load_fuel(name)
     law = replace(known.viscosity_law, origin=Origin("M", "measured here", 0.01))

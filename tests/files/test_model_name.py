@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.files.injector_file import load_injector
 from commonrail.files.model_name import read_model_name, read_model_names
-from commonrail.injector.variants import Body, Boundary, Drive
 from tests.files.conftest import Edit
 
 NAME = "virtual-lino-2016"

@@ -10,7 +10,7 @@ import pytest
 
 from commonrail.calibration.optimisers.evolution_settings import InitialSampling
 from commonrail.calibration.optimisers.treatments import Treatment
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.files.study_file import load_study
 from commonrail.kinds import Role
@@ -215,7 +215,7 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         InputError,
         'rail_pressure = "160 MPa"',
         "rail_pressure = true",
-        r"data\[1\]\.rail_pressure: .*must be a text with a unit",
+        r"data\[1\]\.rail_pressure: .*is not a number with a unit; a pressure is expected",
     ),
     "no injector": (
         InputError,

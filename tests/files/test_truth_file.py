@@ -12,9 +12,9 @@ import pytest
 
 from commonrail.analysis.bench_sensor import Sensor
 from commonrail.analysis.truth import Friction, Scatter
+from commonrail.choices import Boundary
 from commonrail.errors import CommonrailError, InputError
 from commonrail.files.truth_file import load_truth, truth_catalogue
-from commonrail.injector.variants import Boundary
 from tests.files.conftest import changed
 
 TRUTHS = resources.files("commonrail.analysis") / "truths"
@@ -99,7 +99,7 @@ BAD = [
     (("commonrail-truth/1", "commonrail-study/1"), r"mine.toml: this is a study file .*, and a truth of the virtual"),
     (("[friction]", "[frictions]"), r'mine.toml: there is no key "frictions" \(did you mean "friction"\?\)'),
     (('injector = "virtual-lino-2016"', 'injector = "virtual-lino"'), 'mine.toml, injector: There is no injector "vir'),
-    (('injector = "virtual-lino-2016" #', "#"), "mine.toml: there is no injector; add"),
+    (('injector = "virtual-lino-2016" #', "#"), "mine.toml, injector: this key is missing; add injector = "),
     (('injector = "virtual-lino-2016"', "injector = 3"), "mine.toml, injector: this must be a text in quotes"),
     (("[values.rail]", "[values.rial]"), r'mine.toml, values: there is no key "rial" \(did you mean "rail"\?\)'),
     (('volume = "40 cm3"', 'volumes = "40 cm3"'), r'mine.toml, values.rail: there is no key "volumes" \(did you mean'),

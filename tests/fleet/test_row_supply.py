@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.files.place import Place
 from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.row_supply import RowSupply
 from commonrail.fleet.supply import Layout
 from commonrail.kinds.curves.reading import RateModel
 from commonrail.kinds.maps.reading import QuantitiesModel
+from commonrail.reading.place import Place
 from tests.fleet.conftest import small_fleet
 
 PRESSURES = {"cylinder_pressure": "5 MPa", "return_pressure": "1 MPa"}

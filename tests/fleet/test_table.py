@@ -8,7 +8,8 @@ import pytest
 
 from commonrail.errors import InputError
 from commonrail.fleet.supply import check_name
-from commonrail.fleet.table import Table, bare_name, find_column, read_table
+from commonrail.fleet.table import Table, find_column, read_table
+from commonrail.reading.sheet import name_and_unit
 
 HEADER = ["injector", "data", "quantity [mm3]"]
 ROWS = [("B", "x", 1.5), ("A", "x", 0.1), ("B", "y", 2.0), ("A", "x", 1e-20)]
@@ -69,7 +70,7 @@ def test_numbers_as_serial_numbers_and_gaps_in_parquet(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("cell", "name"), [("rate [mm3/ms]", "rate"), ("rate", "rate"), ("a [b", "a [b")])
 def test_names_without_units(cell: str, name: str) -> None:
-    assert bare_name(cell) == name
+    assert name_and_unit(cell)[0] == name
 
 
 def test_a_missing_column_is_named_with_the_nearest(table: Table) -> None:

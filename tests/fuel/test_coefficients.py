@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from commonrail.errors import ConfigurationError, InputError
+from commonrail.files.fuel_file import load_fuel
 from commonrail.fuel import kernel
-from commonrail.fuel.catalogue import load_fuel
 from commonrail.fuel.coefficients import fuel_coefficients, polynomial_errors
 from commonrail.fuel.kernel import FuelCoefficients
 

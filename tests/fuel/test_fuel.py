@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.fuel.catalogue import catalogue, load_fuel
+from commonrail.files.fuel_file import fuel_catalogue, load_fuel
 
-NAMES = catalogue()
+NAMES = fuel_catalogue()
 TEMPERATURES = np.linspace(293.15, 393.15, 11)[:, None]
 EVERYWHERE = np.linspace(-20e6, 350e6, 75)  # Pa: the declared range, tension and overshoot
 

@@ -39,7 +39,16 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "commonrail"
 PLANNED = 200_000  # steps of a plan that is made
 LONGEST_SENTENCE = 1100
-LEAKS = ("Traceback", "object at 0x", "<class ", "built-in", "pydantic", "tomllib", "commonrail.files.")
+LEAKS = (
+    "Traceback",
+    "object at 0x",
+    "<class ",
+    "built-in",
+    "pydantic",
+    "tomllib",
+    "commonrail.files.",
+    "commonrail.reading.",
+)
 
 Files = dict[str, bytes]
 

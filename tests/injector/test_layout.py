@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from commonrail.choices import Body
 from commonrail.injector.layout import layout_of
 from commonrail.injector.model import Coefficients, Parameters, State
-from commonrail.injector.variants import Body, Variant, wiring
+from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import plunger_needle, rigid_body
 
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.files.place import Place, located
-from commonrail.files.tables import Table, read_columns
 from commonrail.injector.definition import Injector
 from commonrail.kinds import DataSet
 from commonrail.kinds.reading import Context
 from commonrail.kinds.simulator import Simulator
+from commonrail.reading.place import Place
+from commonrail.reading.reach import Reach
 
 STEP = 1e-6
 ITSELF = np.empty((1, 0))
@@ -35,11 +35,7 @@ class Sample:
         """Data set of a kind from files in a folder, with some measured values."""
         (folder / "data.csv").write_text(self.table(values), encoding="utf-8")
         block = tomllib.loads(f'kind = "{kind.kind}"\n{BLOCK}{PRESSURES}{self.keys}{more}')
-
-        def columns(file: str, at: Place, *what: Any, **how: Any) -> Table:
-            return read_columns(folder / file, *what, **how)
-
-        context = Context(injector, STEP, Place("study.toml", "data[1]"), columns, located)
+        context = Context(injector, STEP, Reach(folder / "study.toml", False), Place("study.toml", "data[1]"))
         return kind.read(kind.model.model_validate(block), context)
 
     def truth(self, kind: type[DataSet], injector: Injector, folder: Path) -> Any:

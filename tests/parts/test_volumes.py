@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from commonrail.fuel.catalogue import load_fuel
+from commonrail.files.fuel_file import load_fuel
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.parts import control_chamber, sac
 from commonrail.parts.contents import contents, filled

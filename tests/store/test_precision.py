@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from commonrail.calibration.objective import Objective
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.errors import StudyError
 from commonrail.files.study_file import load_study
 from commonrail.kinds import RateScore

@@ -15,8 +15,8 @@ import numpy as np
 
 from commonrail import compile as laws
 from commonrail import kernel_cache
+from commonrail.choices import Precision
 from commonrail.engine import lanes, plan
-from commonrail.engine.lanes import Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.files.injector_file import load_injector
 from commonrail.injector.variants import Variant

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import pytest
 
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 
 ROOT = Path(__file__).resolve().parents[2]
 X86_64 = platform.machine() in ("x86_64", "AMD64")

@@ -17,10 +17,11 @@ from scipy.optimize import brentq
 
 from commonrail.analysis.by_hand import RAIL, drain_by_hand, fluid, nozzle_by_hand, pipe_area
 from commonrail.analysis.ringing import chain_frequency, chain_matrices, echo, frequency, traced
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body, Boundary, Drive, Variant
+from commonrail.injector.variants import Variant
 from commonrail.parts.plunger_needle import SeatContact
 
 STEP = 1e-6  # [s]

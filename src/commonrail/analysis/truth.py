@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 from commonrail.analysis.bench_sensor import Sensor
 from commonrail.arguments import chosen, instance, mapping, plain_text, settle
+from commonrail.choices import Boundary
 from commonrail.engine.reference import Resolution
 from commonrail.injector.definition import Injector, Source, parameter_quantities
-from commonrail.injector.variants import Boundary
 from commonrail.parts.furniture import Domain, Q
 from commonrail.units import to_text
 

@@ -21,7 +21,7 @@ from commonrail.analysis.closed_forms import Check, check
 from commonrail.analysis.outside import Run, against_outside
 from commonrail.analysis.scores import objective_and_scores
 from commonrail.analysis.verification_cases import Course, Task, Volume, comparisons
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.solution import Solution

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import Status
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.variants import Body, Boundary, Drive
 
 Floats = NDArray[np.float64]
 

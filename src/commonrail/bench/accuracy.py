@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.bench.case import INTERVAL, POINT, candidates, injector
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution

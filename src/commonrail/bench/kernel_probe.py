@@ -10,7 +10,8 @@ import time
 from typing import Any
 
 from commonrail.bench.case import POINT, injector
-from commonrail.engine.lanes import Precision, compiled
+from commonrail.choices import Precision
+from commonrail.engine.lanes import compiled
 from commonrail.engine.simulate import simulate
 
 __all__ = ["first_simulation"]

@@ -13,7 +13,7 @@ from commonrail.bench.methods import Method, measure_methods, own_methods
 from commonrail.bench.searches import OWN, Optimiser, measure_search
 from commonrail.bench.throughput import COUNTS, TIME_STEPS, measure_throughput
 from commonrail.bench.timing import Effort
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.engine.simulate import usable_threads
 
 __all__ = ["Stage", "effort", "run_bench", "stages"]

@@ -8,8 +8,8 @@ from typing import Any
 from commonrail.bench.accuracy import lane_errors
 from commonrail.bench.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
 from commonrail.bench.timing import CLOCKS, Clocks, Effort, time_best
+from commonrail.choices import Precision
 from commonrail.engine import plan
-from commonrail.engine.lanes import Precision
 from commonrail.engine.simulate import simulate_batch, usable_threads
 from commonrail.reproduction import paper
 

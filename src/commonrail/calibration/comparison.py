@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 from commonrail.arguments import instance, instances, mapping, thread_count
 from commonrail.calibration.study import Study
+from commonrail.choices import Drive
 from commonrail.engine.status import Status
 from commonrail.errors import CommonrailError, ConfigurationError
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Drive
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.base import Missing
 from commonrail.kinds.simulator import Simulator

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.engine.status import OK, Status
 from commonrail.injector.definition import Injector
 from commonrail.kinds import KINDS, DataSet, in_order

@@ -14,10 +14,10 @@ from commonrail.calibration.optimisers import Counts
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
 from commonrail.calibration.search import Listeners, Progress, Search
 from commonrail.calibration.study import Study
+from commonrail.choices import Body
 from commonrail.engine.status import Status
 from commonrail.errors import SimulationError, StudyError
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.simulator import Simulator
 from commonrail.workers.interrupt import held_interrupts

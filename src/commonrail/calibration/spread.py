@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.calibration.objective import Objective, Scores
-from commonrail.engine.lanes import VECTORS, Precision
+from commonrail.choices import Precision
+from commonrail.engine.lanes import VECTORS
 from commonrail.errors import StudyError
 from commonrail.injector.definition import parameter_quantities
 from commonrail.workers.task import Answer, Lost, Task, pack

@@ -10,7 +10,7 @@ from commonrail.arguments import chosen, instance, instances, plain_text, settle
 from commonrail.calibration.optimisers import EvolutionSettings, Settings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.space import Space
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.injector.definition import Injector

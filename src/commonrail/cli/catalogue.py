@@ -57,10 +57,9 @@ def _entries(section: Section) -> list[dict[str, Any]]:
 
 
 def _fuels() -> list[dict[str, Any]]:
-    from commonrail.fuel.catalogue import catalogue as names
-    from commonrail.fuel.catalogue import load_fuel
+    from commonrail.files.fuel_file import fuel_catalogue, load_fuel
 
-    fuels = [load_fuel(name) for name in names()]
+    fuels = [load_fuel(name) for name in fuel_catalogue()]
     return [{"name": f.name, "title": f.title, "mark": f.mark, "source": f.source} for f in fuels]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -10,16 +9,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from commonrail.choices import Body, Engine, Precision
 from commonrail.cli.console import SIMULATING, say
-from commonrail.cli.options import BodyChoice, EngineChoice, PrecisionChoice
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.errors import SimulationError
-from commonrail.files.atomic import replacing
+from commonrail.files import atomic
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body
 from commonrail.units import to_text
 
 __all__ = ["Run", "Settings", "figures", "heading", "record", "solve", "with_body", "write_csv"]
@@ -36,9 +34,9 @@ _UNITS = {
 class Settings(NamedTuple):
     """How to simulate: the engine, and time step [s] and precision of the lanes."""
 
-    engine: EngineChoice
+    engine: Engine
     time_step: float
-    precision: PrecisionChoice = PrecisionChoice.F64
+    precision: Precision = Precision.F64
 
 
 class Run(NamedTuple):
@@ -49,14 +47,14 @@ class Run(NamedTuple):
     solution: Solution
     time_step: float
     seconds: float
-    precision: PrecisionChoice = PrecisionChoice.F64
+    precision: Precision = Precision.F64
 
 
-def with_body(injector: Injector, body: BodyChoice | None) -> Injector:
+def with_body(injector: Injector, body: Body | None) -> Injector:
     """The injector with a flexible or rigid body, unchanged for None."""
     if body is None:
         return injector
-    return replace(injector, variant=injector.variant._replace(body=Body(body.value)))
+    return replace(injector, variant=injector.variant._replace(body=body))
 
 
 def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solution:
@@ -67,10 +65,10 @@ def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solu
     SimulationError
         If the simulation failed.
     """
-    if settings.engine is not EngineChoice.REFERENCE:
+    if settings.engine is not Engine.REFERENCE:
         say(SIMULATING)
     engine, step, precision = settings
-    solution = simulate(injector, point, engine.value, step, precision=precision.value)
+    solution = simulate(injector, point, engine, step, precision=precision)
     if solution.status.failed:
         raise SimulationError(f"{injector.name}: {solution.sentence}")
     if solution.status is Status.STILL_INJECTING:
@@ -130,7 +128,7 @@ def record(run: Run) -> dict[str, Any]:
             "horizon": point.duration,
         },
         "engine": s.engine,
-        "time_step": None if s.engine == EngineChoice.REFERENCE.value else run.time_step,
+        "time_step": None if s.engine == Engine.REFERENCE.value else run.time_step,
         "precision": run.precision.value,
         "status": s.status.name,
         "message": s.sentence,
@@ -157,14 +155,13 @@ def write_csv(run: Run, path: Path) -> None:
     names = [f"{name} [{_unit(name)[0]}]" for name in s.channels]
     columns = [s.time[1:] * 1e6, s.rate_mm3_per_ms, s.rate_mg_per_ms, s.injected[1:] * 1e6]
     columns += [values[1:] * _unit(name)[1] for name, values in s.channels.items()]
-    with replacing(path) as stream:
-        stream.write(f"# simulated by commonrail, not measured: {heading(run)}\n")
-        stream.write("# rates are means over the interval that ends at the row's time; the rest is ")
-        stream.write("instantaneous\n")
-        writer = csv.writer(stream, lineterminator="\n")
-        head = ["time [us]", "rate [mm3/ms]", "mass rate [mg/ms]", "injected [mg]"]
-        writer.writerow([*head, *names])
-        writer.writerows([f"{value:.9g}" for value in row] for row in np.column_stack(columns))
+    notes = (
+        f"simulated by commonrail, not measured: {heading(run)}",
+        "rates are means over the interval that ends at the row's time; the rest is instantaneous",
+    )
+    head = ["time [us]", "rate [mm3/ms]", "mass rate [mg/ms]", "injected [mg]", *names]
+    rows = ([f"{value:.9g}" for value in row] for row in np.column_stack(columns))
+    atomic.write_csv(path, notes, head, rows)
 
 
 def _unit(channel: str) -> tuple[str, float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,13 +18,10 @@ if TYPE_CHECKING:
     from commonrail.workers.workers import Workers
 
 __all__ = [
-    "BodyChoice",
     "ClusterAddress",
-    "EngineChoice",
     "Json",
     "OutFile",
     "PlotFile",
-    "PrecisionChoice",
     "StudyFile",
     "Threads",
     "WorkerCount",
@@ -34,28 +30,6 @@ __all__ = [
     "read_energisings",
     "with_overrides",
 ]
-
-
-class BodyChoice(StrEnum):
-    """How plunger and needle move."""
-
-    FLEXIBLE = "flexible"
-    RIGID = "rigid"
-
-
-class EngineChoice(StrEnum):
-    """Who runs the simulation."""
-
-    LANES = "lanes"
-    CUDA = "cuda"
-    REFERENCE = "reference"
-
-
-class PrecisionChoice(StrEnum):
-    """Numbers that the lanes compute in."""
-
-    F64 = "f64"
-    F32 = "f32"
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object (SI units) on stdout, nothing else.")]

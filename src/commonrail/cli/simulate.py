@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from commonrail.choices import Body, Engine, Precision
 from commonrail.cli.console import print_json, print_pairs, say
 from commonrail.cli.options import (
-    BodyChoice,
-    EngineChoice,
     Json,
     OutFile,
     PlotFile,
-    PrecisionChoice,
     read_energisings,
     with_overrides,
 )
@@ -54,14 +52,14 @@ def simulate(
             help="Change a parameter: a value with its unit or an SI number; repeat it.",
         ),
     ] = None,
-    variant: Annotated[BodyChoice | None, typer.Option(help="Body, if not the file's.")] = None,
+    variant: Annotated[Body | None, typer.Option(help="Body, if not the file's.")] = None,
     engine: Annotated[
-        EngineChoice, typer.Option(help="Fast with a fixed step (cuda: on an NVIDIA GPU), or slow with error control.")
-    ] = EngineChoice.LANES,
+        Engine, typer.Option(help="Fast with a fixed step (cuda: on an NVIDIA GPU), or slow with error control.")
+    ] = Engine.LANES,
     time_step: Annotated[str, typer.Option(help="Of the fast engines.")] = "1us",
     precision: Annotated[
-        PrecisionChoice, typer.Option(help="Of the fast engines: f32 pays for populations, here it shows its rounding.")
-    ] = PrecisionChoice.F64,
+        Precision, typer.Option(help="Of the fast engines: f32 pays for populations, here it shows its rounding.")
+    ] = Precision.F64,
     out: OutFile = None,
     plot: PlotFile = None,
     json: Json = False,
@@ -78,7 +76,7 @@ def simulate(
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.files.injector_file import load_injector
 
-    if engine is EngineChoice.REFERENCE and precision is not PrecisionChoice.F64:
+    if engine is Engine.REFERENCE and precision is not Precision.F64:
         raise InputError("--precision f32: the reference computes in f64 alone; leave this option or --engine away.")
     check_file(out, "--out")
     check_file(plot, "--plot")

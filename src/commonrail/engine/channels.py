@@ -7,11 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.choices import Boundary
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.plan import coefficients_at
 from commonrail.injector.definition import Injector
 from commonrail.injector.model import Coefficients
-from commonrail.injector.variants import Boundary, Variant, wiring
+from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import nozzle, solenoid
 
 Floats = NDArray[np.float64]

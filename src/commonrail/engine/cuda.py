@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.choices import Precision
 from commonrail.engine.block import FUEL, PARAMETERS, Job
-from commonrail.engine.lanes import VECTORS, Misfit, Precision, trace_paths
+from commonrail.engine.lanes import VECTORS, Misfit, trace_paths
 from commonrail.engine.notes import Outcome
 from commonrail.errors import ConfigurationError
 from commonrail.injector.variants import Variant

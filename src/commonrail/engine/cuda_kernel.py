@@ -19,9 +19,10 @@ import numba
 import numpy as np
 from numba import cuda
 
+from commonrail.choices import Precision
 from commonrail.compile import offer_laws, physics
 from commonrail.engine.block import Courses, Job, Memory, Samples, copy_number, make_simulate
-from commonrail.engine.lanes import VECTORS, Precision
+from commonrail.engine.lanes import VECTORS
 from commonrail.engine.notes import record
 from commonrail.engine.rows import make_rows
 from commonrail.injector.variants import Variant

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.choices import Drive
 from commonrail.compile import kernel, physics
 from commonrail.engine.instant import AT, past_limit
 from commonrail.engine.operating_point import OperatingPoint
@@ -24,7 +25,7 @@ from commonrail.engine.timetable import courses, knots, segments, value_at
 from commonrail.engine.vector import CORE, make_frame
 from commonrail.injector.joints import CLEAR_LIFT, REOPENED
 from commonrail.injector.model import Coefficients
-from commonrail.injector.variants import Drive, Variant, wiring
+from commonrail.injector.variants import Variant, wiring
 from commonrail.parts.drive import turned
 
 __all__ = ["Marched", "Problem", "march"]

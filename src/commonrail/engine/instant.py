@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from commonrail.choices import Boundary, Drive
 from commonrail.compile import physics
 from commonrail.engine.vector import Core
 from commonrail.flow.orifice import jet
@@ -13,7 +14,7 @@ from commonrail.injector import joints
 from commonrail.injector.layout import layout_of
 from commonrail.injector.model import Coefficients
 from commonrail.injector.setup import ambient_density
-from commonrail.injector.variants import Boundary, Drive, Variant
+from commonrail.injector.variants import Variant
 from commonrail.parts import drive, solenoid, valve
 from commonrail.parts.contents import contents
 

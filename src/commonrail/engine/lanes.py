@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.choices import Precision
 from commonrail.compile import kernel
 from commonrail.engine.block import Job, Samples, Vector, make_loop
 from commonrail.engine.notes import Outcome
@@ -25,13 +25,6 @@ from commonrail.injector.model import Waves
 from commonrail.injector.variants import Variant, wiring
 
 Floats = NDArray[np.float64]
-
-
-class Precision(Enum):
-    """Numbers that the lanes compute in."""
-
-    F64 = "f64"
-    F32 = "f32"
 
 
 # One register of 512 bits: docs/decisions/0011-the-widest-registers.md.

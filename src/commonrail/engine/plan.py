@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.choices import Drive, Precision
 from commonrail.engine.block import Courses, Job
-from commonrail.engine.lanes import VECTORS, Precision
+from commonrail.engine.lanes import VECTORS
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.population import candidate_matrix, columns
 from commonrail.engine.stability import Medium, medium_of
@@ -20,7 +21,6 @@ from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.model import Coefficients, Inputs, Setting
-from commonrail.injector.variants import Drive
 
 Floats = NDArray[np.float64]
 

@@ -10,6 +10,7 @@ import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from commonrail.choices import Body
 from commonrail.compile import kernel, physics
 from commonrail.engine.instant import (
     OUTSIDE,
@@ -26,7 +27,7 @@ from commonrail.flow.orifice import jet, orifice
 from commonrail.injector import joints
 from commonrail.injector.model import Books, Coefficients
 from commonrail.injector.setup import seat_contact
-from commonrail.injector.variants import Body, Variant, wiring
+from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import needle_seat, nozzle, plunger_needle, solenoid, valve
 from commonrail.parts.contents import Contents, contents
 from commonrail.parts.plunger_needle import Motion

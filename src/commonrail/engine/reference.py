@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from commonrail.choices import Boundary, Drive
 from commonrail.engine.balance import relative_to_injected
 from commonrail.engine.channels import all_channels
 from commonrail.engine.explicit import Fixed, Instants, Problem, march
@@ -30,7 +31,7 @@ from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.injector.joints import CLEAR_LIFT, REOPENED
 from commonrail.injector.model import Setting
-from commonrail.injector.variants import Boundary, Drive, wiring
+from commonrail.injector.variants import wiring
 from commonrail.parts import drive
 from commonrail.parts.contents import contents
 

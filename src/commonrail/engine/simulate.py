@@ -7,17 +7,17 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from enum import Enum
 from typing import NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonrail.arguments import Quantity, chosen, flag, instance, instances, known_names, number, thread_count
+from commonrail.choices import Engine, Precision
 from commonrail.engine import lanes, plan
 from commonrail.engine.balance import relative_balance
 from commonrail.engine.channels import read_channels
-from commonrail.engine.lanes import VECTORS, Misfit, Precision
+from commonrail.engine.lanes import VECTORS, Misfit
 from commonrail.engine.notes import Outcome
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared
@@ -35,14 +35,6 @@ BACKFLOW = 1e-7  # largest mass that a SAC takes back from the cylinder [kg]; mo
 
 
 _Given = ParamSpec("_Given")
-
-
-class Engine(Enum):
-    """Who runs the simulation."""
-
-    LANES = "lanes"
-    CUDA = "cuda"
-    REFERENCE = "reference"
 
 
 # Simulations, by their parameters in memory: 20 MB, and on a GPU, which needs many to be busy, 160 MB.

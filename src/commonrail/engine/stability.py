@@ -15,9 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.choices import Body, Boundary
 from commonrail.flow.wave import pipe_area
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
-from commonrail.injector.variants import Body, Boundary, Variant
+from commonrail.injector.variants import Variant
 from commonrail.parts.chain import Seven, around
 
 __all__ = ["Medium", "bears", "longest", "longest_step", "medium_of", "stiffest_corner", "too_long"]

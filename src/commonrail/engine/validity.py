@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from commonrail.choices import Boundary
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Boundary
 
 __all__ = ["check_point"]
 

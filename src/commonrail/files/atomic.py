@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Literal
 
 from commonrail.errors import OutputError
 
-__all__ = ["PART", "check_target", "replacing", "write_text", "writing"]
+__all__ = ["PART", "check_target", "replacing", "write_csv", "write_text", "writing"]
 
 PART = ".part"  # end of the name of a file that is being written
 
@@ -77,6 +78,25 @@ def write_text(path: Path, text: str) -> None:
     """
     with replacing(path) as stream:
         stream.write(text)
+
+
+def write_csv(path: Path, notes: Iterable[str], header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Write a table, whole or not at all; `OutputError` as `replacing`.
+
+    Parameters
+    ----------
+    path : Path
+    notes : iterable of str
+        Comment lines above the header.
+    header : sequence of str
+        Names of the columns with their units.
+    rows : iterable of sequences of str
+    """
+    with replacing(path) as stream:
+        stream.writelines(f"# {note}\n" for note in notes)
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
 
 
 def check_target(path: Path) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 from commonrail.analysis.truth import Truth
 from commonrail.analysis.virtual_bench import Curve, bench_curve
 from commonrail.errors import InputError
-from commonrail.files.atomic import replacing
+from commonrail.files.atomic import write_csv
 from commonrail.files.injector_file import load_injector
 from commonrail.files.truth_file import load_truth
 
@@ -71,14 +70,14 @@ def _refuse_to_overwrite(path: Path) -> None:
 def _write(folder: Path, curve: Curve, seed: int, truth: Truth) -> Path:
     mpa = round(curve.rail_pressure * 1e-6)
     path = _path(folder, curve.rail_pressure)
-    with replacing(path) as stream:
-        stream.write(f"{OWN}\n")
-        stream.write(f"# truth {truth.name} ({' '.join(truth.title.split())}), seed {seed}\n")
-        stream.write(f"# asked for: rail pressure {mpa} MPa, energising time {ENERGISING_TIME * 1e6:g} us\n")
-        stream.write("# a row: mean rate over the 3 us that end at its time, and pressure at the injector's inlet at\n")
-        stream.write("# its time, each as its sensor shows it\n")
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["time [us]", "rate [mm3/ms]", "rail pressure [MPa]"])
-        for moment, rate, rail in zip(curve.time, curve.rate, curve.rail, strict=True):
-            writer.writerow([f"{moment * 1e6:.3f}", f"{rate * 1e6:.9g}", f"{rail * 1e-6:.9g}"])
+    notes = (
+        OWN.removeprefix("# "),
+        f"truth {truth.name} ({' '.join(truth.title.split())}), seed {seed}",
+        f"asked for: rail pressure {mpa} MPa, energising time {ENERGISING_TIME * 1e6:g} us",
+        "a row: mean rate over the 3 us that end at its time, and pressure at the injector's inlet at",
+        "its time, each as its sensor shows it",
+    )
+    samples = zip(curve.time, curve.rate, curve.rail, strict=True)
+    rows = ([f"{time * 1e6:.3f}", f"{rate * 1e6:.9g}", f"{rail * 1e-6:.9g}"] for time, rate, rail in samples)
+    write_csv(path, notes, ["time [us]", "rate [mm3/ms]", "rail pressure [MPa]"], rows)
     return path

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from commonrail.calibration.comparison import Comparison
-from commonrail.files.atomic import write_text
-from commonrail.files.record_file import read_record
+from commonrail.files.record_file import read_record, write_record
 from commonrail.files.run_folder import TRACES, rate_curves
 from commonrail.files.traces_file import Traces, read_traces, write_traces
 from commonrail.kinds.records import MEASURED
@@ -21,7 +19,7 @@ COMPARISON = "comparison.json"
 
 def write_comparison(folder: Path, comparison: Comparison, record: Mapping[str, Any]) -> None:
     """Write comparison.json and traces.csv; J of every curve can be computed again from the latter."""
-    write_text(folder / COMPARISON, json.dumps(record, indent=1, allow_nan=False) + "\n")
+    write_record(folder / COMPARISON, record)
     synthetic = record["synthetic"]
     notes = (
         record["title"],

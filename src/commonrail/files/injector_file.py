@@ -7,50 +7,76 @@ table that adds mark and source; what a file leaves out takes the default of the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import Enum
-from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Annotated, Any, Literal, get_type_hints
+
+from pydantic import create_model
 
 from commonrail.arguments import source_of
-from commonrail.errors import InputError, nearest
-from commonrail.files.injector_values import (
-    Given,
-    read_drawing,
-    read_origin,
-    read_room,
-    read_value,
-)
-from commonrail.files.injector_writer import FORMAT, dump_injector
-from commonrail.files.place import Place, located
-from commonrail.files.reach import ALLOW, Reach, read_allowed
-from commonrail.files.toml_file import parse_toml, read_toml
-from commonrail.fuel.catalogue import load_fuel, parse_fuel
+from commonrail.choices import Body, Boundary, Drive
+from commonrail.files.catalogue import Catalogue
+from commonrail.files.drawing import DrawnRoom
+from commonrail.files.fuel_file import FuelModel, load_fuel, parse_fuel
+from commonrail.files.injector_writer import dump_injector
 from commonrail.fuel.fuel import Fuel
-from commonrail.injector.definition import (
-    FUEL_TEMPERATURE,
-    Injector,
-    Source,
-    parameter_quantities,
-)
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.injector.model import Parameters
-from commonrail.injector.variants import Body, Boundary, Drive, Variant
+from commonrail.injector.variants import Variant
 from commonrail.parts.furniture import Q
+from commonrail.reading.faults import read_model
+from commonrail.reading.fields import FileModel, Given, Number, Quantities, Room, Sourced, Stated, Values, choice
+from commonrail.reading.place import Place, located
+from commonrail.reading.reach import Reach
+from commonrail.reading.toml_file import parse_toml, read_toml
 
-__all__ = ["FORMAT", "dump_injector", "injector_catalogue", "load_injector"]
+__all__ = ["dump_injector", "injector_catalogue", "load_injector", "room_quantities"]
 
-DRAWN_ROOM = "plunger_needle"
+ROOMS = tuple(get_type_hints(Parameters))
 
-_FOLDER = resources.files("commonrail.injector") / "catalogue"
-_FUEL_FORMS = ("name", "file", "definition")
-_VARIANT = ("variant", "rail_boundary", "drive_kind")
-_Choice = TypeVar("_Choice", bound=Enum)
+_CATALOGUE = Catalogue("commonrail.injector", "catalogue", 'There is no injector "{}" in the catalogue')
+_DEFAULT = Source("E", "default of commonrail")
+
+
+def room_quantities(room: str) -> dict[str, Q]:
+    """Unit, meaning and domain of the parameters of a room, by the last part of their names."""
+    return {path.partition(".")[2]: q for path, q in parameter_quantities().items() if path.startswith(f"{room}.")}
+
+
+class _Definition(FuelModel):
+    name: str = "fuel"
+
+
+class _FuelTable(Sourced):
+    """Fuel in one of three forms, and its temperature."""
+
+    name: str | None = None
+    file: str | None = None
+    definition: _Definition | None = None
+    temperature: Annotated[Number, Stated(parameter_quantities()[FUEL_TEMPERATURE])]
+
+
+class _Head(FileModel):
+    """What an injector's file has besides its rooms."""
+
+    format: Literal["commonrail-injector/1"]
+    name: str | None = None
+    title: str | None = None
+    synthetic: str = ""
+    allow_outside: bool = False
+    fuel: _FuelTable
+    variant: Annotated[Body, choice(Body)] = Body.FLEXIBLE
+    rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
+    drive_kind: Annotated[Drive, choice(Drive)] = Drive.REGULATED
+
+
+_kinds = dict.fromkeys(ROOMS, Room) | {"plunger_needle": DrawnRoom}
+_rooms: Any = {room: (Annotated[kind, Quantities(room_quantities(room))], kind()) for room, kind in _kinds.items()}
+_InjectorModel = create_model("_InjectorModel", __base__=_Head, **_rooms)
 
 
 def injector_catalogue() -> list[str]:
     """Names that `load_injector` knows, sorted."""
-    files = (entry.name for entry in _FOLDER.iterdir())
-    return sorted(name.removesuffix(".toml") for name in files if name.endswith(".toml"))
+    return _CATALOGUE.names()
 
 
 def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
@@ -79,101 +105,56 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     """
     source = source_of(source, "source of an injector")
     if isinstance(source, Path):
-        path = source
-        data, at = read_toml(path)[0], Place(str(path))
-        return _injector(data, at, path.stem, reach or Reach(path, read_allowed(data, at)))
-    known = injector_catalogue()
-    if source not in known:
-        raise InputError(
-            f'There is no injector "{source}" in the catalogue{_similar(source, known, reach)}: choose one of '
-            f"{', '.join(known)}, or give the path of a .toml file."
-        )
+        return _injector(read_toml(source)[0], Place(str(source)), source.stem, reach)
     file = f"{source}.toml"
-    data = parse_toml((_FOLDER / file).read_text(encoding="utf-8"), file)
-    return _injector(data, Place(file), source, Reach(Path(file), False))
+    text = _CATALOGUE.text(source, _similar(file, reach))
+    return _injector(parse_toml(text, file), Place(file), source, Reach(Path(file), False))
 
 
-def _similar(source: str, known: list[str], reach: Reach | None) -> str:
-    """Suggestion of a file of that name, else of the nearest name of the catalogue."""
-    file = f"{source}.toml"
+def _similar(file: str, reach: Reach | None) -> str:
+    """Suggestion of a file of that name, if there is one."""
     try:
         there = ((reach.file.parent if reach else Path()) / file).is_file()
     except (OSError, ValueError):  # a name that no file can have
         there = False
-    return f' (did you mean the file "{file}"?)' if there else nearest(source, known)
+    return f' (did you mean the file "{file}"?)' if there else ""
 
 
-def _injector(data: Mapping[str, Any], at: Place, stem: str, reach: Reach) -> Injector:
-    rooms = tuple(get_type_hints(Parameters))
-    at.check_format(data, FORMAT)
-    at.refuse_unknown(data, ("format", "name", "title", "synthetic", ALLOW, "fuel", *_VARIANT, *rooms))
+def _injector(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | None) -> Injector:
+    model = read_model(_InjectorModel, document, at)
     given: dict[str, Given] = {}
-    for room in rooms:
-        given |= _room(room, _table(data, room, at), at / room)
-    fuel_table = _table(data, "fuel", at)
-    given[FUEL_TEMPERATURE] = _temperature(fuel_table, at / "fuel")
-    name = _text(data, "name", at, stem)
-    title, synthetic = _text(data, "title", at, name), _text(data, "synthetic", at, "")
-    fuel = _fuel(fuel_table, given[FUEL_TEMPERATURE].value, at / "fuel", reach)
-    variant = Variant(
-        _choice(data, _VARIANT[0], Body, at),
-        _choice(data, _VARIANT[1], Boundary, at),
-        _choice(data, _VARIANT[2], Drive, at),
-    )
-    values = {path: given[path].value for path in parameter_quantities()}
+    for room in ROOMS:
+        given |= _room(room, getattr(model, room).values(), at / room)
+    given[FUEL_TEMPERATURE] = model.fuel.temperature.given(model.fuel.origin())
+    fuel = _fuel(model.fuel, at / "fuel", reach or Reach(Path(at.file), model.allow_outside))
+    name = stem if model.name is None else model.name
     with located(at):  # a drawing may lead to a stiffness without bounds
         return Injector(
             name,
-            title,
-            values,
+            name if model.title is None else model.title,
+            {path: given[path].value for path in parameter_quantities()},
             fuel,
-            variant,
+            Variant(model.variant, model.rail_boundary, model.drive_kind),
             {path: item.source for path, item in given.items()},
-            synthetic=synthetic,
+            synthetic=model.synthetic,
         )
 
 
-def _room(room: str, table: Mapping[str, Any], at: Place) -> dict[str, Given]:
-    """Values of a room by dotted name: as given, else from the drawing, else the default."""
-    own = {path: q for path, q in parameter_quantities().items() if path.startswith(f"{room}.")}
-    quantities = {path.removeprefix(f"{room}."): q for path, q in own.items()}
-    drawn: dict[str, Given] = {}
-    if room == DRAWN_ROOM and "drawing" in table:
-        drawn = read_drawing(table["drawing"], at / "drawing")
-        table = {key: value for key, value in table.items() if key != "drawing"}
-    values = drawn | read_room(table, quantities, at)
+def _room(room: str, values: Values, at: Place) -> Values:
+    """Values of a room by dotted name: as given, else the default."""
+    quantities = room_quantities(room)
     missing = [name for name, q in quantities.items() if name not in values and q.default is None]
     if missing:
-        raise at.error(_missing(missing, quantities))
-    return {f"{room}.{name}": values.get(name) or _default(q) for name, q in quantities.items()}
+        first, *others = missing
+        more = f", nor for {', '.join(others)}" if others else ""
+        raise at.error(f"there is no value for {first}, the {quantities[first].meaning}{more}; add it")
+    defaults = {name: Given(q.default, _DEFAULT) for name, q in quantities.items() if q.default is not None}
+    return {f"{room}.{name}": values.get(name) or defaults[name] for name in quantities}
 
 
-def _missing(names: list[str], quantities: Mapping[str, Q]) -> str:
-    first, *others = names
-    more = f", nor for {', '.join(others)}" if others else ""
-    return f"there is no value for {first}, the {quantities[first].meaning}{more}; add it"
-
-
-def _default(q: Q) -> Given:
-    assert q.default is not None  # the caller has refused what has none
-    return Given(q.default, Source("E", "default of commonrail"))
-
-
-def _temperature(table: Mapping[str, Any], at: Place) -> Given:
-    at.refuse_unknown(table, (*_FUEL_FORMS, "temperature", "mark", "source"))
-    if "temperature" not in table:
-        raise at.error('there is no temperature; add temperature = "80 degC"')
-    origin = read_origin(table, Source("E", "no source stated"), at)
-    quantity = parameter_quantities()[FUEL_TEMPERATURE]
-    return read_value(table["temperature"], quantity, origin, at / "temperature")
-
-
-def _fuel(table: Mapping[str, Any], temperature: float, at: Place, reach: Reach) -> Fuel:
-    forms = [key for key in _FUEL_FORMS if key in table]
-    if len(forms) != 1:
-        raise at.error('give either name = "iso4113" (a fuel of the catalogue) or file = "my-fuel.toml"')
-    fuel = _read_fuel(table, forms[0], at, reach)
-    low, high = fuel.temperature_range
+def _fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
+    fuel = _read_fuel(table, at, reach)
+    temperature, (low, high) = table.temperature.value, fuel.temperature_range
     if not low - 1e-6 <= temperature <= high + 1e-6:  # rounding of a conversion from °C
         raise (at / "temperature").error(
             f"{temperature:g} K lies outside the range of {fuel.name}, {low:g} K to {high:g} K"
@@ -181,40 +162,13 @@ def _fuel(table: Mapping[str, Any], temperature: float, at: Place, reach: Reach)
     return fuel
 
 
-def _read_fuel(table: Mapping[str, Any], form: str, at: Place, reach: Reach) -> Fuel:
-    if form == "definition":
-        definition = _table(table, "definition", at)
-        inner = at / "definition"
-        laws = {key: value for key, value in definition.items() if key != "name"}
-        return parse_fuel(laws, _text(definition, "name", inner, "fuel"), str(inner))
-    text = _text(table, form, at, "")
-    if form == "file":
-        path = reach.path(Path(at.file).parent, text, at / form)
+def _read_fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
+    if [table.name, table.file, table.definition].count(None) != 2:
+        raise at.error('give either name = "iso4113" (a fuel of the catalogue) or file = "my-fuel.toml"')
+    if table.definition is not None:
+        return table.definition.fuel(table.definition.name)
+    if table.file is not None:
+        path = reach.path(Path(at.file).parent, table.file, at / "file")
         return parse_fuel(read_toml(path)[0], path.stem, str(path))
-    try:
-        return load_fuel(text)
-    except InputError as error:
-        raise InputError(f"{at / 'name'}: {error}") from error
-
-
-def _table(data: Mapping[str, Any], key: str, at: Place) -> Mapping[str, Any]:
-    found = data.get(key, {})
-    if not isinstance(found, dict):
-        raise (at / key).error(f"this must be a table, written [{key}]")
-    return found
-
-
-def _text(data: Mapping[str, Any], key: str, at: Place, default: str) -> str:
-    found = data.get(key, default)
-    if not isinstance(found, str):
-        raise (at / key).error("this must be a text in quotes")
-    return found
-
-
-def _choice(data: Mapping[str, Any], key: str, kind: type[_Choice], at: Place) -> _Choice:
-    known = [str(member.value) for member in kind]
-    found = data.get(key, known[0])
-    if found not in known:
-        hint = nearest(str(found), known)
-        raise (at / key).error(f'"{found}" is not known{hint}; write one of {", ".join(known)}')
-    return kind(found)
+    with located(at / "name"):
+        return load_fuel(table.name or "")

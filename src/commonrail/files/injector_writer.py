@@ -11,7 +11,7 @@ from tomlkit.items import InlineTable
 
 from commonrail.arguments import file_path, instance, known_names, mapping, plain_text
 from commonrail.files.atomic import write_text
-from commonrail.fuel.catalogue import catalogue, load_fuel
+from commonrail.files.fuel_file import fuel_catalogue, load_fuel
 from commonrail.fuel.fuel import Fuel, Law
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.parts.furniture import Q
@@ -97,7 +97,7 @@ def _entry(value: float, q: Q, source: Source) -> InlineTable:
 
 def _add_fuel(table: Any, fuel: Fuel) -> None:
     """By name if the catalogue has this very fuel, else law by law."""
-    if fuel.name in catalogue() and load_fuel(fuel.name) == fuel:
+    if fuel.name in fuel_catalogue() and load_fuel(fuel.name) == fuel:
         table.add("name", fuel.name)
     else:
         table.add("definition", tomlkit.item(_fuel_document(fuel)))

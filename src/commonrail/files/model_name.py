@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from commonrail.calibration.comparison import check_labels
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.errors import InputError, nearest
 from commonrail.files.injector_file import injector_catalogue, load_injector
-from commonrail.files.place import Place, located
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Body, Boundary, Drive, Variant
+from commonrail.injector.variants import Variant
+from commonrail.reading.place import Place, located
 
 __all__ = ["NamedModel", "read_model_name", "read_model_names"]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from importlib import resources
 
@@ -13,6 +12,8 @@ from commonrail.analysis.outside import INTERVAL, Run
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.files.injector_file import load_injector
+from commonrail.reading.csv_file import CsvFile
+from commonrail.reading.sheet import Column
 
 __all__ = ["load_outside"]
 
@@ -27,27 +28,29 @@ def load_outside() -> tuple[Run, ...]:
     injectors = {name: theoretical.with_values(values) for name, values in _STIFFNESS.items()}
     rates = _rates()
     samples = len(next(iter(rates.values())))
-    runs = []
-    for row in _table("runs.csv"):
-        rail, energising = float(row["rail_pressure [MPa]"]), float(row["energising_time [us]"])
-        runs.append(
-            Run(
-                injectors[row["stiffness"]],
-                OperatingPoint(1e6 * rail, 1e-6 * energising, 5e6, 0.5e6, horizon=samples * INTERVAL),
-                1e-9 * float(row["injected [mm3]"]),
-                1e-6 * float(row["opening [us]"]),
-                rates.get(f"{row['stiffness']} {rail:g} {energising:g}"),
-            )
+    numbers = ("rail_pressure", "energising_time", "injected", "opening")
+    table = _sheet("runs.csv").take([Column("stiffness"), *(Column(name, "1") for name in numbers)])
+    rows = zip(table.texts["stiffness"], *(table.columns[name].tolist() for name in numbers), strict=True)
+    return tuple(
+        Run(
+            injectors[stiffness],
+            OperatingPoint(1e6 * rail, 1e-6 * energising, 5e6, 0.5e6, horizon=samples * INTERVAL),
+            1e-9 * injected,
+            1e-6 * opening,
+            rates.get(f"{stiffness} {rail:g} {energising:g}"),
         )
-    return tuple(runs)
+        for stiffness, rail, energising, injected, opening in rows
+    )
 
 
 def _rates() -> dict[str, NDArray[np.float64]]:
     """Rates [m³/s] by stiffness, rail pressure and energising time, as the columns are headed."""
-    rows = _table("rates.csv")
-    return {name: 1e-6 * np.array([float(row[name]) for row in rows]) for name in list(rows[0])[1:]}
+    sheet = _sheet("rates.csv")
+    names = sheet.names[1:]
+    columns = sheet.take([Column(name, "1") for name in names]).columns
+    return {name: 1e-6 * columns[name] for name in names}
 
 
-def _table(name: str) -> list[dict[str, str]]:
-    lines = (_FOLDER / name).read_text(encoding="utf-8").splitlines()
-    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
+def _sheet(name: str) -> CsvFile:
+    with resources.as_file(_FOLDER / name) as path:
+        return CsvFile(path)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from commonrail.errors import InputError
-from commonrail.files.text_file import read_text
+from commonrail.files.atomic import write_text
+from commonrail.reading.text_file import read_text
 
-__all__ = ["LARGEST_RECORD", "read_record"]
+__all__ = ["LARGEST_RECORD", "read_record", "write_record"]
 
 LARGEST_RECORD = 20_000_000  # [bytes]; its tables take up to 30 times as much
 
@@ -37,6 +39,11 @@ def read_record(path: Path, made_by: str) -> dict[str, Any]:
     if not isinstance(record, dict):
         raise _broken(path, made_by, "this is not one object in braces")
     return record
+
+
+def write_record(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a record whole or not at all; `OutputError` if it cannot be written."""
+    write_text(path, json.dumps(record, indent=1, allow_nan=False) + "\n")
 
 
 def _broken(path: Path, made_by: str, reason: str) -> InputError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from commonrail.calibration.run import Calibration
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import dump_injector
-from commonrail.files.record_file import read_record
+from commonrail.files.record_file import read_record, write_record
 from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.records import LABELS, MEASURED
@@ -71,6 +70,13 @@ def refuse_used(path: Path) -> None:
 def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
     """Write study.toml, calibrated.toml, result.json and traces.csv.
 
+    Parameters
+    ----------
+    folder : str or Path
+    calibration : Calibration
+    identified : mapping
+        As `identify(calibration)` returns it.
+
     Raises
     ------
     ConfigurationError
@@ -90,8 +96,7 @@ def write_results(folder: Path, calibration: Calibration, identified: Mapping[st
     title = calibration.study.title
     notes = {name: f'calibrated by "{title}"' for name in calibration.best}
     dump_injector(calibration.injector, folder / "calibrated.toml", notes)
-    record = result_record(calibration, identified)
-    write_text(folder / RESULT, json.dumps(record, indent=1, allow_nan=False) + "\n")
+    write_record(folder / RESULT, result_record(calibration, identified))
     _write_traces(folder / TRACES, calibration)
 
 

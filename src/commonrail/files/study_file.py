@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 from commonrail.arguments import file_path
 from commonrail.calibration.parameter import Parameter, percent_bounds
@@ -14,24 +12,23 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.time_step import step_for_all
 from commonrail.engine.time_step import check_step
-from commonrail.errors import ConfigurationError, nearest
+from commonrail.errors import ConfigurationError
 from commonrail.files.injector_file import load_injector
-from commonrail.files.place import Place, located
-from commonrail.files.reach import Reach
-from commonrail.files.study_faults import read_model
-from commonrail.files.study_models import AUTO_STEP, MOST_CONSTRAINTS, ConstraintsModel, Optimisers, ParameterModel
-from commonrail.files.tables import Table, Units, read_columns
-from commonrail.files.text_file import noting_files
-from commonrail.files.toml_file import read_toml
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.files.study_models import MOST_CONSTRAINTS, ConstraintsModel, Optimisers, ParameterModel, StudyModel
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.kinds import KINDS, DataSet
 from commonrail.kinds.reading import Context, DataModel
 from commonrail.parts.furniture import Q
-from commonrail.units import parse, to_text
+from commonrail.reading.faults import read_model
+from commonrail.reading.fields import UNSTATED
+from commonrail.reading.place import Place, located
+from commonrail.reading.reach import Reach
+from commonrail.reading.text_file import noting_files
+from commonrail.reading.toml_file import read_toml
+from commonrail.units import to_text
 
-__all__ = ["FORMAT", "load_study"]
+__all__ = ["load_study"]
 
-FORMAT = "commonrail-study/1"
 MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
 
 
@@ -67,13 +64,13 @@ def load_study(path: str | Path) -> Study:
 def _study(file: Path) -> Study:
     document, text = read_toml(file)
     at = Place(str(file))
-    at.check_format(document, FORMAT)
-    model = read_model(document, at)
+    model = read_model(StudyModel, document, at)
     reach = Reach(file, model.allow_outside)
     injector = _injector(model.injector, reach, at / "injector")
     space = _space(model.parameter, model.constraints, injector, at)
-    time_step = _time_step(model.time_step, injector, space, at / "time_step")
-    data = _data(model.data, Context(injector, time_step, at, partial(_columns, reach), located), at / "data")
+    with located(at / "time_step"):
+        time_step = step_for_all(injector, space) if model.time_step is None else check_step(model.time_step)
+    data = _data(model.data, Context(injector, time_step, reach, at), at / "data")
     return Study(
         model.title,
         injector,
@@ -88,21 +85,11 @@ def _study(file: Path) -> Study:
     )
 
 
-def _time_step(text: str | float, injector: Injector, space: Space, at: Place) -> float:
-    with located(at):
-        return step_for_all(injector, space) if text == AUTO_STEP else check_step(parse(text, "s", str(at)))
-
-
 def _injector(text: str, reach: Reach, at: Place) -> Injector:
     if text.endswith(".toml"):
         return load_injector(reach.path(reach.file.parent, text, at), reach)
     with located(at):
         return load_injector(text, reach)
-
-
-def _columns(reach: Reach, file: str, at: Place, wanted: Mapping[str, Units], **how: Any) -> Table:
-    """Columns of a file that the block at a place names, if it lies where the study may look."""
-    return read_columns(reach.path(reach.file.parent, file, at / "file"), wanted, **how)
 
 
 def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[DataSet, ...]:
@@ -148,15 +135,10 @@ def _space(models: list[ParameterModel], constraints: ConstraintsModel, injector
 
 
 def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Parameter:
-    known = parameter_quantities()
-    if model.name not in known:
-        raise (at / "name").error(f'there is no parameter "{model.name}"{nearest(model.name, known)}')
-    quantity = known[model.name]
-    reference = injector.values[model.name]
-    if model.reference is not None:
-        reference = parse(model.reference, quantity.unit, str(at / "reference"))
-    lower, upper = _bounds(model, reference, quantity, at)
-    source = injector.sources.get(model.name, Source("E", "no source stated"))
+    quantity = parameter_quantities()[model.name]
+    reference = injector.values[model.name] if model.reference is None else model.reference
+    lower, upper = _bounds(model, reference, at)
+    source = injector.sources.get(model.name, UNSTATED)
     with located(at):
         parameter = Parameter(
             model.name,
@@ -174,26 +156,17 @@ def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Paramete
     return parameter
 
 
-def _bounds(model: ParameterModel, reference: float, q: Q, at: Place) -> tuple[float, float]:
+def _bounds(model: ParameterModel, reference: float, at: Place) -> tuple[float, float]:
     """Lower and upper bound [SI] by one of the two ways to state them."""
-    percent, outright = (model.below, model.above), (model.lower, model.upper)
-    if None not in percent and outright == (None, None):
-        below, above = _percent(model.below, at / "below"), _percent(model.above, at / "above")
+    below, above, lower, upper = model.below, model.above, model.lower, model.upper
+    if below is not None and above is not None and lower is upper is None:
         with located(at):
             return percent_bounds(reference, below, above, model.name)
-    if None not in outright and percent == (None, None):
-        lower = parse(model.lower or 0.0, q.unit, str(at / "lower"))
-        return lower, parse(model.upper or 0.0, q.unit, str(at / "upper"))
+    if lower is not None and upper is not None and below is above is None:
+        return lower, upper
     raise at.error(
         f'{model.name} needs either below and above (percent of its value, such as "50 %") or lower and upper'
     )
-
-
-def _percent(item: str | float | None, at: Place) -> float:
-    # A bare 50 would be a factor to one reader and percent to another.
-    if not isinstance(item, str) or "%" not in item:
-        raise at.error('write percent with its sign, as in "50 %"')
-    return parse(item, "%", str(at))
 
 
 def _check_bounds(p: Parameter, q: Q, at: Place) -> None:

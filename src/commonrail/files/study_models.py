@@ -1,21 +1,25 @@
-"""Shape of a study file: which keys it has, and of which type each is. Units are read later."""
+"""Shape of a study file: its keys, with type and unit of each."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from enum import Enum
 from functools import cache
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
-from pydantic import AfterValidator, Field, GetCoreSchemaHandler, PlainValidator, create_model
-from pydantic_core import PydanticCustomError, core_schema
+from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, create_model
+from pydantic_core import PydanticCustomError
 
 from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.registry import Registered
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
+from commonrail.errors import nearest
+from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import KINDS
-from commonrail.kinds.reading import DataModel, Name, TableModel, Value
+from commonrail.kinds.reading import DataModel, Name
+from commonrail.reading.fields import FileModel, Mark, OneOf, Unit, fault
 
 __all__ = [
     "ConstraintsModel",
@@ -30,40 +34,51 @@ MOST_SETS = 1000
 MOST_PARAMETERS = 1000
 MOST_CONSTRAINTS = 1000
 
-
-class _ByKind:
-    """Schema of a data set's block: the model of the kind that it names."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
-        names = [f'"{name}"' for name in KINDS]
-        return core_schema.tagged_union_schema(
-            {f"<{name}>": handler.generate_schema(kind.model) for name, kind in KINDS.items()},
-            _kind_of,
-            custom_error_type="kind",
-            custom_error_message=f"kind must be {', '.join(names[:-1])} or {names[-1]}",
-        )
+_BLOCK = OneOf("kind", {name: kind.model for name, kind in KINDS.items()})
 
 
-def _kind_of(item: Any) -> str | None:
-    kind = item.get("kind") if isinstance(item, Mapping) else getattr(item, "kind", None)
-    return f"<{kind}>" if isinstance(kind, str) and kind in KINDS else None
+def _parameter(item: str) -> str:
+    if item not in (known := parameter_quantities()):
+        raise fault(f'there is no parameter "{item}"{nearest(item, known)}')
+    return item
 
 
-class ParameterModel(TableModel):
+def _in_its_unit(item: Any, info: ValidationInfo) -> float:
+    """Number in the unit of the parameter; a fault of its name is told before."""
+    name = info.data.get("name")
+    return Unit(parameter_quantities()[name].unit).read(item) if name else math.nan
+
+
+def _percent(item: Any) -> float:
+    # A bare 50 would be a factor to one reader and percent to another.
+    if not isinstance(item, str) or "%" not in item:
+        raise fault('write percent with its sign, as in "50 %"')
+    return Unit("%").read(item)
+
+
+def _step(item: Any) -> float | None:
+    return None if item == "auto" else Unit("s").read(item)
+
+
+_Value = Annotated[float, PlainValidator(_in_its_unit)]
+_Percent = Annotated[float, PlainValidator(_percent)]
+
+
+class ParameterModel(FileModel):
     """A parameter to be calibrated: bounds around a reference in percent, Eq. (16), or outright."""
 
-    name: str
-    reference: Value | None = None
-    below: Value | None = None
-    above: Value | None = None
-    lower: Value | None = None
-    upper: Value | None = None
+    name: Annotated[str, AfterValidator(_parameter)]
+    reference: _Value | None = None
+    below: _Percent | None = None
+    above: _Percent | None = None
+    lower: _Value | None = None
+    upper: _Value | None = None
     scale: Literal["linear", "log"] = "linear"
-    mark: Literal["M", "C", "F", "E"] | None = None
+    mark: Mark | None = None
     source: str | None = None
 
 
-class ConstraintsModel(TableModel):
+class ConstraintsModel(FileModel):
     """Orderings and other linear inequalities between parameters, Eq. (14), (15)."""
 
     order: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
@@ -100,7 +115,7 @@ def read_optimisers(table: Any) -> Optimisers:
 
 
 @cache
-def _optimiser_model(settings: type[Any]) -> type[TableModel]:
+def _optimiser_model(settings: type[Any]) -> type[FileModel]:
     """The table's keys: a key for each field of an optimiser's settings, and those that all have."""
     types = get_type_hints(settings)
     keys: dict[str, Any] = {
@@ -109,7 +124,7 @@ def _optimiser_model(settings: type[Any]) -> type[TableModel]:
         "polish_iterations": (int, Field(default=30, ge=1, le=10_000)),
         "method": (Annotated[str, AfterValidator(_known_method)] | None, None),
     }
-    return create_model("OptimiserModel", __base__=TableModel, **keys)
+    return create_model("OptimiserModel", __base__=FileModel, **keys)
 
 
 def _setting(annotation: Any, most: float | None) -> tuple[Any, Any]:
@@ -121,10 +136,7 @@ def _setting(annotation: Any, most: float | None) -> tuple[Any, Any]:
     return annotation | None, Field(default=None, le=most, strict=strict)
 
 
-AUTO_STEP = "auto"  # short enough for every candidate within the bounds
-
-
-class StudyModel(TableModel):
+class StudyModel(FileModel):
     """The whole file."""
 
     format: Literal["commonrail-study/1"]
@@ -133,9 +145,9 @@ class StudyModel(TableModel):
     allow_outside: bool = False
     injector: str
     seed: int = Field(default=1, ge=0)
-    time_step: Value = AUTO_STEP
+    time_step: Annotated[float | None, PlainValidator(_step)] = None  # "auto": short enough for every candidate
     precision: Precision = Field(default=Precision.F64, strict=False)
-    data: list[Annotated[DataModel, _ByKind()]] = Field(min_length=1, max_length=MOST_SETS)
+    data: list[Annotated[DataModel, _BLOCK]] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()
     optimiser: Annotated[Optimisers, PlainValidator(read_optimisers)] = Field(

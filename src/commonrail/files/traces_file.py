@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import dropwhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError
-from commonrail.files.atomic import replacing
-from commonrail.files.csv_rows import LARGEST_FILE, check_count, check_header, check_row, parse_cells
-from commonrail.files.tables import LONGEST_NUMBER
-from commonrail.files.text_file import read_lines
+from commonrail.files.atomic import write_csv
 from commonrail.kinds.records import MEASURED, MM3_PER_MS
+from commonrail.reading.csv_file import CsvFile
+from commonrail.reading.sheet import Column
 
-__all__ = ["Curve", "Traces", "read_curve_rows", "read_traces", "write_traces"]
+__all__ = ["Curve", "Traces", "read_curves", "read_traces", "write_traces"]
 
 Floats = NDArray[np.float64]
-Traces = dict[str, dict[str, Floats]]
+Trace = dict[str, Floats]
+Traces = dict[str, Trace]
 
 TIME = "time_s"
 MOST_COLUMNS = 20  # eight models, the data and what names them
@@ -34,24 +31,38 @@ _UNIT = " [mm3/ms]"
 
 
 class Curve(NamedTuple):
-    """A data set: its name, bounds of the samples (n + 1,) [s], and rates (n,) [m³/s] by label, the data's included."""
+    """A data set: its name, bounds of the samples (n + 1,) [s], and rates (n,) [m³/s] by label, the data's included.
+
+    `before` holds the texts of the columns that stand before the name.
+    """
 
     data: str
     bounds: Floats
     rates: Mapping[str, Floats]
+    before: Sequence[str] = ()
 
 
-def write_traces(path: Path, notes: Iterable[str], labels: Sequence[str], curves: Iterable[Curve]) -> None:
+def write_traces(
+    path: Path, notes: Iterable[str], labels: Sequence[str], curves: Iterable[Curve], before: Sequence[str] = ()
+) -> None:
     """Write curves under comment lines; what a curve does not have, or is not finite, stays empty.
 
     The digits are those of the numbers themselves: J can be computed again from the file.
+
+    Parameters
+    ----------
+    path : Path
+    notes : iterable of str
+        Comment lines.
+    labels : sequence of str
+        Columns of rates.
+    curves : iterable of Curve
+    before : sequence of str
+        Columns before the name of the data set.
     """
-    with replacing(path) as stream:
-        stream.writelines(f"# {' '.join(note.split())}\n" for note in notes)
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([*_KEYS, *(label + _UNIT for label in labels)])
-        for curve in curves:
-            writer.writerows(_rows(curve, labels))
+    header = [*before, *_KEYS, *(label + _UNIT for label in labels)]
+    rows = (row for curve in curves for row in _rows(curve, labels))
+    write_csv(path, (" ".join(note.split()) for note in notes), header, rows)
 
 
 def _rows(curve: Curve, labels: Sequence[str]) -> Iterator[list[str]]:
@@ -59,7 +70,7 @@ def _rows(curve: Curve, labels: Sequence[str]) -> Iterator[list[str]]:
     for i, moment in enumerate(middles):
         rates = (float(curve.rates[label][i]) if label in curve.rates else math.nan for label in labels)
         texts = (repr(rate * MM3_PER_MS) if math.isfinite(rate) else "" for rate in rates)
-        yield [curve.data, repr(round(float(moment), 6)), *texts]  # 1e-6 us: below any clock
+        yield [*curve.before, curve.data, repr(round(float(moment), 6)), *texts]  # 1e-6 us: below any clock
 
 
 def read_traces(path: Path) -> Traces:
@@ -72,56 +83,47 @@ def read_traces(path: Path) -> Traces:
     InputError
         If the file cannot be read, or a row in it is not one of such a file; the message has the line.
     """
-    rows = read_curve_rows(path)
-    _, header = next(rows, (0, []))
-    labels = [cell.removesuffix(_UNIT) for cell in header[len(_KEYS) :]]
-    whole = all(cell.endswith(_UNIT) for cell in header[len(_KEYS) :]) and len({*labels}) == len(labels)
-    if tuple(header[: len(_KEYS)]) != _KEYS or MEASURED not in labels or not whole:
-        raise InputError(f'{path}: the header is not that of curves, "data,time [us],{MEASURED}{_UNIT},…".')
-    check_header(path, header)
-    if len(header) > MOST_COLUMNS:
-        raise InputError(f"{path}: the header has {len(header)} columns, and at most {MOST_COLUMNS} are read.")
-    lists: dict[str, array[float]] = {}
-    for count, (line, cells) in enumerate(rows, start=1):
-        check_row(path, line, cells, len(header))
-        check_count(path, line, count)
-        where = f"{path}, line {line}"
-        values = [_number(text, column, where) for text, column in zip(cells[1:], header[1:], strict=True)]
-        lists.setdefault(cells[0], array("d")).extend(values)
-        if len(lists) > MOST_SETS:
-            raise InputError(f"{where}: the file has more than the {MOST_SETS} data sets that are read.")
-    return {name: _trace(np.array(values).reshape(-1, len(header) - 1), labels) for name, values in lists.items()}
+    return {name: _present(trace) for (name,), trace in read_curves(path, MEASURED).items()}
 
 
-def read_curve_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Rows of a file of curves, header first, and the line on which each begins; comments stand only before the header.
+def _present(trace: Trace) -> Trace:
+    return {label: values for label, values in trace.items() if label == TIME or np.isfinite(values).any()}
+
+
+def read_curves(path: Path, measured: str, before: Sequence[str] = ()) -> dict[tuple[str, ...], Trace]:
+    """Read curves by the texts in the columns `before` and the name of the data set.
+
+    Parameters
+    ----------
+    path : Path
+    measured : str
+        Column of the data, in which no number may be missing.
+    before : sequence of str
+        Columns before the name of the data set.
 
     Raises
     ------
     InputError
-        If the file or a row cannot be read.
+        As `read_traces`.
     """
-    lines = enumerate(read_lines(path, LARGEST_FILE), start=1)
-    counting = dropwhile(lambda line: line[1].startswith("#"), lines)
-    rows = parse_cells(path, counting, ",", trimmed=False)
-    return ((line, cells) for line, cells in rows if cells)
-
-
-def _number(text: str, column: str, where: str) -> float:
-    """A finite number, or NaN for an empty cell of a model."""
-    needed = column in (_KEYS[1], MEASURED + _UNIT)
-    if not needed and text in ("", "nan"):  # "nan": files of early versions
-        return math.nan
-    try:
-        value = float(text) if len(text) <= LONGEST_NUMBER else math.nan
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f'{where}, column "{column}": "{text[:40]}" is not a finite number.')
-    return value
-
-
-def _trace(values: Floats, labels: Sequence[str]) -> dict[str, Floats]:
-    rates = {label: values[:, 1 + i] / MM3_PER_MS for i, label in enumerate(labels)}
-    found = {label: rate for label, rate in rates.items() if np.isfinite(rate).any()}
-    return {TIME: 1e-6 * values[:, 0], **found}
+    sheet = CsvFile(path, plain=True)
+    head, rest = (*before, *_KEYS), sheet.names[len(before) + len(_KEYS) :]
+    labels = [cell.removesuffix(_UNIT) for cell in rest]
+    whole = all(cell.endswith(_UNIT) for cell in rest) and len({*labels}) == len(labels)
+    if (*sheet.names[: len(head)],) != head or measured not in labels or not whole:
+        raise InputError(f'{path}: the header is not that of curves, "{",".join(head)},{measured}{_UNIT},…".')
+    if len(sheet.names) > MOST_COLUMNS:
+        raise InputError(f"{path}: the header has {len(sheet.names)} columns, and at most {MOST_COLUMNS} are read.")
+    texts, moment = head[:-1], head[-1]
+    needed = (moment, measured + _UNIT)
+    table = sheet.take([*map(Column, texts), *(Column(name, "1", required=name in needed) for name in (moment, *rest))])
+    groups: dict[tuple[str, ...], list[int]] = {}
+    for i, key in enumerate(zip(*(table.texts[name] for name in texts), strict=True)):
+        groups.setdefault(key, []).append(i)
+        if len(groups) > MOST_SETS:
+            raise InputError(
+                f"{path}, line {table.rows[i]}: the file has more than the {MOST_SETS} data sets that are read."
+            )
+    rates = {label: table.columns[label + _UNIT] / MM3_PER_MS for label in labels}
+    columns = {TIME: 1e-6 * table.columns[moment], **rates}
+    return {key: {name: column[rows] for name, column in columns.items()} for key, rows in groups.items()}

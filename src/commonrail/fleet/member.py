@@ -11,9 +11,9 @@ from typing import Any
 import tomlkit
 
 from commonrail.files.atomic import write_text, writing
-from commonrail.files.reach import ALLOW
 from commonrail.fleet.fleet_file import Fleet, Template
 from commonrail.fleet.supply import DEAD_TIMES, fingerprint_of
+from commonrail.reading.reach import ALLOW
 
 __all__ = ["folders_of", "seed_of", "shared_files", "write_study"]
 

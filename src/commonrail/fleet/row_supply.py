@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from commonrail.errors import InputError, nearest
 from commonrail.files.atomic import write_text
 from commonrail.fleet.supply import DEAD_TIMES, INJECTOR, Layout, check_name, checked_names, fingerprint_of
-from commonrail.fleet.table import Table, bare_name, find_column, read_table
+from commonrail.fleet.table import Table, find_column, names_of, read_table
 
 __all__ = ["RowSupply"]
 
@@ -99,7 +99,7 @@ def _check_dead_times(layout: Layout, path: Path | None) -> None:
 
 def _check_columns(table: Table, second: Table | None, layout: Layout) -> None:
     """Refuse a name in [columns] that no table has, and one table for several curves without the column "data"."""
-    known = [bare_name(cell) for one in (table, second) if one for cell in one.header]
+    known = [name for one in (table, second) if one for name in names_of(one)]
     for key, column in layout.columns.items():
         if column not in known:
             find_column(table, column, f"which {layout.at / 'columns'} gives for {key}")
@@ -109,7 +109,7 @@ def _check_columns(table: Table, second: Table | None, layout: Layout) -> None:
 
 def _parts(table: Table, layout: Layout, data: Sequence[str]) -> Parts:
     keys = [find_column(table, layout.column(INJECTOR), "the names of the injectors")]
-    if layout.column(DATA) in [bare_name(cell) for cell in table.header]:
+    if layout.column(DATA) in names_of(table):
         keys.append(find_column(table, layout.column(DATA), "the names of the data sets"))
     form = _form(table, keys, layout)
     found: Parts = {}
@@ -132,8 +132,8 @@ def _form(table: Table, keys: Sequence[int], layout: Layout) -> _Form:
     """All columns but the keys, called as the study knows them."""
     studys = {column: name for name, column in layout.columns.items()}
     columns = tuple(i for i in range(len(table.header)) if i not in keys)
-    header = []
+    header, names = [], names_of(table)
     for i in columns:
-        cell, name = table.header[i], bare_name(table.header[i])
+        cell, name = table.header[i], names[i]
         header.append(studys[name] + cell[len(name) :] if name in studys else cell)
     return _Form(columns, tuple(header))

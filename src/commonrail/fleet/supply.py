@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from commonrail.errors import InputError
-from commonrail.files.place import Place
 from commonrail.fleet.table import Table, find_column, read_table
 from commonrail.kinds.reading import DataModel
+from commonrail.reading.place import Place
 
 __all__ = ["DEAD_TIMES", "INJECTOR", "FileSupply", "Layout", "Supply", "check_name", "checked_names", "fingerprint_of"]
 

@@ -10,10 +10,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.errors import InputError, nearest
-from commonrail.files.csv_rows import read_rows
+from commonrail.errors import InputError
+from commonrail.reading import sheet
+from commonrail.reading.csv_file import CsvFile
 
-__all__ = ["Table", "bare_name", "read_table"]
+__all__ = ["Table", "find_column", "names_of", "read_table"]
 
 Indices = NDArray[np.intp]
 Groups = dict[tuple[str, ...], Indices]
@@ -54,30 +55,14 @@ def read_table(path: Path) -> Table:
     return _read_parquet(path) if path.suffix.lower() in PARQUET else _read_csv(path)
 
 
-def bare_name(cell: str) -> str:
-    """Name of a column without its unit: ``rate [mm3/ms]`` is called ``rate``."""
-    return cell.rpartition("[")[0].strip() if cell.endswith("]") and "[" in cell else cell
+def names_of(table: Table) -> list[str]:
+    """Names of the columns, without their units."""
+    return [sheet.name_and_unit(cell)[0] for cell in table.header]
 
 
 def find_column(table: Table, name: str, what: str) -> int:
-    """Place of a column in the header.
-
-    Raises
-    ------
-    InputError
-        If it is not there, or there twice; `what` is said of it.
-    """
-    names = [bare_name(cell) for cell in table.header]
-    if names.count(name) == 1:
-        return names.index(name)
-    if name in names:
-        raise InputError(
-            f'{table.path}: the column "{name}" stands {names.count(name)} times in the header; rename one.'
-        )
-    known = ", ".join(f'"{known}"' for known in names[:20])
-    raise InputError(
-        f'{table.path}: there is no column "{name}", {what}{nearest(name, names)}; the header has {known}.'
-    )
+    """Index of a column in the header; see `commonrail.reading.sheet.find_column`."""
+    return sheet.find_column(table.path, names_of(table), name, what)
 
 
 @dataclass(frozen=True)
@@ -155,7 +140,7 @@ def _decoded(code: int, texts: Sequence[Sequence[str]]) -> tuple[str, ...]:
 
 
 def _read_csv(path: Path) -> _Csv:
-    found = read_rows(path, MOST_ROWS)
+    found = CsvFile(path, most=MOST_ROWS)
     lines, rows = [], []
     for line, row in found.rows:
         lines.append(line)

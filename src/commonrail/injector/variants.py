@@ -4,39 +4,16 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from enum import Enum
 from typing import Any, NamedTuple
 
 from commonrail.arguments import chosen
+from commonrail.choices import Body, Boundary, Drive
 from commonrail.injector import boundary
 from commonrail.injector.layout import Layout, layout_of
 from commonrail.injector.model import Coefficients, State
 from commonrail.injector.setup import make_rest
 from commonrail.injector.step import make_step
 from commonrail.parts import drive, plunger_needle, rigid_body
-
-
-class Body(Enum):
-    """How plunger and needle move."""
-
-    FLEXIBLE = "flexible"
-    RIGID = "rigid"
-
-
-class Boundary(Enum):
-    """What feeds the injector."""
-
-    IDEAL = "ideal"
-    VOLUME = "volume"
-
-
-class Drive(Enum):
-    """What applies the voltage."""
-
-    REGULATED = "regulated"
-    PWM = "pwm"
-    VOLTAGE = "voltage trace"
-    CURRENT = "current trace"
 
 
 class _Wired(NamedTuple):

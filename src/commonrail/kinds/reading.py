@@ -1,72 +1,25 @@
-"""Reading of a data set: shape of its block in a study file, and what a reader gives to a kind of data.
-
-The shapes say which keys there are and of which type each is; units are read later.
-"""
+"""Reading of a data set: shape of its block in a study file, and what it is read with."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, PlainValidator, Tag, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
+from commonrail.choices import Drive
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
-from commonrail.errors import InputError, nearest_key
 from commonrail.injector.definition import Injector
-from commonrail.injector.variants import Drive
+from commonrail.reading.fields import FileModel, Unit, fault
+from commonrail.reading.place import Place
+from commonrail.reading.reach import Reach
+from commonrail.reading.tables import LEAST_SAMPLES, Column, Table, read_columns
 
-__all__ = [
-    "LEAST_SAMPLES",
-    "Columns",
-    "Context",
-    "Course",
-    "DataModel",
-    "Name",
-    "Place",
-    "TableModel",
-    "TraceModel",
-    "Value",
-    "drive_unit",
-    "mass_density",
-]
+__all__ = ["Context", "Course", "DataModel", "Name", "TraceModel", "drive_unit", "mass_density"]
 
-Floats = NDArray[np.float64]
-
-LEAST_SAMPLES = 4
 LONGEST_NAME = 200
-
-
-class Place(Protocol):
-    """Key in a file, for messages; ``place / "key"`` goes into a table, ``place[0]`` into a list."""
-
-    def __truediv__(self, key: str, /) -> Place: ...
-    def __getitem__(self, index: int, /) -> Place: ...
-    def error(self, sentence: str, /) -> InputError:
-        """Error that opens with this place."""
-
-
-class Columns(Protocol):
-    """Columns of a file: SI values, SI unit and given unit of each, and lines of the rows; see `files.tables.Table`."""
-
-    @property
-    def path(self) -> Path: ...
-    @property
-    def columns(self) -> dict[str, Floats]: ...
-    @property
-    def units(self) -> dict[str, str]: ...
-    @property
-    def given(self) -> dict[str, str]: ...
-    @property
-    def lines(self) -> NDArray[np.intp]: ...
-    def cell(self, column: str, row: int) -> str:
-        """Place of a value, for messages."""
 
 
 class Context(NamedTuple):
@@ -77,29 +30,40 @@ class Context(NamedTuple):
     injector : Injector
     time_step : float
         [s].
+    reach : Reach
+        Folders where its files may lie.
     at : Place
         Of its block in the study file.
-    columns : function
-        Of file, place of the block that names it, and what `files.tables.read_columns` takes besides a path.
-    located : function
-        Context manager that puts a place before the message of any error of the project raised inside.
     """
 
     injector: Injector
     time_step: float
+    reach: Reach
     at: Place
-    columns: Callable[..., Columns]
-    located: Callable[[Any], AbstractContextManager[None]]
+
+    def columns(self, file: str, at: Place, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
+        """Columns of a file; see `read_columns`.
+
+        Parameters
+        ----------
+        file : str
+            Its name in the study; `InputError` if it lies where the study may not look.
+        at : Place
+            Of the table that names it with the key "file".
+        wanted : sequence of Column
+        least : int
+            Rows that the file must have.
+        """
+        return read_columns(self.reach.path(self.reach.file.parent, file, at / "file"), wanted, least)
 
 
 def mass_density(injector: Injector, unit: str, point: OperatingPoint) -> float:
-    """Density at cylinder pressure [kg/m³] that makes a volume of a mass, see `DataSet.mass_density`.
+    """Density at cylinder pressure [kg/m³] where `unit` is one of mass, else NaN: see `DataSet.mass_density`.
 
     Parameters
     ----------
     injector : Injector
     unit : str
-        SI unit of the measured values; NaN is returned for one of volume.
     point : OperatingPoint
     """
     return reference_density(injector, point) if unit.startswith("kg") else math.nan
@@ -110,41 +74,17 @@ def drive_unit(injector: Injector) -> str:
     return {Drive.CURRENT: "A", Drive.VOLTAGE: "V"}.get(injector.variant.drive, "")
 
 
-class TableModel(BaseModel):
-    """A table of the file: no key beyond its fields, no type converted in silence."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _refuse_unknown_keys(cls, data: Any) -> Any:
-        for key in data if isinstance(data, dict) else ():
-            if key not in cls.model_fields:
-                hint = nearest_key(key, cls.model_fields)
-                raise PydanticCustomError("unknown_key", 'there is no key "{key}"{hint}', {"key": key, "hint": hint})
-        return data
-
-
-def _value(item: Any) -> str | float:
-    if isinstance(item, bool) or not isinstance(item, (str, int, float)):
-        raise PydanticCustomError("value", 'must be a text with a unit, such as "160 MPa"')
-    return item
-
-
 def _name(item: str) -> str:
     if not item.isprintable():
-        raise PydanticCustomError("value", "must be one line of characters that are printed")
+        raise fault(f"this must be one line of characters that are printed, not {item!r}")
     return item
 
 
 # What tables, legends and files call something.
 Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_name)]
 
-# A number with its unit; a plain number is refused by `units`, unless its unit is 1.
-Value = Annotated[str | float, PlainValidator(_value)]
 
-
-class TraceModel(TableModel):
+class TraceModel(FileModel):
     """A course in time from a file, by default that of the data set."""
 
     column: str
@@ -158,12 +98,13 @@ def _course_form(item: Any) -> str:
     return "<trace>" if isinstance(item, (dict, TraceModel)) else "<value>"
 
 
+# A pressure: constant [Pa], or a course.
 Course = Annotated[
-    Annotated[Value, Tag("<value>")] | Annotated[TraceModel, Tag("<trace>")], Discriminator(_course_form)
+    Annotated[float, Unit("Pa"), Tag("<value>")] | Annotated[TraceModel, Tag("<trace>")], Discriminator(_course_form)
 ]
 
 
-class DataModel(TableModel):
+class DataModel(FileModel):
     """Keys that the blocks of all kinds have; `selects_rows`: data sets of the kind may share a table."""
 
     selects_rows: ClassVar[bool] = False

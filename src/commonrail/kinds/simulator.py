@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.engine.lanes import Misfit, Precision
+from commonrail.choices import Precision
+from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare
 from commonrail.engine.simulate import simulate_batch

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from commonrail.calibration.study import Study
-from commonrail.engine.lanes import Precision
+from commonrail.choices import Precision
 from commonrail.files.injector_writer import injector_text
 from commonrail.injector.definition import FUEL_TEMPERATURE
 

@@ -12,10 +12,10 @@ from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.calibration.time_step import longest_for_all
+from commonrail.choices import Drive
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.time_step import step_advice
 from commonrail.injector.definition import Injector, parameter_quantities
-from commonrail.injector.variants import Drive
 from commonrail.kinds import DataSet
 from commonrail.units import to_text
 

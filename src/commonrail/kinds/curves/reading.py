@@ -3,33 +3,26 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from commonrail.engine.operating_point import LONGEST, Energising, OperatingPoint, Trace
-from commonrail.engine.operating_point import Course as OwnCourse
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
-from commonrail.kinds.reading import (
-    LEAST_SAMPLES,
-    Context,
-    Course,
-    DataModel,
-    Place,
-    TableModel,
-    TraceModel,
-    Value,
-    drive_unit,
-    mass_density,
-)
-from commonrail.units import convert, parse, to_text
+from commonrail.kinds.reading import Context, Course, DataModel, TraceModel, drive_unit, mass_density
+from commonrail.reading.fields import FileModel, Unit
+from commonrail.reading.place import Place, located
+from commonrail.reading.tables import LEAST_SAMPLES, Column
+from commonrail.units import convert, to_text
 
 __all__ = ["PulseModel", "RateModel", "ReadCurve", "read_curve"]
 
 Floats = NDArray[np.float64]
+
+Time = Annotated[float, Unit("s")]
 
 _TIME_UNITS = ("us", "ms", "s", "ns")
 
@@ -60,11 +53,11 @@ class _Samples(NamedTuple):
         return ""
 
 
-class PulseModel(TableModel):
+class PulseModel(FileModel):
     """One energising."""
 
-    start: Value
-    duration: Value
+    start: Time
+    duration: Time
 
 
 class RateModel(DataModel):
@@ -79,11 +72,11 @@ class RateModel(DataModel):
     cylinder_pressure: Course
     return_pressure: Course
     drive: TraceModel | None = None
-    energising_time: Value | None = None
+    energising_time: Time | None = None
     energisings: list[PulseModel] | None = Field(default=None, min_length=1, max_length=100)
-    window: list[Value] | None = Field(default=None, min_length=2, max_length=2)
+    window: list[Time] | None = Field(default=None, min_length=2, max_length=2)
     sampling: Literal["mean", "centred"] = "mean"
-    first_bound: Value | None = None
+    first_bound: Time | None = None
 
 
 class ReadCurve(NamedTuple):
@@ -105,13 +98,8 @@ def read_curve(model: RateModel, context: Context) -> ReadCurve:
 
 
 def _samples(model: RateModel, context: Context, at: Place) -> _Samples:
-    table = context.columns(
-        model.file,
-        at,
-        {model.time: "s", model.rate: ("m3/s", "kg/s")},
-        stated={model.time: model.time_unit, model.rate: model.rate_unit},
-        increasing=model.time,
-    )
+    time = Column(model.time, "s", model.time_unit, increasing=True)
+    table = context.columns(model.file, at, [time, Column(model.rate, ("m3/s", "kg/s"), model.rate_unit)])
     bounds = _bounds(model, table.columns[model.time], at)
     column = f'the column "{model.time}" of {table.path}'
     return _Samples(bounds, table.columns[model.rate], table.units[model.rate], table.given[model.time], column)
@@ -126,7 +114,7 @@ def _bounds(model: RateModel, time: Floats, at: Place) -> Floats:
         return np.concatenate(([2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]))
     first = 2.0 * time[0] - time[1]
     if model.first_bound is not None:
-        first = parse(model.first_bound, "s", str(at / "first_bound"))
+        first = model.first_bound
         if not first < time[0]:
             raise (at / "first_bound").error(
                 f"{to_text(first, 's')} must lie before the first sample at {to_text(float(time[0]), 's')}"
@@ -140,7 +128,7 @@ def _window(samples: _Samples, model: RateModel, at: Place) -> _Samples:
         return samples
     at = at / "window"
     bounds = samples.bounds
-    begin, end = (parse(item, "s", str(at[i])) for i, item in enumerate(model.window))
+    begin, end = model.window
     slack = 1e-3 * float(np.min(np.diff(bounds)))  # rounding of microseconds to seconds
     if not begin < end:
         raise ConfigurationError(f'{at}: the window must begin before it ends, as in ["0 us", "1200 us"].')
@@ -164,7 +152,7 @@ def _window(samples: _Samples, model: RateModel, at: Place) -> _Samples:
 
 def _point(model: RateModel, samples: _Samples, context: Context, at: Place) -> OperatingPoint:
     """Operating point, simulated from the first bound or energising to the last bound, in whole steps."""
-    pulses, bounds = _pulses(model, context, at), samples.bounds
+    pulses, bounds = _pulses(model, at), samples.bounds
     if pulses[0].start >= bounds[-1]:
         raise ConfigurationError(
             f"{at}: the samples that count end at {to_text(float(bounds[-1]), 's')}, before the first "
@@ -179,7 +167,7 @@ def _point(model: RateModel, samples: _Samples, context: Context, at: Place) -> 
             "times are wrong."
         )
     rail, cylinder, low = (
-        _course(item, "Pa", model, context, at / key)
+        item if isinstance(item, float) else _trace(item, "Pa", model, context, at / key)
         for key, item in (
             ("rail_pressure", model.rail_pressure),
             ("cylinder_pressure", model.cylinder_pressure),
@@ -187,27 +175,25 @@ def _point(model: RateModel, samples: _Samples, context: Context, at: Place) -> 
         )
     )
     drive = _drive(model, context, at / "drive")
-    with context.located(at):
+    with located(at):
         point = OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start=start)
         check_point(context.injector, point)
         return point
 
 
-def _pulses(model: RateModel, context: Context, at: Place) -> tuple[Energising, ...]:
+def _pulses(model: RateModel, at: Place) -> tuple[Energising, ...]:
     if (model.energising_time is None) == (model.energisings is None):
         raise at.error('give either energising_time = "700 us" or energisings = [{ start = …, duration = … }]')
-    if model.energisings is None:
-        duration = parse(model.energising_time or 0.0, "s", str(at / "energising_time"))
-        with context.located(at / "energising_time"):
-            return (Energising(0.0, duration),)
+    if model.energising_time is not None:
+        with located(at / "energising_time"):
+            return (Energising(0.0, model.energising_time),)
     at = at / "energisings"
-    return tuple(_pulse(pulse, context, at[i]) for i, pulse in enumerate(model.energisings))
+    return tuple(_pulse(pulse, at[i]) for i, pulse in enumerate(model.energisings or ()))
 
 
-def _pulse(pulse: PulseModel, context: Context, at: Place) -> Energising:
-    start, duration = parse(pulse.start, "s", str(at / "start")), parse(pulse.duration, "s", str(at / "duration"))
-    with context.located(at):
-        return Energising(start, duration)
+def _pulse(pulse: PulseModel, at: Place) -> Energising:
+    with located(at):
+        return Energising(pulse.start, pulse.duration)
 
 
 def _drive(model: RateModel, context: Context, at: Place) -> Trace | None:
@@ -220,21 +206,10 @@ def _drive(model: RateModel, context: Context, at: Place) -> Trace | None:
     return None if model.drive is None else _trace(model.drive, unit, model, context, at)
 
 
-def _course(item: str | float | TraceModel, unit: str, model: RateModel, context: Context, at: Place) -> OwnCourse:
-    if isinstance(item, TraceModel):
-        return _trace(item, unit, model, context, at)
-    return parse(item, unit, str(at))
-
-
 def _trace(item: TraceModel, unit: str, model: RateModel, context: Context, at: Place) -> Trace:
-    """A measured course; what it does not say of file and time is that of the data set."""
+    """Read a measured course; what it does not say of file and time is that of the data set."""
     time = item.time or model.time
     time_unit = item.time_unit or (model.time_unit if item.file is None else None)
-    table = context.columns(
-        item.file or model.file,
-        at,
-        {time: "s", item.column: unit},
-        stated={time: time_unit, item.column: item.unit},
-        increasing=time,
-    )
+    wanted = [Column(time, "s", time_unit, increasing=True), Column(item.column, unit, item.unit)]
+    table = context.columns(item.file or model.file, at, wanted)
     return Trace.of(table.columns[time], table.columns[item.column])

@@ -4,32 +4,48 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, PlainValidator
 
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError, InputError
-from commonrail.kinds.reading import Columns, Context, DataModel, Place, TableModel, Value, drive_unit, mass_density
+from commonrail.kinds.reading import Context, DataModel, drive_unit, mass_density
+from commonrail.parts.furniture import Domain
+from commonrail.reading.fields import FileModel, Unit, fault
+from commonrail.reading.place import Place, located
+from commonrail.reading.tables import Column, Table
 from commonrail.units import parse, to_text
 
 __all__ = ["DeadTimesModel", "QuantitiesModel", "ReadMap", "read_map"]
 
 Floats = NDArray[np.float64]
+Pressure = Annotated[float, Unit("Pa")]
 
 AFTER_ENERGISING = 3e-3  # simulated after the end of energising; it ends early once the needle has closed [s]
 MOST_POINTS = 10_000
 SAME = 1e-6  # relative difference below which a row is at a pressure or time that was asked for
 
 
-class DeadTimesModel(TableModel):
+def _quantity(item: Any) -> tuple[float, str]:
+    """Quantity and its unit, m3 or kg."""
+    try:
+        value, unit = parse(item, "kg"), "kg"
+    except InputError:
+        value, unit = Unit("m3").read(item), "m3"
+    if not value > 0.0:
+        raise fault(f"the quantity must be greater than zero, not {to_text(value, unit)}")
+    return value, unit
+
+
+class DeadTimesModel(FileModel):
     """Energising times at which a small quantity is reached."""
 
     file: str
-    quantity: Value
+    quantity: Annotated[tuple[float, str], PlainValidator(_quantity)]
     rail_pressure_unit: str | None = None
     energising_time_unit: str | None = None
 
@@ -44,13 +60,13 @@ class QuantitiesModel(DataModel):
     rail_pressure_unit: str | None = None
     energising_time_unit: str | None = None
     quantity_unit: str | None = None
-    rail_pressure: list[Value] | None = Field(default=None, min_length=1, max_length=1000)
-    energising_time: list[Value] | None = Field(default=None, min_length=1, max_length=1000)
+    rail_pressure: list[Pressure] | None = Field(default=None, min_length=1, max_length=1000)
+    energising_time: list[Annotated[float, Unit("s")]] | None = Field(default=None, min_length=1, max_length=1000)
     dead_times: DeadTimesModel | None = None
-    cylinder_pressure: Value
-    return_pressure: Value
-    absolute: Value = "0.15 mm3"
-    relative: Value = 0.03
+    cylinder_pressure: Pressure
+    return_pressure: Pressure
+    absolute: Annotated[float, Unit("m3")] = 0.15e-9
+    relative: Annotated[float, Unit("1")] = 0.03
 
     @property
     def has_dead_times(self) -> bool:
@@ -87,90 +103,53 @@ def read_map(model: QuantitiesModel, context: Context) -> ReadMap:
             "which quantities cannot give; set it to regulated or pwm."
         )
     rows = _map_rows(model, context, at) + _dead_time_rows(model, context, at)
-    absolute, relative = _tolerances(model, at)
+    if not (model.absolute > 0.0 and model.relative >= 0.0):
+        raise at.error("absolute must be greater than zero and relative zero or greater")
     density = np.array([mass_density(injector, row.unit, row.point) for row in rows])
     by_volume = np.isnan(density)
     quantity = np.array([row.quantity for row in rows])
     return ReadMap(
         tuple(row.point for row in rows),
         quantity / np.where(by_volume, 1.0, density),
-        absolute,
-        relative,
+        model.absolute,
+        model.relative,
         np.array([row.dead_time for row in rows]),
         math.nan if by_volume.all() else density,
     )
 
 
 def _map_rows(model: QuantitiesModel, context: Context, at: Place) -> list[_Row]:
-    column = model.quantity_column
-    table = context.columns(
-        model.file,
-        at,
-        {"rail_pressure": "Pa", "energising_time": "s", column: ("m3", "kg")},
-        stated={
-            "rail_pressure": model.rail_pressure_unit,
-            "energising_time": model.energising_time_unit,
-            column: model.quantity_unit,
-        },
-        least=1,
-    )
-    rails = _wanted(model.rail_pressure, "Pa", at / "rail_pressure")
-    times = _wanted(model.energising_time, "s", at / "energising_time")
-    chosen = _choose(table, {"rail_pressure": (rails, "Pa"), "energising_time": (times, "s")}, at)
-    quantity, unit = table.columns[column], table.units[column]
-    below = np.flatnonzero(quantity < 0.0)
-    if len(below):
-        raise InputError(f"{table.cell(column, int(below[0]))}: the value must be zero or greater.")
-    return [_Row(_point(table, i, model, context, at), float(quantity[i]), unit, False) for i in chosen]
+    name = model.quantity_column
+    wanted = [*_point_columns(model), Column(name, ("m3", "kg"), model.quantity_unit, domain=Domain.NON_NEGATIVE)]
+    table = context.columns(model.file, at, wanted, least=1)
+    filters = {"rail_pressure": (model.rail_pressure, "Pa"), "energising_time": (model.energising_time, "s")}
+    quantity, unit = table.columns[name], table.units[name]
+    chosen = _choose(table, filters, at)
+    return [_Row(_point(table, i, model, context), float(quantity[i]), unit, False) for i in chosen]
 
 
 def _dead_time_rows(model: QuantitiesModel, context: Context, at: Place) -> list[_Row]:
     dead = model.dead_times
     if dead is None:
         return []
-    table = context.columns(
-        dead.file,
-        at / "dead_times",
-        {"rail_pressure": "Pa", "energising_time": "s"},
-        stated={
-            "rail_pressure": dead.rail_pressure_unit,
-            "energising_time": dead.energising_time_unit,
-        },
-        least=1,
-    )
-    quantity, unit = _quantity(dead.quantity, at / "dead_times" / "quantity")
-    rails = _wanted(model.rail_pressure, "Pa", at / "rail_pressure")
-    chosen = _choose(table, {"rail_pressure": (rails, "Pa")}, at / "dead_times")
-    return [_Row(_point(table, i, model, context, at), quantity, unit, True) for i in chosen]
+    table = context.columns(dead.file, at / "dead_times", _point_columns(dead), least=1)
+    chosen = _choose(table, {"rail_pressure": (model.rail_pressure, "Pa")}, at / "dead_times")
+    return [_Row(_point(table, i, model, context), *dead.quantity, True) for i in chosen]
 
 
-def _quantity(text: str | float, at: Place) -> tuple[float, str]:
-    """Quantity and its unit, m3 or kg."""
-    try:
-        value, unit = parse(text, "kg"), "kg"
-    except InputError:
-        value, unit = parse(text, "m3", str(at)), "m3"
-    if not value > 0.0:
-        raise at.error(f"the quantity must be greater than zero, not {to_text(value, unit)}")
-    return value, unit
+def _point_columns(model: QuantitiesModel | DeadTimesModel) -> list[Column]:
+    return [
+        Column("rail_pressure", "Pa", model.rail_pressure_unit),
+        Column("energising_time", "s", model.energising_time_unit),
+    ]
 
 
-def _tolerances(model: QuantitiesModel, at: Place) -> tuple[float, float]:
-    absolute = parse(model.absolute, "m3", str(at / "absolute"))
-    relative = parse(model.relative, "1", str(at / "relative"))
-    if not (absolute > 0.0 and relative >= 0.0):
-        raise at.error("absolute must be greater than zero and relative zero or greater")
-    return absolute, relative
-
-
-def _wanted(items: Sequence[str | float] | None, unit: str, at: Place) -> list[float]:
-    return [parse(item, unit, str(at[i])) for i, item in enumerate(items or ())]
-
-
-def _choose(table: Columns, filters: Mapping[str, tuple[list[float], str]], at: Place) -> list[int]:
+def _choose(table: Table, filters: Mapping[str, tuple[Sequence[float] | None, str]], at: Place) -> list[int]:
     """Rows that are at one of the wanted values of every column that has any."""
-    keep = np.ones(len(table.lines), bool)
+    keep = np.ones(len(table.rows), bool)
     for column, (wanted, unit) in filters.items():
+        if wanted is None:
+            continue
         values = table.columns[column]
         near = np.array([np.isclose(values, value, rtol=SAME, atol=0.0) for value in wanted])
         for value, hits in zip(wanted, near, strict=True):
@@ -179,7 +158,7 @@ def _choose(table: Columns, filters: Mapping[str, tuple[list[float], str]], at: 
                 raise ConfigurationError(
                     f"{at / column}: {table.path} has no row at {to_text(value, unit)}; it has {there}."
                 )
-        keep &= near.any(axis=0) if len(wanted) else True
+        keep &= near.any(axis=0)
     if not keep.any():
         raise ConfigurationError(
             f"{at}: no row of {table.path} is at a rail pressure and an energising time that were asked for."
@@ -192,17 +171,15 @@ def _choose(table: Columns, filters: Mapping[str, tuple[list[float], str]], at: 
     return [int(i) for i in np.flatnonzero(keep)]
 
 
-def _point(table: Columns, row: int, model: QuantitiesModel, context: Context, at: Place) -> OperatingPoint:
+def _point(table: Table, row: int, model: QuantitiesModel, context: Context) -> OperatingPoint:
     energising = float(table.columns["energising_time"][row])
     rail = float(table.columns["rail_pressure"][row])
     for column, value in (("energising_time", energising), ("rail_pressure", rail)):
         if not value > 0.0:
-            raise InputError(f"{table.cell(column, row)}: the value must be greater than zero.")
-    cylinder, low = (
-        parse(item, "Pa", str(at / key))
-        for key, item in (("cylinder_pressure", model.cylinder_pressure), ("return_pressure", model.return_pressure))
-    )
-    with context.located(f"{table.path}, line {table.lines[row]}"):
-        point = OperatingPoint(rail, energising, cylinder, low, horizon=energising + AFTER_ENERGISING)
+            raise table.place(column, row).error("the value must be greater than zero")
+    with located(Place(str(table.path), f"{table.row} {table.rows[row]}")):
+        point = OperatingPoint(
+            rail, energising, model.cylinder_pressure, model.return_pressure, horizon=energising + AFTER_ENERGISING
+        )
         check_point(context.injector, point)
         return point

@@ -1,15 +1,14 @@
-"""How far the names in a file reach: a study may come from anywhere, and must not read what is not its own."""
+"""Folder that the names in a file must not lead out of: a study from anywhere must not read what is not its own."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from commonrail.files.place import Place
+from commonrail.reading.place import Place
 
-__all__ = ["ALLOW", "Reach", "read_allowed"]
+__all__ = ["ALLOW", "Reach"]
 
 ALLOW = "allow_outside"
 
@@ -31,6 +30,13 @@ class Reach(NamedTuple):
     def path(self, folder: Path, name: str, at: Place) -> Path:
         """Path of a file named in a file of `folder`.
 
+        Parameters
+        ----------
+        folder : Path
+        name : str
+        at : Place
+            Of the name.
+
         Raises
         ------
         InputError
@@ -49,17 +55,3 @@ class Reach(NamedTuple):
         # both with their links followed: a folder that is itself a link stays the folder that was meant
         root = os.path.realpath(self.file.parent)
         return Path(os.path.realpath(path)).is_relative_to(root)
-
-
-def read_allowed(data: Mapping[str, Any], at: Place) -> bool:
-    """Whether a file allows that what it names lies elsewhere.
-
-    Raises
-    ------
-    InputError
-        If it says something other than true or false.
-    """
-    found = data.get(ALLOW, False)
-    if not isinstance(found, bool):
-        raise (at / ALLOW).error("this must be true or false")
-    return found

@@ -1,4 +1,4 @@
-"""Reading fuels: what the catalogue holds, and one clear sentence for each way to get it wrong."""
+"""Fuels from TOML: what the catalogue holds, and one clear sentence for each way to get it wrong."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.fuel.catalogue import catalogue, load_fuel, parse_fuel
+from commonrail.files.fuel_file import fuel_catalogue, load_fuel, parse_fuel
 
 
 def document(name: str = "n-dodecane") -> dict[str, Any]:
@@ -19,13 +19,13 @@ def document(name: str = "n-dodecane") -> dict[str, Any]:
 
 
 def test_catalogue_lists_what_can_be_loaded() -> None:
-    assert catalogue() == ["iso4113", "n-dodecane", "n-dodecane-eq2"]
-    for name in catalogue():
+    assert fuel_catalogue() == ["iso4113", "n-dodecane", "n-dodecane-eq2"]
+    for name in fuel_catalogue():
         assert load_fuel(name).name == name
 
 
 def test_marks_and_kinds_are_declared() -> None:
-    kinds = {name: (load_fuel(name).mark, load_fuel(name).density_kind) for name in catalogue()}
+    kinds = {name: (load_fuel(name).mark, load_fuel(name).density_kind) for name in fuel_catalogue()}
     assert kinds == {
         "iso4113": ("E", "integrated"),
         "n-dodecane": ("F", "integrated"),
@@ -54,23 +54,26 @@ def test_each_law_must_state_unit_mark_source_error_and_coefficients(law: str) -
     for key in document()[law]:
         data = document()
         del data[law][key]
-        with pytest.raises(InputError, match=rf'my\.toml, \[{law}\]: "{key}" is missing'):
+        with pytest.raises(
+            InputError,
+            match=rf'my\.toml, {law}(\.{key}: this key is missing; add it|: {key} must be "eq2" or "integrated")',
+        ):
             parse_fuel(data, "mine", "my.toml")
 
 
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        (("density", "kind"), "tait", r'kind is "tait", write "eq2" or "integrated"'),
+        (("density", "kind"), "tait", r'density: kind must be "eq2" or "integrated"'),
         (("density", "kind"), "eq2", r"\[bulk_modulus\] if, and only if"),
         (("bulk_modulus", "unit"), "GPa", r'unit is "GPa", convert the coefficients to "MPa"'),
         (("bulk_modulus", "mark"), "MF", "write one of M, C, F, E"),
         (("bulk_modulus", "mark"), "X", "write one of M, C, F, E"),
-        (("density", "error"), -0.1, "relative error of at least 0"),
-        (("density", "error"), True, '"error" is missing or not a number'),
-        (("bulk_modulus", "k1"), [], "k1 must be a list of numbers"),
-        (("bulk_modulus", "k1"), ["1"], "k1 must be a list of numbers"),
-        (("bulk_modulus", "k1"), [float("nan")], "k1 must be a list of numbers"),
+        (("density", "error"), -0.1, r"density\.error: this must be greater than or equal to 0, not -0\.1"),
+        (("density", "error"), True, r"density\.error: this must be a number, not True"),
+        (("bulk_modulus", "k1"), [], r"bulk_modulus\.k1: this must be a list of numbers"),
+        (("bulk_modulus", "k1"), ["1"], r"bulk_modulus\.k1: this must be a list of numbers"),
+        (("bulk_modulus", "k1"), [float("nan")], r"bulk_modulus\.k1: this must be a list of numbers"),
         (("range", "pressure_MPa"), [250.0, 0.0], "0 <= lower < upper"),
         (("range", "temperature_K"), [293.15], "0 <= lower < upper"),
     ],
@@ -86,7 +89,7 @@ def test_wrong_values_are_named(path: tuple[str, str], value: Any, message: str)
 def test_missing_top_level_entries_are_named(key: str) -> None:
     data = document()
     del data[key]
-    with pytest.raises(InputError, match=rf'my\.toml: "{key}" is missing'):
+    with pytest.raises(InputError, match=rf"my\.toml, {key}: this key is missing; add it"):
         parse_fuel(data, "mine", "my.toml")
 
 

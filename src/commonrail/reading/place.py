@@ -1,4 +1,4 @@
-"""Where in a file something stands, for messages: every error says file and key or line."""
+"""Places in files, for messages: every error says file and key or line."""
 
 from __future__ import annotations
 

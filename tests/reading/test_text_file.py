@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.files.text_file import LONGEST_LINE, read_lines, read_text
+from commonrail.reading.text_file import LONGEST_LINE, read_lines, read_text
 
 
 def written(tmp_path: Path, data: bytes) -> Path:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from commonrail.errors import InputError, nearest
 
-__all__ = ["LONGEST_LINE", "noting_files", "read_bytes", "read_lines", "read_text"]
+__all__ = ["LONGEST_LINE", "noting_files", "read_bytes", "read_lines", "read_plain", "read_text"]
 
 LONGEST_LINE = 100_000  # [bytes]; of a table with a thousand columns
 
@@ -75,7 +75,21 @@ def read_bytes(path: Path, largest: int) -> bytes:
     Raises
     ------
     InputError
-        If there is no such file, it is not a plain file, it is larger, it may not be read, or it is not text.
+        As `read_plain`, or if it is not text.
+    """
+    data = read_plain(path, largest)
+    if b"\0" in data:
+        raise InputError(f"{path}: this is not a text file; save it as UTF-8 text.")
+    return data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+
+
+def read_plain(path: Path, largest: int) -> bytes:
+    """Bytes of a file of at most `largest` bytes, as they stand in it.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it is not a plain file, it is larger, or it may not be read.
     """
     try:
         data = _plain(path, largest)
@@ -87,9 +101,7 @@ def read_bytes(path: Path, largest: int) -> bytes:
     noted = _noted.get()
     if noted is not None:
         noted[Path(os.path.abspath(path))] = hashlib.sha256(data).hexdigest()
-    if b"\0" in data:
-        raise InputError(f"{path}: this is not a text file; save it as UTF-8 text.")
-    return data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    return data
 
 
 def _plain(path: Path, largest: int) -> bytes:

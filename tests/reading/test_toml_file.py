@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.files.toml_file import LARGEST_TOML, parse_toml, read_toml
+from commonrail.reading.toml_file import LARGEST_TOML, parse_toml, read_toml
 
 
 def written(tmp_path: Path, data: bytes) -> Path:

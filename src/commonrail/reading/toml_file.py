@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.errors import InputError
-from commonrail.files.place import Place
-from commonrail.files.text_file import read_text
+from commonrail.reading.place import Place
+from commonrail.reading.text_file import read_text
 
 __all__ = ["LARGEST_TOML", "parse_toml", "read_toml"]
 

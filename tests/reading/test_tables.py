@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.files import csv_rows
-from commonrail.files.tables import Table, read_columns
+from commonrail.parts.furniture import Domain
+from commonrail.reading import csv_file, tables
+from commonrail.reading.tables import Column, Table, read_columns
 
 Write = Callable[[str | bytes], Path]
 
-WANTED = {"time": "s", "rate": ("m3/s", "kg/s")}
 GOOD = "time [us],rate [mm3/ms]\n0,1\n3,2\n6,4\n9,8\n"
 
 
 def read(path: Path, **stated: str) -> Table:
-    return read_columns(path, WANTED, stated=stated, increasing="time")
+    time = Column("time", "s", stated.get("time"), increasing=True)
+    return read_columns(path, [time, Column("rate", ("m3/s", "kg/s"), stated.get("rate"))])
 
 
 def test_units_become_si(table_file: Write) -> None:
@@ -45,7 +46,7 @@ def test_comments_blank_lines_quotes_and_other_columns_are_passed_over(table_fil
     text = '# bench 3\n\n"rate [mm3/ms]","a, b",time [us]\n1,x,0\n# pause\n2,,3\n\n4,y,6\n8,z,9\n'
     table = read(table_file(text))
     np.testing.assert_allclose(table.columns["rate"], [1e-6, 2e-6, 4e-6, 8e-6], rtol=1e-15)
-    assert table.lines.tolist() == [4, 6, 8, 9]
+    assert table.rows.tolist() == [4, 6, 8, 9]
     assert table.comments == ("bench 3", "pause")
 
 
@@ -53,7 +54,7 @@ def test_comments_blank_lines_quotes_and_other_columns_are_passed_over(table_fil
 def test_a_row_of_units(table_file: Write, row: str) -> None:
     table = read(table_file(f"time,rate\n{row}\n0,1\n3,2\n6,4\n9,8\n"))
     np.testing.assert_allclose(table.columns["time"], [0.0, 3e-6, 6e-6, 9e-6], rtol=1e-15)
-    assert table.lines.tolist() == [3, 4, 5, 6]
+    assert table.rows.tolist() == [3, 4, 5, 6]
 
 
 def test_units_from_whoever_reads(table_file: Write) -> None:
@@ -120,15 +121,15 @@ def test_two_units_for_one_column(table_file: Write) -> None:
 
 
 def test_size_limit(table_file: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(csv_rows, "LARGEST_FILE", 20)
+    monkeypatch.setattr(csv_file, "LARGEST_FILE", 20)
     with pytest.raises(InputError, match="more than the 2e-05 MB that are read"):
         read(table_file(GOOD))
 
 
 def test_row_limit(table_file: Write) -> None:
-    assert len(list(csv_rows.read_rows(table_file(GOOD), most=4).rows)) == 4
+    assert len(list(csv_file.CsvFile(table_file(GOOD), most=4).rows)) == 4
     with pytest.raises(InputError, match=r"line 6: the file has more than the 4 rows that are read; keep only"):
-        list(csv_rows.read_rows(table_file(GOOD + "12,9\n"), most=4).rows)
+        list(csv_file.CsvFile(table_file(GOOD + "12,9\n"), most=4).rows)
 
 
 HEADERS = {
@@ -164,3 +165,36 @@ def test_header_of_many_columns_is_not_shown_whole(table_file: Write) -> None:
 def test_other_formats(tmp_path: Path, name: str, kind: str) -> None:
     with pytest.raises(InputError, match=rf"{name}: {kind} files are not read; export the columns to a CSV file"):
         read(tmp_path / name)
+
+
+class Counted:
+    """A format of two samples, in other units than SI."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def take(self, columns: Sequence[Column]) -> Table:
+        values = {"time": [0.0, 1.0], "rate": [-1.0, 2.0]}
+        units = {"time": "ms", "rate": ""}
+        wanted = [column.name for column in columns]
+        numbers = {name: np.array(values[name]) for name in wanted}
+        return Table(self.path, numbers, {}, {name: units[name] for name in wanted}, np.array([7, 8]), row="sample")
+
+
+def test_another_format_is_a_source_of_the_same_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(tables._SHEETS, ".counted", Counted)
+    path, time = Path("a.counted"), Column("time", "s", increasing=True)
+    table = read_columns(path, [time, Column("rate", ("m3/s", "kg/s"), "mg/ms")], least=2)
+    assert (table.columns["time"].tolist(), table.columns["rate"].tolist()) == ([0.0, 1e-3], [-1e-3, 2e-3])
+    assert (table.units["rate"], table.given["time"]) == ("kg/s", "ms")
+    with pytest.raises(InputError, match=r'a\.counted, column "rate": there is no unit'):
+        read_columns(path, [Column("rate", "m3/s")], least=2)
+    with pytest.raises(InputError, match=r'a\.counted, sample 7, column "rate": the value must be zero or greater'):
+        read_columns(path, [Column("rate", "m3/s", "mm3/ms", domain=Domain.NON_NEGATIVE)], least=2)
+
+
+def test_texts_and_gaps(table_file: Write) -> None:
+    path = table_file("name,rate [mm3/ms]\na,1\nb,\n")
+    table = read_columns(path, [Column("name"), Column("rate", "m3/s", required=False)], least=2)
+    assert table.texts["name"] == ["a", "b"]
+    np.testing.assert_array_equal(table.columns["rate"], [1e-6, np.nan])

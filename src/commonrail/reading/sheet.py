@@ -1,0 +1,138 @@
+"""Columns as they stand in a file, of whatever format, before their units are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.errors import InputError, nearest
+from commonrail.parts.furniture import Domain
+from commonrail.reading.place import Place
+
+__all__ = ["Column", "Sheet", "Table", "cell_place", "find_column", "name_and_unit"]
+
+MOST_SHOWN = 12  # names of a header
+
+
+class Column(NamedTuple):
+    """Column that is asked of a file.
+
+    Attributes
+    ----------
+    name : str
+    unit : str or tuple of str
+        SI unit of the values; of several the one of the column's kind is taken. Empty: the cells are texts.
+    stated : str or None
+        Unit of a column for which the file gives none.
+    increasing : bool
+        Whether the values must increase from row to row, as a time does.
+    domain : Domain
+        Values outside are refused.
+    required : bool
+        Whether every cell must hold a number; if not, an empty one is NaN.
+    """
+
+    name: str
+    unit: str | tuple[str, ...] = ""
+    stated: str | None = None
+    increasing: bool = False
+    domain: Domain = Domain.ANY
+    required: bool = True
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units that are accepted, none of texts."""
+        return (self.unit,) if isinstance(self.unit, str) and self.unit else tuple(self.unit)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file.
+
+    Attributes
+    ----------
+    path : Path
+    columns : dict of str to (rows,) array
+        Numbers: in the units of the file from a `Sheet`, SI values from `read_columns`.
+    texts : dict of str to list of str
+        Columns without a unit.
+    given : dict of str to str
+        Unit of each column as the file or whoever reads it states it, empty if nobody does.
+    rows : (rows,) array of int
+        Line in the file of each row.
+    comments : tuple of str
+        Comment lines without their sign.
+    row : str
+        Word for a row in messages.
+    units : dict of str to str
+        SI unit of each column, where several kinds were allowed.
+    """
+
+    path: Path
+    columns: dict[str, NDArray[np.float64]]
+    texts: dict[str, list[str]]
+    given: dict[str, str]
+    rows: NDArray[np.intp]
+    comments: tuple[str, ...] = ()
+    row: str = "line"
+    units: dict[str, str] = field(default_factory=dict)
+
+    def place(self, column: str, row: int) -> Place:
+        """Place of a value, for a message."""
+        return cell_place(self.path, int(self.rows[row]), column, self.row)
+
+
+class Sheet(Protocol):
+    """File with named columns, of whatever format."""
+
+    def take(self, columns: Sequence[Column]) -> Table:
+        """Content of columns in the units of the file; may be called once."""
+
+
+def cell_place(path: Path, row: int, column: str, word: str = "line") -> Place:
+    """Place of a cell."""
+    return Place(str(path), f'{word} {row}, column "{column}"')
+
+
+def name_and_unit(cell: str) -> tuple[str, str]:
+    """Name and unit of a cell of a header, ``rate [mm3/ms]``; the unit is empty if there is none."""
+    if not cell.endswith("]") or "[" not in cell:
+        return cell, ""
+    name, _, unit = cell[:-1].rpartition("[")
+    return name.strip(), unit.strip()
+
+
+def find_column(path: Path, names: Sequence[str], column: str, what: str = "") -> int:
+    """Index of a column among the names of a file.
+
+    Parameters
+    ----------
+    path : Path
+    names : sequence of str
+        Names of the columns, without their units.
+    column : str
+    what : str
+        What the column is for, said where it is missing.
+
+    Raises
+    ------
+    InputError
+        If it is not there, or there twice.
+    """
+    count = names.count(column)
+    if count == 1:
+        return names.index(column)
+    if count > 1:
+        raise InputError(f'{path}: the column "{column}" stands {count} times in the header; rename one.')
+    known = ", ".join(f'"{name}"' for name in names[:MOST_SHOWN]) + (", …" if len(names) > MOST_SHOWN else "")
+    round_ = next((name for name in names if name.endswith(")") and name.partition("(")[0].strip() == column), "")
+    cure = f'; write the unit of "{round_}" in square brackets' if round_ else ""
+    raise InputError(
+        f'{path}: there is no column "{column}"{what and f", {what}"}{nearest(column, names)}; '
+        f"the header has {known}{cure}."
+    )

@@ -1,0 +1,5 @@
+"""Files for the tests of reading."""
+
+from tests.files.conftest import table_file
+
+__all__ = ["table_file"]
