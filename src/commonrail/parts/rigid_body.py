@@ -21,13 +21,37 @@ class State(NamedTuple):
 
 @physics
 def force(c: Coefficients, z: float, load: Loads) -> float:
-    """Sum of pressure and spring forces [N], without seat and stop."""
+    """Sum of pressure and spring forces [N], positive when opening, without seat and stop.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of plunger and needle.
+    z : float
+        Lift [m].
+    load : Loads
+        Pressure forces.
+    """
     return load.top + load.foot + load.head + load.shoulder + load.tip - c.guides.spring_stiffness * z
 
 
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """One leapfrog step."""
+    """State after one leapfrog step.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of plunger and needle.
+    seat : SeatContact
+        Contact of the needle seat.
+    s : State
+        State before.
+    load : Loads
+        Pressure forces at t_n.
+    dt : float
+        Step [s].
+    """
     stop = contact(s.z - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
     rest = contact(-s.z, seat.stiffness, seat.damping)
     per_mass = dt / c.total_mass
@@ -39,7 +63,17 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
 
 @physics
 def acceleration(c: Coefficients, seat: SeatContact, z: float, v: float, load: Loads) -> float:
-    """Right-hand side of Newton's law [m/s²] with seat and stop, for a solver that knows z and v at one time."""
+    """Acceleration with seat and stop [m/s²], for a solver that has z and v at one time.
+
+    Parameters
+    ----------
+    c, seat, load
+        As in `advance`.
+    z : float
+        Lift [m], positive when opening.
+    v : float
+        Velocity [m/s].
+    """
     stop = contact(z - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
     rest = contact(-z, seat.stiffness, seat.damping)
     resting = rest.force - stop.force - (rest.damping + stop.damping) * v
@@ -48,11 +82,17 @@ def acceleration(c: Coefficients, seat: SeatContact, z: float, v: float, load: L
 
 @physics
 def motion(s: State) -> Motion:
-    """Lifts that the fluid sees: all the same."""
+    """Lifts at top, shoulder and tip: all equal."""
     return Motion(s.z, s.z, s.z)
 
 
 @physics
 def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
-    """Body at rest on its seat under static loads, in closed form."""
+    """Body at rest on its seat under static loads, in closed form.
+
+    Parameters
+    ----------
+    c, seat, load
+        As in `advance`; the loads press the needle into its seat.
+    """
     return State(force(c, 0.0, load) / (seat.stiffness + c.guides.spring_stiffness), 0.0)
