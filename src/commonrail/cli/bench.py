@@ -1,4 +1,4 @@
-"""commonrail bench: time beside accuracy, commonrail's methods and others' on the same equations."""
+"""commonrail bench: time and accuracy of commonrail's and other solvers and optimisers."""
 
 from __future__ import annotations
 
@@ -22,18 +22,23 @@ __all__ = ["bench"]
 
 def bench(
     *,
-    peers: Annotated[bool, typer.Option("--peers", help="Also other solvers and optimisers, those installed.")] = False,
-    curves: Annotated[
-        bool, typer.Option("--curves", help="Also time and memory against candidates, points, horizon, threads.")
+    peers: Annotated[
+        bool, typer.Option("--peers", help="Also measure other solvers and optimisers, if installed.")
     ] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Shorter timings and fewer rows.")] = False,
-    out: Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write the record to this file.")] = None,
+    curves: Annotated[
+        bool,
+        typer.Option("--curves", help="Also measure time and memory against candidates, points, horizon, threads."),
+    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Use shorter timings and fewer rows.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="JSON file to be written with the record.")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Measure time and accuracy of simulations and searches here.
+    """Measure time and accuracy of simulations and searches.
 
-    Every method solves the same equations; its errors against a much finer reference stand beside its
-    time. Nothing passes or fails. Ctrl-C ends it with what was measured so far, status 130.
+    All methods solve the same equations; each is listed with its time and its error against a much finer
+    reference. There are no limits to pass. Ctrl-C stops with what was measured so far, status 130.
 
     \b
     Example:

@@ -36,14 +36,14 @@ __all__ = [
 
 
 class BodyChoice(StrEnum):
-    """How plunger and needle move."""
+    """Body of plunger and needle."""
 
     FLEXIBLE = "flexible"
     RIGID = "rigid"
 
 
 class EngineChoice(StrEnum):
-    """Who runs the simulation."""
+    """Engine of a simulation."""
 
     LANES = "lanes"
     CUDA = "cuda"
@@ -51,26 +51,30 @@ class EngineChoice(StrEnum):
 
 
 class PrecisionChoice(StrEnum):
-    """Numbers that the lanes compute in."""
+    """Precision of the fast engines."""
 
     F64 = "f64"
     F32 = "f32"
 
 
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object (SI units) on stdout, nothing else.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file.")]
-OutFile = Annotated[Path | None, typer.Option("--out", help="Write the course in time to this CSV.")]
-PlotFile = Annotated[Path | None, typer.Option("--plot", help="Draw the course into this HTML file.")]
+OutFile = Annotated[
+    Path | None,
+    typer.Option("--out", help="CSV file to be written with rate, lifts, pressures and current against time."),
+]
+PlotFile = Annotated[Path | None, typer.Option("--plot", help="HTML file to be written with the same as plots.")]
 Threads = Annotated[
     int | None,
-    typer.Option(min=1, help="Processors to use; all by default. The result does not depend on it."),
+    typer.Option(min=1, help="Number of threads; does not change the result. [default: all processors]"),
 ]
 WorkerCount = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Processes that simulate; for large populations.")
+    int | None,
+    typer.Option("--workers", min=1, help="Number of worker processes, for large populations. [default: none]"),
 ]
 ClusterAddress = Annotated[
     str | None,
-    typer.Option("--cluster", metavar="ADDRESS", help='Dask scheduler, such as tcp://host:8786, or "local".'),
+    typer.Option("--cluster", metavar="ADDRESS", help='Address of a Dask scheduler, e.g. tcp://host:8786, or "local".'),
 ]
 
 
@@ -80,7 +84,7 @@ def open_workers(count: int | None, address: str | None) -> AbstractContextManag
 
     if address is not None:
         if count is not None and address != "local":
-            raise InputError("--workers: a cluster has its own number of workers; leave this option or --cluster away.")
+            raise InputError("--workers: a cluster has its own number of workers; omit --workers or --cluster.")
         return Workers.cluster(address, count)
     return nullcontext() if count is None else Workers.processes(count)
 
