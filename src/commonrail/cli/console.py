@@ -67,7 +67,19 @@ def print_table(table: Table) -> None:
 def print_rows(
     columns: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", texts: int | None = None
 ) -> None:
-    """Print rows under their heads; all columns after the first `texts` are numbers."""
+    """Print rows under their heads.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Heads.
+    rows : sequence of sequences of str
+        Cells.
+    title : str
+        Line above the heads, if any.
+    texts : int or None
+        Number of leading columns with text; those after them are numbers. None: all are text.
+    """
     from rich import box
     from rich.table import Table as Grid
 

@@ -60,7 +60,14 @@ def with_body(injector: Injector, body: BodyChoice | None) -> Injector:
 
 
 def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solution:
-    """Simulate, and say on stderr what the figures must not be used for.
+    """Simulate, and say on stderr if the injection has not ended.
+
+    Parameters
+    ----------
+    injector : Injector
+    point : OperatingPoint
+    settings : Settings
+        Engine, time step and precision.
 
     Raises
     ------

@@ -41,6 +41,18 @@ def run_study(
 ) -> Outcome:
     """Calibrate a study into a new folder, with progress and warnings on stderr.
 
+    Parameters
+    ----------
+    study : Study
+    folder : Path
+        New or empty.
+    threads : int or None
+        None: all processors.
+    workers : Workers or None
+        Who simulates; None: this process.
+    strict : bool
+        Treat warnings as errors.
+
     Raises
     ------
     InputError
@@ -48,7 +60,7 @@ def run_study(
     OutputError
         If it cannot be written.
     StudyError
-        If the study cannot be run, or is `strict` and gives a warning; the folder is taken away again if nothing was
+        If the study cannot be run, or is `strict` and gives a warning; the folder is removed if nothing was
         simulated.
     """
     from commonrail.store.run import calibrate_into
@@ -66,6 +78,19 @@ def resume_study(
     folder: Path, *, generations: int, as_begun: bool, threads: int | None, workers: Workers | None
 ) -> Outcome:
     """Resume a run, with its progress on stderr.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    generations : int
+        Number to be added.
+    as_begun : bool
+        Accept files outside the folder that have changed.
+    threads : int or None
+        None: all processors.
+    workers : Workers or None
+        Who simulates; None: this process.
 
     Raises
     ------
@@ -96,6 +121,14 @@ def _told(title: str, folder: Path, work: Callable[[Listener], Calibration]) -> 
 
 def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None:
     """Print the figures of a run; exit status 130 if it was stopped.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    json : bool
+        Print the record instead of tables.
+    strict : bool
+        Treat warnings as errors.
 
     Raises
     ------
