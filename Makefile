@@ -54,16 +54,16 @@ verify: $(VENV)/.dev coverage fuzz soak fleet disk ## check the claims: the veri
 	$(BIN)/commonrail verify
 	$(BIN)/python -m pytest -q tests -m slow
 
-fuzz: $(VENV)/.dev ## feed 100,000 spoilt files to every reader
+fuzz: $(VENV)/.dev ## feed 100,000 damaged files to every reader
 	$(BIN)/python -m tools.fuzz 100000
 
-soak: $(VENV)/.runtime ## kill the paper's study 200 times at random instants and go on with it
+soak: $(VENV)/.runtime ## kill the paper's study 200 times at random instants and resume it
 	$(BIN)/python tools/soak.py 200
 
 fleet: $(VENV)/.runtime ## calibrate a synthetic fleet of 200, killed once and restarted once
 	$(BIN)/python tools/fleet_trial.py
 
-disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status 77, where nothing may be mounted)
+disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status 77, without leave to mount)
 	$(BIN)/python tools/no_room.py || test $$? -eq 77
 
 bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results.json and docs/images/
