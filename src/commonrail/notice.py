@@ -1,4 +1,4 @@
-"""Hook that is called while a kernel is compiled: some ten seconds, once on a machine."""
+"""Who is told that a simulation is being compiled: it takes some ten seconds, once on a machine."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _listener: Listener = nullcontext
 
 
 def tell_of_compiling(listener: Listener) -> Listener:
-    """Set the context that is entered while an uncached kernel is compiled; return the previous one."""
+    """Have a context entered while a kernel is compiled that is in no cache; returns the listener before."""
     global _listener
     before, _listener = _listener, listener
     return before
 
 
 def compiling() -> AbstractContextManager[Any]:
-    """Return the context to compile in."""
+    """The context to compile in."""
     return _listener()
