@@ -10,10 +10,12 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-generic test-busy test-lowest lint verify fuzz soak fleet disk bench clean
+.PHONY: help demo test test-generic test-busy test-lowest coverage lint verify fuzz soak fleet disk bench clean
 
 # Two processes; one that has nothing left to do takes over tests of the other, so that fixtures are seldom made twice.
 TESTS := -m pytest -q -n 2 --dist worksteal tests
+# Without whole simulations: as plain Python they take minutes.
+PHYSICS_TESTS := tests/fuel tests/flow tests/parts tests/injector tests/test_dimensions.py --ignore=tests/parts/test_feed_pipe.py
 LOWEST := .venv-lowest
 PYTHON_LOWEST ?= python3.11
 
@@ -38,26 +40,30 @@ test-lowest: ## run the tests with the lowest versions that pyproject.toml admit
 	$(LOWEST)/bin/python -m pip install -q -c $(LOWEST)/lowest.txt -e '.[dev]'
 	$(LOWEST)/bin/python $(TESTS)
 
+coverage: $(VENV)/.dev ## run the physics as plain Python and measure what the tests reach of it (at least 95 %)
+	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest -q $(PHYSICS_TESTS)
+	$(BIN)/coverage report
+
 lint: $(VENV)/.dev ## format, lint, types, direction of imports
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
-verify: $(VENV)/.dev fuzz soak fleet disk ## check the claims: the verification study, the slow tests and all trials below
+verify: $(VENV)/.dev coverage fuzz soak fleet disk ## check the claims: the verification study, the slow tests and all trials below
 	$(BIN)/commonrail verify
 	$(BIN)/python -m pytest -q tests -m slow
 
-fuzz: $(VENV)/.dev ## feed 100,000 spoilt files to every reader
+fuzz: $(VENV)/.dev ## feed 100,000 damaged files to every reader
 	$(BIN)/python -m tools.fuzz 100000
 
-soak: $(VENV)/.runtime ## kill the paper's study 200 times at random instants and go on with it
+soak: $(VENV)/.runtime ## kill the paper's study 200 times at random instants and resume it
 	$(BIN)/python tools/soak.py 200
 
 fleet: $(VENV)/.runtime ## calibrate a synthetic fleet of 200, killed once and restarted once
 	$(BIN)/python tools/fleet_trial.py
 
-disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status 77, where nothing may be mounted)
+disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status 77, without leave to mount)
 	$(BIN)/python tools/no_room.py || test $$? -eq 77
 
 bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results.json and docs/images/
@@ -66,7 +72,7 @@ bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results
 	$(BIN)/python -m benchmarks.plot benchmarks/results.json docs/images
 
 clean: ## remove the environment, caches and build products
-	rm -rf $(VENV) $(LOWEST) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis \
+	rm -rf $(VENV) $(LOWEST) build dist demo .coverage .pytest_cache .mypy_cache .ruff_cache .hypothesis \
 	    .import_linter_cache
 	find src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 

@@ -1,7 +1,7 @@
 """Calibrate a synthetic fleet, killed once and restarted once: ``python tools/fleet_trial.py``.
 
 A fleet of 20 and one of 200 injectors, made by ``make_fleet.py``, on two workers. The larger one is ended with SIGKILL,
-all its processes at once, when two fifths are done; the same command then goes on. Checked: the restart does not redo
+all its processes at once, when two fifths are done; the same command resumes it. Checked: the restart does not redo
 what was finished; all end well; an injector costs the same processor time in both fleets, within 15 %. Exit status 1 if
 not.
 """

@@ -1,4 +1,4 @@
-"""Calibrate on disks that are too small, and go on elsewhere: ``python tools/no_room.py`` (needs leave to mount).
+"""Calibrate on disks that are too small, and resume elsewhere: ``python tools/no_room.py`` (needs leave to mount).
 
 For disks (tmpfs) of growing size the paper's study is calibrated until one is large enough. Each time that it is not,
 the command must end with exit status 3 and one sentence, the journal must be whole, and a copy of the folder on another
@@ -62,7 +62,7 @@ def _small(folder: Path, size: int, expected: bytes) -> str:
     damage = soak.damage(copy)
     again = soak.process("resume", str(copy))
     if damage or again.returncode or soak.timeless(copy) != expected:
-        return f"FAULT {size} kB: after {kept[0]} generations a copy does not go on: {damage} {again.stderr.strip()}"
+        return f"FAULT {size} kB: after {kept[0]} generations a copy does not resume: {damage} {again.stderr.strip()}"
     return f"ok {size} kB: exit status {done.returncode} after {kept[0]} generations; a copy ended as it should: {said}"
 
 

@@ -1,4 +1,4 @@
-"""Kill a calibration at random instants, go on with it, and see that nothing was lost: ``python tools/soak.py 200``.
+"""Kill a calibration at random instants, resume it, and check that nothing was lost: ``python tools/soak.py 200``.
 
 Every round starts ``commonrail calibrate`` on a study as a process of its own and ends it with SIGKILL at a random
 instant, half of them spread over all its usual time and half over that of the search; ``commonrail resume`` then goes
@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 STUDY = Path(__file__).resolve().parents[1] / "cases" / "paper" / "study.toml"
 JOURNAL, RESULT = "journal.sqlite", "result.json"
-AGAIN = 0.5  # share of kills after which the process that goes on is killed too
+AGAIN = 0.5  # share of kills after which the resuming process is killed too
 LONGEST = 300.0  # [s] for a process that is not killed
 
 
@@ -54,7 +54,7 @@ class Times(NamedTuple):
 
 def main() -> None:
     """Run the trial and print its figures."""
-    parser = argparse.ArgumentParser(description="Kill a calibration at random instants and go on with it.")
+    parser = argparse.ArgumentParser(description="Kill a calibration at random instants and resume it.")
     parser.add_argument("kills", type=int, help="SIGKILLs in all")
     parser.add_argument("--study", type=Path, default=STUDY)
     parser.add_argument("--seed", type=int, default=1, help="of the instants")
@@ -149,7 +149,7 @@ def _start(*arguments: str) -> subprocess.Popen[bytes]:
 
 
 def _begun(run: Path) -> bool:
-    """Whether there is a run to go on with."""
+    """Return whether there is a run to resume."""
     return facts(run) is not None
 
 

@@ -173,7 +173,9 @@ def test_ctrl_c_writes_the_best_so_far_and_ends_with_130(
     done = command("calibrate", study, "--out", tmp_path / "run", "--json")
     assert done.status == 130
     run = tmp_path / "run"
-    assert done.sentence == f"interrupted; the best values so far are in {run}. `commonrail resume {run}` goes on."
+    assert (
+        done.sentence == f"interrupted; the best values so far are in {run}. `commonrail resume {run}` resumes the run."
+    )
     assert done.record["result"]["status"] == "interrupted"
     assert len(done.record["result"]["generations"]) == 2
     assert {path.name for path in (tmp_path / "run").iterdir()} == FILES

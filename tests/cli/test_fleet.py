@@ -61,7 +61,7 @@ def test_ctrl_c_ends_in_order_with_130(
     monkeypatch.setattr("commonrail.fleet.run._Run.calibrate", stopped)
     done = command("fleet", fleet_file, "--out", tmp_path / "run")
     assert done.status == 130
-    assert done.sentence.startswith("interrupted; run the same command again to go on in ")
+    assert done.sentence.startswith("interrupted; run the same command again to resume the fleet in ")
     assert "2 injectors not done yet: the same command goes on." in done.out
     assert (tmp_path / "run" / "results.csv").is_file()
 

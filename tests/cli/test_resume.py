@@ -48,7 +48,7 @@ def test_a_damaged_run_does_not_hide_the_others(command: Command, stopped: Path)
 def test_resume_ends_the_run_with_its_report(command: Command, stopped: Path) -> None:
     done = command("resume", stopped, "--json")
     assert done.status == 0, done.err
-    assert f"going on with {stopped}" in done.err
+    assert f"resuming {stopped}" in done.err
     assert "evolution 4/6" in done.err
     assert "evolution 3/6" not in done.err
     own = json.loads((stopped / "result.json").read_text(encoding="utf-8"))

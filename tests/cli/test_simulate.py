@@ -114,7 +114,7 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
     command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     failed = replace(solution(), status=Status.STEP_UNSTABLE, longest_step=2.2e-6)
-    monkeypatch.setattr("commonrail.cli.course.simulate", lambda *_, **__: failed)
+    monkeypatch.setattr("commonrail.cli.injection.simulate", lambda *_, **__: failed)
     done = command(*SIMULATE, "--json", "--out", tmp_path / "x.csv")
     assert (done.status, done.out) == (4, "")
     assert done.sentence == f"virtual-lino-2016: {Status.STEP_UNSTABLE.sentence} A step of 2 us would do."
@@ -134,7 +134,10 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
         ((*SIMULATE, "--out", "/nowhere/x.csv"), "--out: there is no folder"),
         ((*SIMULATE, "--plot", "."), "--plot: . is a folder"),
         ((*SIMULATE, "--set", "a.b=1"), "--set a.b: there is no such parameter"),
-        ((*SIMULATE, "--engine", "reference", "--precision", "f32"), "--precision f32: the reference computes in f64"),
+        (
+            (*SIMULATE, "--engine", "reference", "--precision", "f32"),
+            "--precision f32: the reference engine computes in f64 only",
+        ),
     ],
 )
 def test_bad_input_ends_with_2_and_one_sentence(command: Command, arguments: tuple[str, ...], words: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.errors import InputError
+from commonrail.errors import ConfigurationError, InputError
 from commonrail.files.fuel_file import fuel_catalogue, load_fuel
 
 NAMES = fuel_catalogue()
@@ -155,6 +155,11 @@ def test_shapes_broadcast() -> None:
     assert fuel.density(EVERYWHERE, TEMPERATURES).shape == (11, 75)
     one = fuel.density(EVERYWHERE[40], TEMPERATURES[3, 0])
     assert fuel.density(EVERYWHERE, TEMPERATURES)[3, 40] == pytest.approx(one, rel=1e-15)
+
+
+def test_shapes_that_do_not_broadcast_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"pressure of shape \(2,\) and the temperature of shape \(3,\)"):
+        load_fuel("iso4113").density([1e6, 2e6], [300.0, 310.0, 320.0])
 
 
 @pytest.mark.parametrize("temperature", [80.0, 293.0, 400.0, float("nan")])

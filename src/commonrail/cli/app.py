@@ -73,7 +73,7 @@ def options(
         bool,
         typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version."),
     ] = False,
-    traceback: Annotated[bool, typer.Option("--traceback", help="With an error, also show where it happened.")] = False,
+    traceback: Annotated[bool, typer.Option("--traceback", help="Show the traceback of an error.")] = False,
 ) -> None:
     """Simulate a common-rail electro-injector and calibrate it to measured injection curves.
 
@@ -95,7 +95,7 @@ def main() -> None:
 
 
 def _open_standard_streams() -> None:
-    """Put a sink where there is no stdout or stderr (`>&-`): what is opened next would take its number."""
+    """Open a sink for a closed stdout or stderr (`>&-`): the next file opened would take its number."""
     for number, name in ((1, "stdout"), (2, "stderr")):
         if getattr(sys, name) is None:
             sink = os.open(os.devnull, os.O_WRONLY)

@@ -27,15 +27,17 @@ MEASURING = "measuring; leave the machine alone meanwhile"
 
 def bench(
     *,
-    quick: Annotated[bool, typer.Option("--quick", help="Shorter timings and fewer rows.")] = False,
-    out: Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write the record to this file.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Use shorter timings and fewer rows.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="JSON file to be written with the record.")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Measure time and accuracy of simulations and searches here.
+    """Measure time and accuracy of simulations and searches.
 
-    Every method solves the same equations; its errors against a much finer reference stand beside its
-    time. Nothing passes or fails. Ctrl-C ends it with what was measured so far, status 130. Other
-    solvers and optimisers are measured beside them from a clone of the repository: make bench.
+    All methods solve the same equations; each is listed with its time and its error against a much finer
+    reference. There are no limits to pass. Ctrl-C stops with what was measured so far, status 130. Other
+    solvers and optimisers are measured from a clone of the repository: make bench.
 
     \b
     Example:

@@ -19,22 +19,26 @@ def calibrate(
     *,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="RUN", help="New run folder; runs/<study>-<n> by default."),
+        typer.Option(metavar="RUN", help="New run folder. [default: runs/<study>-<n>]"),
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the study's.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of the random numbers. [default: as in the study file]")
+    ] = None,
     threads: Threads = None,
     workers: WorkerCount = None,
     cluster: ClusterAddress = None,
     strict: Annotated[
         bool,
-        typer.Option("--strict", help="Count warnings as errors: nothing is run, or the exit status is 2 after it."),
+        typer.Option(
+            "--strict", help="Treat warnings as errors: before the fit nothing is run, after it the exit status is 2."
+        ),
     ] = False,
     json: Json = False,
 ) -> None:
     """Fit a study and write a run folder.
 
-    Ctrl-C ends the search in order: the best values so far are judged and written, and the exit
-    status is 130. Whatever stops a run, `commonrail resume RUN` goes on with it.
+    Ctrl-C stops the search: the best values so far are scored and written, and the exit status is 130.
+    `commonrail resume RUN` resumes a run, however it was stopped.
 
     \b
     Example:

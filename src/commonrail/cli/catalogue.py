@@ -1,4 +1,4 @@
-"""commonrail catalogue: what fuels, injectors and parameters there are."""
+"""commonrail catalogue: list of fuels, injectors and parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["Section", "catalogue"]
 
 
 class Section(StrEnum):
-    """What can be listed."""
+    """Sections of the catalogue."""
 
     FUELS = "fuels"
     INJECTORS = "injectors"
@@ -22,9 +22,9 @@ class Section(StrEnum):
 
 
 def catalogue(
-    section: Annotated[Section | None, typer.Argument(help="All three if left out.")] = None,
+    section: Annotated[Section | None, typer.Argument(help="Section to be listed. [default: all three]")] = None,
     *,
-    search: Annotated[str, typer.Option(help="Only entries that contain this text.")] = "",
+    search: Annotated[str, typer.Option(help="Text that the listed entries contain. [default: all entries]")] = "",
     json: Json = False,
 ) -> None:
     """List fuels, injectors and parameters.

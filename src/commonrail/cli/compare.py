@@ -1,4 +1,4 @@
-"""commonrail compare: any models beside one another on any data."""
+"""commonrail compare: models side by side on any data, without fitting."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ def compare(
         list[str],
         typer.Argument(
             metavar="MODEL...",
-            help="One to eight: an injector's file, a name of the catalogue, or a run folder of calibrate. Before it "
-            "LABEL= names it; behind it @rigid, @regulated,volume … changes its variant.",
+            help="One to eight models: an injector file, a name of the catalogue, or a run folder of calibrate. LABEL= "
+            "in front names a model; @rigid, @regulated,volume … behind it changes its variant.",
         ),
     ],
     *,
-    data: Annotated[list[Path], typer.Option(metavar="STUDY.toml", help="Study whose data count; repeat it for more.")],
+    data: Annotated[list[Path], typer.Option(metavar="STUDY.toml", help="Study file whose data are used; repeatable.")],
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="New folder for report.html, comparison.json and traces.csv.")
     ] = None,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
-    """Set models beside one another on the data of studies.
+    """Compare models on the data of studies, without fitting.
 
-    Nothing is fitted: each model is simulated at every point of the data. What fails has no number, and
-    the last table says why. Without --out nothing is written.
+    Each model is simulated at every point of the data. A simulation that fails gives no number; the last
+    table lists its reason. Without --out nothing is written.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""What the verbs say: results on stdout, everything else on stderr."""
+"""Output of the verbs: results on stdout, everything else on stderr."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ WIDTH_OF_A_FILE = 160  # columns where stdout is no terminal
 
 def say(text: str) -> None:
     """Print a line for the person, on stderr."""
-    with suppress(OSError, ValueError, AttributeError):  # nobody listens any more: the work goes on
+    with suppress(OSError, ValueError, AttributeError):  # stderr is closed: continue the work
         typer.echo(text, err=True)
 
 
@@ -51,7 +51,7 @@ def compiling() -> Iterator[None]:
 
 
 def print_json(record: Mapping[str, Any]) -> None:
-    """Print one JSON object on stdout; it may not hold NaN."""
+    """Print one JSON object on stdout; it must not contain NaN."""
     typer.echo(json.dumps(record, indent=1, allow_nan=False))
 
 
@@ -67,7 +67,19 @@ def print_table(table: Table) -> None:
 def print_rows(
     columns: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", texts: int | None = None
 ) -> None:
-    """Print rows under their heads; all columns after the first `texts` hold numbers."""
+    """Print rows under their heads.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Heads.
+    rows : sequence of sequences of str
+        Cells.
+    title : str
+        Line above the heads, if any.
+    texts : int or None
+        Number of leading columns with text; those after them are numbers. None: all are text.
+    """
     from rich import box
     from rich.table import Table as Grid
 

@@ -28,10 +28,10 @@ MARKER = ".commonrail-demo"
 
 def demo(
     *,
-    out: Annotated[Path, typer.Option(help="Folder of the demo; a former demo is replaced.")],
+    out: Annotated[Path, typer.Option(help="Folder of the demo; an earlier demo in it is replaced.")],
     threads: Threads = None,
 ) -> None:
-    """Calibrate the paper's case and a real injector, repeat the paper's study, and print what came out."""
+    """Calibrate the paper's case and a real injector, repeat the paper's study, and print the results."""
     from commonrail.report.reproduction import verdicts
 
     begin = time.perf_counter()
@@ -62,7 +62,7 @@ def _cases_folder() -> Path:
 
 
 def _prepare(out: Path) -> None:
-    """Empty a former demo, and nothing else."""
+    """Remove an earlier demo, and nothing else."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         if not (out / MARKER).is_file():
             raise InputError(f"{out}: not a folder of the demo; name another with --out.")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["fleet"]
 
-TOLD = 20  # failures that are told as they come; the tables list all
+REPORTED = 20  # failures that are reported as they occur; the tables list all
 
 
 def fleet(
@@ -27,20 +27,20 @@ def fleet(
     *,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of the fleet, new or begun earlier; runs/<fleet> by default."),
+        typer.Option(metavar="DIR", help="Folder of the fleet, new or begun earlier. [default: runs/<fleet>]"),
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes; all processors by default. The result does not depend on it."),
+        typer.Option(min=1, help="Number of worker processes; does not change the result. [default: all processors]"),
     ] = None,
     cluster: ClusterAddress = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Try injectors again that failed.")] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Repeat failed injectors.")] = False,
     json: Json = False,
 ) -> None:
     """Calibrate every injector of a fleet, each to its own data.
 
-    The same command again goes on where the last one stopped, however it was stopped: finished injectors
-    are not calibrated again. What fails is listed with its reason and costs the others nothing.
+    Repeat the command to resume a fleet that was stopped: finished injectors are not calibrated again.
+    An injector that fails is listed with its reason and does not affect the others.
 
     \b
     Example:
@@ -61,7 +61,7 @@ def fleet(
     else:
         _print(run, report)
     if run.interrupted:
-        say(f"commonrail: interrupted; run the same command again to go on in {folder}.")
+        say(f"commonrail: interrupted; run the same command again to resume the fleet in {folder}.")
         raise typer.Exit(INTERRUPTED)
     if run.record["counts"]["failed"]:
         raise typer.Exit(SimulationError.exit_code)
@@ -77,7 +77,7 @@ def _command(file: Path, folder: Path) -> str:
 
 
 def _show(bar: Bar, p: FleetProgress) -> None:
-    if p.last.reason and p.failed <= TOLD:
+    if p.last.reason and p.failed <= REPORTED:
         bar.note(f"{p.last.name} failed: {p.last.reason}")
     speed = p.now / p.seconds if p.seconds > 0.0 else 0.0
     bar.show(Stage("injectors", p.done, p.total, f"{p.failed} failed, {speed:.2f} injectors/s"))

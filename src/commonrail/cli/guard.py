@@ -1,4 +1,4 @@
-"""What a verb does with an exception: one sentence on stderr and an exit status, no traceback."""
+"""Exceptions of the verbs: one sentence on stderr and an exit status, no traceback."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def guarded(verb: _Verb) -> _Verb:
         except KeyboardInterrupt:
             _end("interrupted.", INTERRUPTED)
         except BrokenPipeError:
-            raise  # the reader of our output has left; typer ends quietly
+            raise  # the reader of stdout has closed it; typer ends quietly
         except OSError as error:
             if error.errno in NO_ROOM:
                 place = error.filename or "standard output"

@@ -21,7 +21,7 @@ def new(
 ) -> None:
     """Write a small study to start from.
 
-    Its example curve is synthetic and says so.
+    Its example curve is synthetic and marked so.
 
     \b
     Example:

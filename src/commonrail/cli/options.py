@@ -32,20 +32,24 @@ __all__ = [
 ]
 
 
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object (SI units) on stdout, nothing else.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file.")]
-OutFile = Annotated[Path | None, typer.Option("--out", help="Write the course in time to this CSV.")]
-PlotFile = Annotated[Path | None, typer.Option("--plot", help="Draw the course into this HTML file.")]
+OutFile = Annotated[
+    Path | None,
+    typer.Option("--out", help="CSV file to be written with rate, lifts, pressures and current against time."),
+]
+PlotFile = Annotated[Path | None, typer.Option("--plot", help="HTML file to be written with the same as plots.")]
 Threads = Annotated[
     int | None,
-    typer.Option(min=1, help="Processors to use; all by default. The result does not depend on it."),
+    typer.Option(min=1, help="Number of threads; does not change the result. [default: all processors]"),
 ]
 WorkerCount = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Processes that simulate; for large populations.")
+    int | None,
+    typer.Option("--workers", min=1, help="Number of worker processes, for large populations. [default: none]"),
 ]
 ClusterAddress = Annotated[
     str | None,
-    typer.Option("--cluster", metavar="ADDRESS", help='Dask scheduler, such as tcp://host:8786, or "local".'),
+    typer.Option("--cluster", metavar="ADDRESS", help='Address of a Dask scheduler, e.g. tcp://host:8786, or "local".'),
 ]
 
 

@@ -1,4 +1,4 @@
-"""Progress of long work on stderr: a bar in a terminal, a line now and then in a file."""
+"""Progress of long work on stderr: a bar in a terminal, lines in a file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STARTING = "starting"
 
 
 class Stage(NamedTuple):
-    """How far the work is: what is being done, steps done and in all, and figures for the person."""
+    """Progress of the work: phase, steps done, steps in all, and figures as text."""
 
     phase: str
     done: int

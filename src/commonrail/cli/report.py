@@ -21,7 +21,7 @@ def report(
 ) -> None:
     """Make the report of a run folder again.
 
-    RUN/report.html holds all that it shows: it opens without a network.
+    RUN/report.html is self-contained: it opens without a network.
 
     \b
     Example:

@@ -23,16 +23,19 @@ TRUTH = "virtual-lino-2016"
 def reproduce(
     *,
     seeds: Annotated[
-        int | None, typer.Option(min=1, max=1000, help=f"Repetitions, seeds 1 to N; {SEEDS} by default.")
+        int | None, typer.Option(min=1, max=1000, help=f"Number of repetitions, with seeds 1 to N. [default: {SEEDS}]")
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help=f"{QUICK_SEEDS} repetitions, which tell what all or all but one agree on.")
+        bool,
+        typer.Option(
+            "--quick", help=f"Use {QUICK_SEEDS} repetitions: enough for claims on which all or all but one agree."
+        ),
     ] = False,
     truth: Annotated[
-        str, typer.Option(metavar="TRUTH", help="Name of a truth of the bench, or a TOML file of one.")
+        str, typer.Option(metavar="TRUTH", help="Truth of the virtual test bench: a name of its list, or a TOML file.")
     ] = TRUTH,
     out: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="New run folder; runs/reproduce-<n> by default.")
+        Path | None, typer.Option(metavar="RUN", help="New run folder. [default: runs/reproduce-<n>]")
     ] = None,
     threads: Threads = None,
     json: Json = False,
@@ -40,8 +43,8 @@ def reproduce(
     """Rerun the experiments of Lino et al. (2016) and judge the paper's claims.
 
     The paper's measurements are not published: each repetition takes a new synthetic measurement from
-    the virtual test bench and searches anew. The run folder holds reproduce.json (every number),
-    traces.csv, figures for print, and report.html.
+    the virtual test bench and repeats the search. The run folder contains reproduce.json (all numbers),
+    traces.csv, plots for print, and report.html.
 
     \b
     Examples:

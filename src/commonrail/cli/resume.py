@@ -1,4 +1,4 @@
-"""commonrail resume: go on with a run that was stopped, or add generations to one that was finished."""
+"""commonrail resume: resume a stopped run, or extend a finished one by generations."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ __all__ = ["resume"]
 
 
 def resume(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder; it may have been moved or copied.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder, which may have been moved or copied.")],
     *,
     generations: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Add so many generations to those of the study.")
+        int, typer.Option(min=0, metavar="N", help="Number of generations to add to those of the run.")
     ] = 0,
     as_begun: Annotated[
-        bool, typer.Option("--as-begun", help="Go on although the files that were copied into RUN have changed since.")
+        bool, typer.Option("--as-begun", help="Use the copies in RUN although the files outside have changed since.")
     ] = False,
     threads: Threads = None,
     workers: WorkerCount = None,
     cluster: ClusterAddress = None,
     json: Json = False,
 ) -> None:
-    """Go on with a run that was stopped, or lengthen one.
+    """Resume a stopped run, or extend a finished one.
 
-    It may have been stopped by Ctrl-C, a crash, a power cut or a full disk: the result is that of a run
-    that was never stopped, to the last bit. A finished run is written anew, or goes on with
-    --generations.
+    A run may be stopped by Ctrl-C, a crash, a power cut or a full disk. The result of the resumed run has
+    the same bits as that of a run that was never stopped. Of a finished run the results are written again;
+    --generations extends it.
 
     \b
     Example:

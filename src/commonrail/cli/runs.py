@@ -21,14 +21,13 @@ _DAY = 86400.0
 
 
 def runs(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that holds run folders.")] = Path("runs"),
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with run folders in it.")] = Path("runs"),
     *,
     json: Json = False,
 ) -> None:
     """List runs with state, best objective and age.
 
-    A run that is "stopped" was killed; `commonrail resume` goes on with it, as with one that is
-    interrupted or failed.
+    "stopped" means killed. `commonrail resume` resumes runs that are stopped, interrupted or failed.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""commonrail simulate: one injection, in figures, as a table of courses or drawn."""
+"""commonrail simulate: one injection as figures, as a table of time series, as a plot."""
 
 from __future__ import annotations
 
@@ -23,42 +23,56 @@ from commonrail.files.atomic import write_text, writing
 from commonrail.units import parse
 
 if TYPE_CHECKING:
-    from commonrail.cli.course import Run
+    from commonrail.cli.injection import Run
 
 __all__ = ["simulate"]
 
 
 def simulate(
-    injector: Annotated[str, typer.Argument(help="File of an injector, or a name of the catalogue.")],
+    injector: Annotated[str, typer.Argument(help="Injector file, or a name of the catalogue.")],
     *,
-    rail_pressure: Annotated[str, typer.Option(help="With its unit, such as 160MPa.")],
+    rail_pressure: Annotated[str, typer.Option(help="Rail pressure, e.g. 160MPa.")],
     energising_time: Annotated[
-        str | None, typer.Option(help="Of a single injection from t = 0, such as 700us.")
+        str | None, typer.Option(help="Energising time of a single injection from t = 0, e.g. 700us.")
     ] = None,
     energising: Annotated[
         list[str] | None,
-        typer.Option(metavar="START:DURATION", help="One of several injections; repeat it."),
+        typer.Option(
+            metavar="START:DURATION",
+            help="Start and energising time of one of several injections, e.g. 900us:600us; repeatable.",
+        ),
     ] = None,
-    cylinder_pressure: Annotated[str, typer.Option(help="Behind the nozzle.")] = "5MPa",
-    return_pressure: Annotated[str, typer.Option(help="At the end of the return line.")] = "0.5MPa",
+    cylinder_pressure: Annotated[str, typer.Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
+    return_pressure: Annotated[
+        str, typer.Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")
+    ] = "0.5MPa",
     horizon: Annotated[
-        str | None, typer.Option(help="Time simulated; 2.5 ms after the last energising by default.")
+        str | None, typer.Option(help="End of the simulation, e.g. 4ms. [default: 2.5ms after the last energising]")
     ] = None,
     set_: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
             metavar="PATH=VALUE",
-            help="Change a parameter: a value with its unit or an SI number; repeat it.",
+            help="Value of a parameter, with its unit or as an SI number; repeatable.",
         ),
     ] = None,
-    variant: Annotated[Body | None, typer.Option(help="Body, if not the file's.")] = None,
+    variant: Annotated[
+        Body | None, typer.Option(help="Body of plunger and needle. [default: as in the injector file]")
+    ] = None,
     engine: Annotated[
-        Engine, typer.Option(help="Fast with a fixed step (cuda: on an NVIDIA GPU), or slow with error control.")
+        Engine,
+        typer.Option(
+            help="Engine: lanes and cuda (NVIDIA GPU) are fast with a fixed step, reference is slow with error control."
+        ),
     ] = Engine.LANES,
-    time_step: Annotated[str, typer.Option(help="Of the fast engines.")] = "1us",
+    time_step: Annotated[str, typer.Option(help="Time step of lanes and cuda, e.g. 1us.")] = "1us",
     precision: Annotated[
-        Precision, typer.Option(help="Of the fast engines: f32 pays for populations, here it shows its rounding.")
+        Precision,
+        typer.Option(
+            help="Precision of lanes and cuda. f32 is for large populations; for one injection it only adds "
+            "rounding error."
+        ),
     ] = Precision.F64,
     out: OutFile = None,
     plot: PlotFile = None,
@@ -70,14 +84,14 @@ def simulate(
     Examples:
       commonrail simulate virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us
       commonrail simulate my.toml --rail-pressure 1200bar --energising 0us:200us \\
-          --energising 900us:600us --set plunger_needle.k1=303N/um --out course.csv
+          --energising 900us:600us --set plunger_needle.k1=303N/um --out injection.csv
     """
-    from commonrail.cli import course
+    from commonrail.cli import injection
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.files.injector_file import load_injector
 
     if engine is Engine.REFERENCE and precision is not Precision.F64:
-        raise InputError("--precision f32: the reference computes in f64 alone; leave this option or --engine away.")
+        raise InputError("--precision f32: the reference engine computes in f64 only; omit --precision or --engine.")
     check_file(out, "--out")
     check_file(plot, "--plot")
     point = OperatingPoint(
@@ -88,29 +102,29 @@ def simulate(
         horizon=None if horizon is None else parse(horizon, "s", "--horizon"),
     )
     step = parse(time_step, "s", "--time-step")
-    chosen = course.with_body(with_overrides(load_injector(injector), set_ or []), variant)
+    chosen = injection.with_body(with_overrides(load_injector(injector), set_ or []), variant)
     begin = time.perf_counter()
-    solution = course.solve(chosen, point, course.Settings(engine, step, precision))
-    run = course.Run(chosen, point, solution, step, time.perf_counter() - begin, precision)
+    solution = injection.solve(chosen, point, injection.Settings(engine, step, precision))
+    run = injection.Run(chosen, point, solution, step, time.perf_counter() - begin, precision)
     files = _write(run, out, plot)
     if json:
-        print_json(course.record(run) | {"files": files})
+        print_json(injection.record(run) | {"files": files})
     else:
-        print_pairs(course.figures(run), course.heading(run))
+        print_pairs(injection.figures(run), injection.heading(run))
     for path in files:
         say(f"wrote {path}")
 
 
 def _write(run: Run, out: Path | None, plot: Path | None) -> list[str]:
-    from commonrail.cli import course
+    from commonrail.cli import injection
 
     if out is not None:
         with writing(out, "--out"):
-            course.write_csv(run, out)
+            injection.write_csv(run, out)
     if plot is not None:
         from commonrail.report.simulation import simulation_figure
 
         with writing(plot, "--plot"):
-            page = simulation_figure(run.solution, course.heading(run))
+            page = simulation_figure(run.solution, injection.heading(run))
             write_text(plot, page)
     return [str(path) for path in (out, plot) if path is not None]

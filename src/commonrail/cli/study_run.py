@@ -1,4 +1,4 @@
-"""Calibrate a study into a run folder, or go on with one: progress, result, report."""
+"""Calibration of a study into a run folder, and its resumption: progress, result, report."""
 
 from __future__ import annotations
 
@@ -32,14 +32,26 @@ class Outcome(NamedTuple):
 
     @property
     def interrupted(self) -> bool:
-        """Whether the user stopped the search."""
+        """Return whether the search was stopped by a signal."""
         return bool(self.record["status"] == "interrupted")
 
 
 def run_study(
     study: Study, folder: Path, threads: int | None, workers: Workers | None = None, *, strict: bool = False
 ) -> Outcome:
-    """Calibrate a study into a new folder, telling progress and warnings on stderr.
+    """Calibrate a study into a new folder, with progress and warnings on stderr.
+
+    Parameters
+    ----------
+    study : Study
+    folder : Path
+        New or empty.
+    threads : int or None
+        None: all processors.
+    workers : Workers or None
+        Who simulates; None: this process.
+    strict : bool
+        Treat warnings as errors.
 
     Raises
     ------
@@ -48,7 +60,7 @@ def run_study(
     OutputError
         If it cannot be written.
     StudyError
-        If the study cannot be run, or is `strict` and gives a warning; the folder is taken away again if nothing was
+        If the study cannot be run, or is `strict` and gives a warning; the folder is removed if nothing was
         simulated.
     """
     from commonrail.store.run import calibrate_into
@@ -65,7 +77,20 @@ def run_study(
 def resume_study(
     folder: Path, *, generations: int, as_begun: bool, threads: int | None, workers: Workers | None
 ) -> Outcome:
-    """Go on with a run, telling the progress on stderr.
+    """Resume a run, with its progress on stderr.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    generations : int
+        Number to be added.
+    as_begun : bool
+        Accept files outside the folder that have changed.
+    threads : int or None
+        None: all processors.
+    workers : Workers or None
+        Who simulates; None: this process.
 
     Raises
     ------
@@ -74,12 +99,12 @@ def resume_study(
     """
     from commonrail.store.run import resume
 
-    def go_on(listener: Listener) -> Calibration:
+    def resumed(listener: Listener) -> Calibration:
         return resume(
             folder, generations=generations, as_begun=as_begun, threads=threads, workers=workers, listener=listener
         )
 
-    return _told(f"going on with {folder}", folder, go_on)
+    return _told(f"resuming {folder}", folder, resumed)
 
 
 def _told(title: str, folder: Path, work: Callable[[Listener], Calibration]) -> Outcome:
@@ -95,7 +120,15 @@ def _told(title: str, folder: Path, work: Callable[[Listener], Calibration]) -> 
 
 
 def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None:
-    """Print a run's figures; exit status 130 if the user stopped it.
+    """Print the figures of a run; exit status 130 if it was stopped.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    json : bool
+        Print the record instead of tables.
+    strict : bool
+        Treat warnings as errors.
 
     Raises
     ------
@@ -118,7 +151,7 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
     if outcome.interrupted:
         say(
             f"commonrail: interrupted; the best values so far are in {outcome.folder}. "
-            f"`commonrail resume {outcome.folder}` goes on."
+            f"`commonrail resume {outcome.folder}` resumes the run."
         )
         raise typer.Exit(INTERRUPTED)
     if strict and warnings:

@@ -1,4 +1,4 @@
-"""commonrail validate: judge an injector on the data of a study, without fitting anything."""
+"""commonrail validate: errors of an injector on the data of a study, without fitting."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ __all__ = ["validate"]
 def validate(
     study: StudyFile,
     *,
-    injector: Annotated[str | None, typer.Option(help="File of an injector, or a name of the catalogue.")] = None,
-    run: Annotated[Path | None, typer.Option(metavar="RUN", help="Run folder, for its calibrated.toml.")] = None,
+    injector: Annotated[str | None, typer.Option(help="Injector file, or a name of the catalogue.")] = None,
+    run: Annotated[Path | None, typer.Option(metavar="RUN", help="Run folder whose calibrated.toml is used.")] = None,
     json: Json = False,
 ) -> None:
-    """Judge an injector on a study's data.
+    """Compute the errors of an injector on a study's data.
 
     \b
     Examples:
@@ -62,7 +62,7 @@ def _source(injector: str | None, run: Path | None) -> str | Path:
     if injector is not None and run is None:
         return injector
     if run is None or injector is not None:
-        raise InputError("Give either --injector FILE or --run RUN: what is to be judged.")
+        raise InputError("Give either --injector FILE or --run RUN.")
     path = run / "calibrated.toml"
     if not path.is_file():
         raise InputError(f"{run}: no calibrated.toml there; name a folder of commonrail calibrate.")

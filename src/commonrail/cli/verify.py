@@ -1,4 +1,4 @@
-"""commonrail verify: check the simulation against itself, closed forms and figures from outside."""
+"""commonrail verify: both engines against each other, closed forms and figures of another program."""
 
 from __future__ import annotations
 
@@ -21,16 +21,14 @@ FAILED = 1
 
 def verify(
     *,
-    injector: Annotated[
-        str, typer.Option(help="File of an injector, or a name of the catalogue.")
-    ] = "virtual-lino-2016",
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer pressures and candidates.")] = False,
+    injector: Annotated[str, typer.Option(help="Injector file, or a name of the catalogue.")] = "virtual-lino-2016",
+    quick: Annotated[bool, typer.Option("--quick", help="Use fewer pressures and candidates.")] = False,
     json: Json = False,
 ) -> None:
     """Run the verification study.
 
-    The fast engine against the reference, and both against closed forms and a program outside the
-    project; each check has its limit and its margin. The exit status is 1 if a check fails.
+    Compares the fast engine with the reference, and both with closed forms and with figures of a program
+    outside the project. Each check has a limit and a margin. The exit status is 1 if a check fails.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""commonrail virtual-bench: make the synthetic curves of the paper's case, and show what is behind them."""
+"""commonrail virtual-bench: synthetic injection curves of the paper's case, and their truth."""
 
 from __future__ import annotations
 
@@ -17,21 +17,23 @@ TRUTH = "virtual-lino-2016"
 
 
 def virtual_bench(
-    folder: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder of the case.")] = None,
+    folder: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder for the case.")] = None,
     *,
     truth: Annotated[
-        str, typer.Option(metavar="TRUTH", help="Name of a truth of the bench, or a TOML file of one.")
+        str, typer.Option(metavar="TRUTH", help="Truth of the virtual test bench: a name of its list, or a TOML file.")
     ] = TRUTH,
-    seed: Annotated[int, typer.Option(min=0, help="Of scatter and noise.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of scatter and noise.")] = 1,
     list_: Annotated[bool, typer.Option("--list", help="List the truths that ship with commonrail.")] = False,
-    show: Annotated[bool, typer.Option("--show", help="Print the truth's file, to copy and change.")] = False,
+    show: Annotated[
+        bool, typer.Option("--show", help="Print the file of the truth, to be copied and changed.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Make the synthetic curves of the paper's case.
 
-    The paper's measurements are not published. Curves of a hidden, richer injector, seen through
-    sensors, stand in for them in DIR/data. The hidden injector, its scatter and the sensors are the
-    declared truth of the bench.
+    The paper's measurements are not published. They are replaced by curves of a hidden, richer injector,
+    measured by modelled sensors and written to DIR/data. The hidden injector, its scatter and the sensors
+    are the declared truth of the bench.
 
     \b
     Examples:

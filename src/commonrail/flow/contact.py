@@ -18,11 +18,20 @@ class Contact(NamedTuple):
 
 @physics
 def contact(depth: float, stiffness: float, damping_factor: float) -> Contact:
-    """Force between two bodies that overlap by `depth` [m], zero when they are apart.
+    """Force between two bodies that overlap, zero when they are apart.
 
     F = k δ (1 + β δ̇) (Hunt & Crossley 1975, doi:10.1115/1.3423596): the damping grows with the overlap,
-    so the force does not jump at touch. Here k δ and k δ β are returned apart, the step being implicit
-    in the second. β [s/m] is about 1.5 (1 − restitution)/speed.
+    so the force does not jump at touch. k δ and k δ β are returned apart, because the step is implicit
+    in the second.
+
+    Parameters
+    ----------
+    depth : float
+        Overlap δ [m], negative where the bodies are apart; small against their size.
+    stiffness : float
+        k [N/m], > 0.
+    damping_factor : float
+        β [s/m], ≥ 0: about 1.5 (1 − restitution)/speed.
     """
     elastic = stiffness * max(depth, 0.0)
     return Contact(elastic, elastic * damping_factor)
@@ -33,6 +42,13 @@ def mean_overlap(depth: float, move: float) -> float:
     """Mean of max(δ, 0) [m] over a path from `depth` − `move` to `depth` + `move`, weighted 1 − |s| as leapfrog does.
 
     Midpoint rule on the four quarters of the path: exact where the bodies touch or part at none of them.
+
+    Parameters
+    ----------
+    depth : float
+        Overlap δ in the middle of the path [m].
+    move : float
+        Half the path [m]; its sign does not matter.
     """
     near = max(depth - 0.25 * move, 0.0) + max(depth + 0.25 * move, 0.0)
     far = max(depth - 0.75 * move, 0.0) + max(depth + 0.75 * move, 0.0)
@@ -64,7 +80,7 @@ def contact_over_step(
     speed : float
         dδ/dt, half a step before [m/s].
     outer : float
-        All other forces on the mass, positive when they increase the overlap [N].
+        All other forces on the mass [N], positive when they increase the overlap.
     per_mass : float
         1/m [1/kg].
     law : (float, float)

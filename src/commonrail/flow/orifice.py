@@ -29,7 +29,7 @@ class Flow(NamedTuple):
 
 @physics
 def square(x: float) -> float:
-    """x², which for absurd values is infinite and no error in Python either."""
+    """x², infinite where it overflows: Python's own x**2 would raise."""
     return x * x
 
 
@@ -65,9 +65,9 @@ def jet(drive: float, density: float, offset: float) -> Jet:
     drive : float
         (c_d A)² Δp [m⁴ Pa]; its sign is that of the flow.
     density : float
-        Of the upstream fluid [kg/m³].
+        ρ of the upstream fluid [kg/m³], > 0.
     offset : float
-        q_h of `laminar_offset` [kg/s], greater than zero.
+        q_h of `laminar_offset` [kg/s], > 0.
     """
     root = math.sqrt(offset * offset + 2.0 * density * abs(drive))
     magnitude = root - offset
@@ -76,17 +76,40 @@ def jet(drive: float, density: float, offset: float) -> Jet:
 
 @physics
 def orifice(drive: float, gain: float, density: float, offset: float) -> Flow:
-    """`jet` with its slope; `gain` is d(drive)/dp [m⁴]."""
+    """Mass flow through an orifice as of `jet`, with its slope.
+
+    Parameters
+    ----------
+    drive : float
+        (c_d A)² Δp [m⁴ Pa]; its sign is that of the flow.
+    gain : float
+        d(drive)/dp [m⁴]: (c_d A)², or zero where the flow does not depend on that pressure.
+    density : float
+        ρ of the upstream fluid [kg/m³], > 0.
+    offset : float
+        q_h of `laminar_offset` [kg/s], > 0.
+    """
     flow = jet(drive, density, offset)
     return Flow(flow.mass_flow, density * gain / flow.root)
 
 
 @physics
 def choked(drive: float, gain: float, choked_drive: float, choked_gain: float) -> tuple[float, float]:
-    """Limit a forward drive to what the vapour pressure in the contraction lets through.
+    """Drive [m⁴ Pa] and gain [m⁴] of an orifice, limited by cavitation in its contraction.
 
     A cavitating orifice passes q = C_c A sqrt(2 ρ (p₁ − p_v)) whatever the pressure behind it
-    (Nurick 1976, doi:10.1115/1.3448452). `choked_drive` is (C_c A)² (p₁ − p_v).
+    (Nurick 1976, doi:10.1115/1.3448452). Reverse flow (negative drive) is not limited.
+
+    Parameters
+    ----------
+    drive : float
+        (c_d A)² Δp without cavitation [m⁴ Pa].
+    gain : float
+        Its derivative in the pressure of interest [m⁴].
+    choked_drive : float
+        (C_c A)² (p₁ − p_v) [m⁴ Pa].
+    choked_gain : float
+        Its derivative in the same pressure [m⁴].
     """
     limited = drive > choked_drive
     return (choked_drive if limited else drive), (choked_gain if limited else gain)
@@ -94,5 +117,11 @@ def choked(drive: float, gain: float, choked_drive: float, choked_gain: float) -
 
 @physics
 def series(first: float, second: float) -> float:
-    """(c_d A)² of two orifices one behind the other [m⁴]; zero when either is shut."""
+    """(c_d A)² of two orifices one behind the other [m⁴]; zero when either is shut.
+
+    Parameters
+    ----------
+    first, second : float
+        (c_d A)² of each [m⁴], ≥ 0, not both zero.
+    """
     return first * second / (first + second)

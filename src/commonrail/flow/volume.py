@@ -20,7 +20,13 @@ __all__ = ["mean_departure", "relaxation"]
 
 @physics
 def relaxation(y: float) -> float:
-    """φ1(y) = (1 + y/6)/(1 + 2y/3 + y²/6) ≈ (1 − e^(−y))/y for y ≥ 0: end-of-step change per dt·rate [1]."""
+    """φ1(y) = (1 + y/6)/(1 + 2y/3 + y²/6) ≈ (1 − e^(−y))/y: change over a step, divided by dt times its first rate [1].
+
+    Parameters
+    ----------
+    y : float
+        Step over relaxation time [1], ≥ 0.
+    """
     return (1.0 + y * (1.0 / 6.0)) / (1.0 + y * (2.0 / 3.0 + y * (1.0 / 6.0)))
 
 
@@ -31,13 +37,15 @@ def mean_departure(net_flow: float, slope: float, stiffness: float, volume: floa
     Parameters
     ----------
     net_flow : float
-        Σ q at the start of the step [kg/s], less ρ dV/dt where the volume grows.
+        Σ q at the start of the step [kg/s], positive into the volume.
     slope : float
         S = −∂(Σ q)/∂p ≥ 0 [kg/(s Pa)].
     stiffness : float
         dp/dρ = K/ρ [Pa m³/kg].
-    volume, growth : float
-        Mid-step volume [m³]; `growth` is ρ dV/dt [kg/s], taken off the net flow.
+    volume : float
+        V in mid-step [m³], > 0.
+    growth : float
+        ρ dV/dt [kg/s], subtracted from the net flow.
     dt : float
         Step [s].
     """

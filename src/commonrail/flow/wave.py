@@ -16,18 +16,42 @@ __all__ = ["friction_resistance", "impedance", "pipe_area"]
 
 @physics
 def pipe_area(diameter: float) -> float:
-    """Cross-section of a round bore [m²]."""
+    """Cross-section A of a round bore [m²].
+
+    Parameters
+    ----------
+    diameter : float
+        D [m].
+    """
     return 0.25 * pi * diameter * diameter
 
 
 @physics
 def impedance(sound_speed: float, area: float) -> float:
-    """a/A, pressure per mass flow of a travelling wave [Pa s/kg] (Joukowsky: Δp = ρ a Δu)."""
+    """Z = a/A, pressure per mass flow of a travelling wave [Pa s/kg] (Joukowsky: Δp = ρ a Δu).
+
+    Parameters
+    ----------
+    sound_speed : float
+        a [m/s].
+    area : float
+        A [m²], > 0.
+    """
     return sound_speed / area
 
 
 @physics
 def friction_resistance(friction_factor: float, length: float, diameter: float, density: float) -> float:
-    """f L/(2 D ρ A²) [Pa s²/kg²]: pressure loss of the whole pipe per q|q|, Darcy's f as in Eq. (6)."""
+    """f L/(2 D ρ A²), pressure loss of the whole pipe per q|q| in Eq. (6) [Pa s²/kg²].
+
+    Parameters
+    ----------
+    friction_factor : float
+        Darcy's f [1], ≥ 0, constant.
+    length, diameter : float
+        L and D of the pipe [m].
+    density : float
+        ρ [kg/m³], constant along the pipe.
+    """
     area = pipe_area(diameter)
     return friction_factor * length / (2.0 * diameter * density * area * area)

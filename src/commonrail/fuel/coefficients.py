@@ -1,4 +1,4 @@
-"""From a fuel at one temperature to the polynomials of the hot loop.
+"""Polynomials of the hot loop, fitted to a fuel at one temperature.
 
 Least squares over Chebyshev-distributed pressures from zero to 1.4 times the fuel's range. Every
 engine uses these polynomials, so their distance from the laws is a modelling error, not a
@@ -89,7 +89,17 @@ def _fitted(fuel: Fuel, temperature: float) -> FuelCoefficients:
 
 
 def polynomial_errors(fuel: Fuel, temperature: float, coefficients: FuelCoefficients) -> PolynomialErrors:
-    """Measure polynomials against the laws they were made from, at 101 pressures of the range."""
+    """Measure polynomials against the laws they were made from, at 101 pressures of the range.
+
+    Parameters
+    ----------
+    fuel : Fuel
+        The laws.
+    temperature : float
+        Temperature [K], inside the fuel's range.
+    coefficients : FuelCoefficients
+        The polynomials.
+    """
     f = coefficients
     p = np.linspace(*fuel.pressure_range, 101)
     s = p * 1e-8

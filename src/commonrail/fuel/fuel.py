@@ -74,8 +74,7 @@ class Fuel:
     d(rho)/dp = rho/K. Either way K = rho dp/d(rho) holds exactly.
 
     Below `pressure_range` the moduli and the viscosity are held at the values of its lower end, so
-    that all stay positive and density stays monotone in tension; above it the laws go on as they
-    are.
+    that all stay positive and density stays monotone in tension; above it the laws are extrapolated.
 
     Attributes
     ----------

@@ -2,9 +2,8 @@
 
 The state of every volume is a density, so pressure is a polynomial of density, and dp/d(rho) is its
 exact derivative: mass then neither appears nor drifts. In tension (below the density at zero
-pressure) pressure goes on along the tangent, so it stays monotone at any density. The coefficients
-come from `commonrail.fuel.coefficients.fuel_coefficients`, which states how far they are from the
-fuel's laws.
+pressure) pressure continues along the tangent, so it stays monotone at any density. The coefficients
+come from `commonrail.fuel.coefficients.fuel_coefficients`, which states their error against Eq. (2).
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ class FuelCoefficients(NamedTuple):
 
 
 class PressureAndStiffness(NamedTuple):
-    """What a lumped volume needs at each step."""
+    """Pressure of a lumped volume and its slope."""
 
     pressure: float
     """Pressure [Pa]."""
@@ -67,20 +66,40 @@ class PressureAndStiffness(NamedTuple):
 
 @physics
 def pressure(f: FuelCoefficients, rho: float) -> float:
-    """Return the pressure [Pa] at a density [kg/m3]."""
+    """Return the pressure [Pa] at a density, negative in tension.
+
+    Parameters
+    ----------
+    f : FuelCoefficients
+        Fuel at one temperature.
+    rho : float
+        Density ρ [kg/m3], > 0; fitted up to 1.4 times the fuel's range of pressure.
+    """
     return _pressure_of_strain(f, rho * f.inverse_reference_density - 1.0)
 
 
 @physics
 def stiffness(f: FuelCoefficients, rho: float) -> float:
-    """Return dp/d(rho) = K/rho [Pa m3/kg], the exact derivative of `pressure`; isothermal."""
+    """Return dp/d(rho) = K/rho [Pa m3/kg], the exact derivative of `pressure`; isothermal.
+
+    Parameters
+    ----------
+    f, rho
+        As in `pressure`.
+    """
     x = rho * f.inverse_reference_density - 1.0
     return _slope_of_strain(f, x) * f.inverse_reference_density
 
 
 @physics
 def pressure_and_stiffness(f: FuelCoefficients, rho: float) -> PressureAndStiffness:
-    """Return `pressure` and `stiffness` at a density [kg/m3], without a division."""
+    """Return `pressure` and `stiffness` at a density, without a division.
+
+    Parameters
+    ----------
+    f, rho
+        As in `pressure`.
+    """
     x = rho * f.inverse_reference_density - 1.0
     c = max(x, 0.0)
     # Horner's scheme for the polynomial and, in step with it, for its derivative
@@ -96,10 +115,15 @@ def pressure_and_stiffness(f: FuelCoefficients, rho: float) -> PressureAndStiffn
 
 @physics
 def density(f: FuelCoefficients, p: float) -> float:
-    """Return the density [kg/m3] at a pressure [Pa]: the inverse of `pressure`.
+    """Return the density [kg/m3] at a pressure: the inverse of `pressure`, by three Newton steps from a quartic guess.
 
-    Three Newton steps from a quartic guess. To rounding up to 350 MPa (1.4 times the fuel's range)
-    and in tension, where the polynomial is a line; within 1e-10 up to 400 MPa.
+    Parameters
+    ----------
+    f : FuelCoefficients
+        Fuel at one temperature.
+    p : float
+        Pressure p [Pa]. Exact to rounding up to 350 MPa (1.4 times the fuel's range) and in tension, where the
+        polynomial is a line; within 1e-10 up to 400 MPa.
     """
     s = max(p, 0.0) * _PER_100_MPA
     start = s * (f.d1 + s * (f.d2 + s * (f.d3 + s * f.d4)))
@@ -109,20 +133,42 @@ def density(f: FuelCoefficients, p: float) -> float:
 
 @physics
 def fluidity(f: FuelCoefficients, p: float) -> float:
-    """Return the inverse kinematic viscosity [s/m2] at a pressure [Pa]; constant in tension and above 300 MPa."""
+    """Return the inverse kinematic viscosity [s/m2] at a pressure, 1/ν of Eq. (2).
+
+    Parameters
+    ----------
+    f : FuelCoefficients
+        Fuel at one temperature.
+    p : float
+        Pressure p [Pa]; the result is constant in tension and above 300 MPa.
+    """
     s = min(max(p * _PER_100_MPA, 0.0), 3.0)
     return f.u0 + s * (f.u1 + s * (f.u2 + s * (f.u3 + s * (f.u4 + s * f.u5))))
 
 
 @physics
 def kinematic_viscosity(f: FuelCoefficients, p: float) -> float:
-    """Return the kinematic viscosity [m2/s] at a pressure [Pa]."""
+    """Return the kinematic viscosity [m2/s] at a pressure, ν of Eq. (2).
+
+    Parameters
+    ----------
+    f, p
+        As in `fluidity`.
+    """
     return 1.0 / fluidity(f, p)
 
 
 @physics
 def sound_speed(f: FuelCoefficients, rho: float) -> float:
-    """Return the isentropic speed of sound [m/s] at a density [kg/m3]: a^2 = K_S/rho."""
+    """Return the isentropic speed of sound [m/s] at a density, a of Eq. (6): a^2 = K_S/rho.
+
+    Parameters
+    ----------
+    f : FuelCoefficients
+        Fuel at one temperature.
+    rho : float
+        Density ρ [kg/m3], > 0; in tension the ratio of the moduli is that at zero pressure.
+    """
     state = pressure_and_stiffness(f, rho)
     s = max(state.pressure, 0.0) * _PER_100_MPA
     return math.sqrt(state.stiffness * (f.r0 + s * (f.r1 + s * f.r2)))
@@ -130,6 +176,15 @@ def sound_speed(f: FuelCoefficients, rho: float) -> float:
 
 @physics
 def _pressure_of_strain(f: FuelCoefficients, x: float) -> float:
+    """Pressure [Pa] at a strain.
+
+    Parameters
+    ----------
+    f : FuelCoefficients
+        Fuel at one temperature.
+    x : float
+        Strain ρ/ρ0 − 1 [1], > −1.
+    """
     c = max(x, 0.0)
     bend = c * (f.p2 + c * (f.p3 + c * (f.p4 + c * (f.p5 + c * (f.p6 + c * f.p7)))))
     return f.p1 * x + c * bend
@@ -137,6 +192,13 @@ def _pressure_of_strain(f: FuelCoefficients, x: float) -> float:
 
 @physics
 def _slope_of_strain(f: FuelCoefficients, x: float) -> float:
+    """Derivative of `_pressure_of_strain` [Pa].
+
+    Parameters
+    ----------
+    f, x
+        As in `_pressure_of_strain`.
+    """
     c = max(x, 0.0)
     high = 5.0 * f.p5 + c * (6.0 * f.p6 + c * (7.0 * f.p7))
     return f.p1 + c * (2.0 * f.p2 + c * (3.0 * f.p3 + c * (4.0 * f.p4 + c * high)))
@@ -144,4 +206,15 @@ def _slope_of_strain(f: FuelCoefficients, x: float) -> float:
 
 @physics
 def _newton(f: FuelCoefficients, x: float, p: float) -> float:
+    """Strain [1] after one Newton step towards a pressure.
+
+    Parameters
+    ----------
+    f : FuelCoefficients
+        Fuel at one temperature.
+    x : float
+        Strain ρ/ρ0 − 1 [1] before.
+    p : float
+        Pressure to be reached [Pa].
+    """
     return x - (_pressure_of_strain(f, x) - p) / _slope_of_strain(f, x)

@@ -28,12 +28,12 @@ _NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 
 
 def scaled_temperature(temperature: ArrayLike) -> Array:
-    """Return (T - 353.15 K)/(40 K), the variable of every coefficient polynomial."""
+    """Return (T - 353.15 K)/(40 K), the variable of every coefficient polynomial, for a temperature T [K]."""
     return (np.asarray(temperature, dtype=np.float64) - TEMPERATURE_ORIGIN) / TEMPERATURE_SCALE
 
 
 def coefficient(polynomial: Sequence[float], temperature: ArrayLike) -> Array:
-    """Return K(T) of a polynomial, ascending, in the scaled temperature."""
+    """Return K(T) of a polynomial, ascending, in the scaled temperature of T [K]."""
     return np.asarray(polyval(scaled_temperature(temperature), np.asarray(polynomial)))
 
 
@@ -52,22 +52,45 @@ def saturating_law(p: ArrayLike, k1: Array, k2: Array, k3: Array, k4: Array) -> 
 
 
 def saturating_slope(p: ArrayLike, k2: Array, k3: Array, k4: Array) -> Array:
-    """Return the derivative of `saturating_law` with respect to pressure, for p > 0."""
+    """Return the derivative of `saturating_law` with respect to pressure.
+
+    Parameters
+    ----------
+    p : array_like
+        Pressure, > 0, in the unit that the coefficients were fitted in.
+    k2, k3, k4 : arrays
+        Coefficients at the wanted temperature, as in `saturating_law`.
+    """
     p = np.asarray(p, dtype=np.float64)
     rise = (1.0 - _bracket(p, k2)) / np.where(k2 > 0.0, k2, np.inf)
     return np.asarray(k3 * p**k4 * (rise + _bracket(p, k2) * k4 / p))
 
 
 def power_law(p: ArrayLike, k1: Array, k2: Array, k3: Array) -> Array:
-    """Return K1 + K2 p^K3, the kinematic viscosity of Eq. (2), for p >= 0."""
+    """Return K1 + K2 p^K3, the kinematic viscosity of Eq. (2).
+
+    Parameters
+    ----------
+    p : array_like
+        Pressure, >= 0, in the unit that the coefficients were fitted in.
+    k1, k2, k3 : arrays
+        Coefficients at the wanted temperature.
+    """
     return np.asarray(k1 + k2 * np.asarray(p, dtype=np.float64) ** k3)
 
 
 def log_compression(p: ArrayLike, k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
-    """Return ln(rho(p)/rho(0)), the integral of dp/K from 0 to p >= 0, for K of Eq. (2).
+    """Return ln(rho(p)/rho(0)), the integral of dp/K from 0 to p, for K of Eq. (2).
 
     It integrates d(rho)/dp = rho/K by 48 Gauss points in the cube root of pressure, which removes
     the weak singularity of p^K4 at zero; the result is exact to rounding (about 1e-13).
+
+    Parameters
+    ----------
+    p : array_like
+        Pressure, >= 0, in the unit that the coefficients were fitted in.
+    k1, k2, k3, k4 : arrays
+        Coefficients of the modulus, as in `saturating_law`.
     """
     p = np.asarray(p, dtype=np.float64)[..., None]
     modulus = saturating_law(p * _NODES**3, *(np.asarray(k)[..., None] for k in (k1, k2, k3, k4)))

@@ -19,10 +19,19 @@ class Contents(NamedTuple):
 
 @physics
 def contents(f: fuel.FuelCoefficients, mass: float, per_volume: float) -> Contents:
-    """Contents of a volume given by its inverse [1/m³].
+    """Contents of a volume that holds a given mass.
 
     Below the vapour pressure the volume holds vapour: the pressure stays there, dp/dρ is zero, and the
-    missing mass is remembered until fuel has filled the cavity.
+    missing mass is kept in the state until fuel has filled the cavity.
+
+    Parameters
+    ----------
+    f : FuelCoefficients
+        Fuel at one temperature.
+    mass : float
+        m [kg].
+    per_volume : float
+        1/V [1/m³].
     """
     density = mass * per_volume
     liquid = fuel.pressure_and_stiffness(f, density)
@@ -37,5 +46,15 @@ def contents(f: fuel.FuelCoefficients, mass: float, per_volume: float) -> Conten
 
 @physics
 def filled(f: fuel.FuelCoefficients, pressure: float, volume: float) -> Contents:
-    """Contents of a volume [m³] at a given pressure [Pa]."""
+    """Contents of a volume at a given pressure.
+
+    Parameters
+    ----------
+    f : FuelCoefficients
+        Fuel at one temperature.
+    pressure : float
+        p [Pa], above the vapour pressure.
+    volume : float
+        V [m³].
+    """
     return contents(f, fuel.density(f, pressure) * volume, 1.0 / volume)

@@ -12,7 +12,9 @@ from commonrail.compile import physics, reciprocals
 from commonrail.parts import solenoid
 from commonrail.parts.furniture import Annotated, Domain, Q
 
-TINY = 1e-12  # current [A], or current by a volt over a step [A/V], that is none
+TINY_CURRENT = 1e-12  # what counts as no current [A]
+TINY_GAIN = 1e-12  # what counts as no current per volt over a step [A/V]
+UNLIMITED = 1e9  # voltage of a regulator that follows a measured current [V]
 
 
 class Parameters(NamedTuple):
@@ -85,13 +87,31 @@ class Supply(NamedTuple):
 
 @physics
 def clamp(x: float, low: float, high: float) -> float:
-    """The value in [low, high] nearest to x."""
+    """Value nearest to x between two limits.
+
+    Parameters
+    ----------
+    x : float
+        In any unit.
+    low, high : float
+        Limits in the same unit; `high` prevails where they contradict.
+    """
     return min(max(x, low), high)
 
 
 @physics
 def schedule(p: Parameters, since_start: float, since_end: float, dt: float) -> Schedule:
-    """Mean of the schedule over a step that begins `since_start` after the start and `since_end` after the end [s]."""
+    """Mean of the schedule over a step.
+
+    Parameters
+    ----------
+    p : Parameters
+        Current profile.
+    since_start, since_end : float
+        Start of the step after start and end of energising [s]; negative before them.
+    dt : float
+        Step [s].
+    """
     per_step = 1.0 / dt
     begun = clamp(since_start * per_step + 1.0, 0.0, 1.0)
     ended = clamp(since_end * per_step + 1.0, 0.0, 1.0)
@@ -101,37 +121,74 @@ def schedule(p: Parameters, since_start: float, since_end: float, dt: float) -> 
 
 @physics
 def during(share: float, rate: Rate) -> Rate:
-    """Rate that holds for a share of the step, as a mean over the step."""
+    """Rate that holds for a share of the step, as a mean over the step.
+
+    Parameters
+    ----------
+    share : float
+        Share of the step [1], from 0 to 1.
+    rate : Rate
+        Rate during that share.
+    """
     return Rate(share * rate.flux_rate, share * rate.at_end, share * rate.decay)
 
 
 @physics
 def relaxed(rate: Rate, dt: float) -> float:
-    """Mean over the step of dφ/dt [V] while the flux relaxes and the gap goes on closing.
+    """Mean over the step of dφ/dt [V] while the flux relaxes and the gap keeps closing.
 
     With y = dt · decay: (r + y/6 r_end)/(1 + 2y/3 + y²/6), `relaxation` for a gap at rest. A rate that changes linearly
     by 2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 + …), here
     (r_end − r) (y/6)/(1 + 2y/3 + y²/6): over the same denominator, and as 1/y for large y.
+
+    Parameters
+    ----------
+    rate : Rate
+        Rate at the start of the step, its value with the gap of the end, and its decay.
+    dt : float
+        Step [s].
     """
     return risen(rate, dt) / damped(rate, dt)
 
 
 @physics
 def risen(rate: Rate, dt: float) -> float:
-    """Numerator of `relaxed` [V]."""
+    """Numerator of `relaxed` [V].
+
+    Parameters
+    ----------
+    rate, dt
+        As in `relaxed`.
+    """
     return rate.flux_rate + dt * rate.decay * (1.0 / 6.0) * rate.at_end
 
 
 @physics
 def damped(rate: Rate, dt: float) -> float:
-    """Denominator of `relaxed` [1]."""
+    """Denominator of `relaxed` [1].
+
+    Parameters
+    ----------
+    rate, dt
+        As in `relaxed`.
+    """
     y = dt * rate.decay
     return 1.0 + y * (2.0 / 3.0 + y * (1.0 / 6.0))
 
 
 @physics
 def applied(c: solenoid.Coefficients, voltage: float, now: solenoid.Circuit) -> Rate:
-    """Flux rate under a given voltage."""
+    """Flux rate under a given voltage, Eq. (11).
+
+    Parameters
+    ----------
+    c : solenoid.Coefficients
+        Magnetic circuit.
+    voltage : float
+        v at the coil [V].
+    now : solenoid.Circuit
+        Current with the gap of mid-step.
+    """
     resistance = c.resistance * c.per_turn
     rate = voltage * c.per_turn - resistance * now.current
     return Rate(rate, rate + resistance * now.drift, resistance * now.slope)
@@ -145,6 +202,21 @@ def regulated(
 
     Peak, hold and off count by their shares of the step, so a switching may fall anywhere inside it: the
     current is a smooth function of the parameters, as a fit needs it.
+
+    Parameters
+    ----------
+    p : Parameters
+        Current profile.
+    c : solenoid.Coefficients
+        Magnetic circuit.
+    s : State
+        State of the output stage.
+    supply : Supply
+        Schedule, and measured trace.
+    now : solenoid.Circuit
+        Current with the gap of mid-step.
+    dt : float
+        Step [s].
     """
     plan = supply.schedule
     peak = _towards(c, p.peak_current, p.regulator_gain, -p.quench_voltage, p.boost_voltage, now)
@@ -164,6 +236,21 @@ def regulated(
 def _towards(
     c: solenoid.Coefficients, target: float, gain: float, low: float, high: float, now: solenoid.Circuit
 ) -> Rate:
+    """Flux rate of a regulator with limits of voltage.
+
+    Parameters
+    ----------
+    c : solenoid.Coefficients
+        Magnetic circuit.
+    target : float
+        Wanted current i* [A].
+    gain : float
+        Gain G [V/A], > 0.
+    low, high : float
+        Limits of the voltage [V].
+    now : solenoid.Circuit
+        Current with the gap of mid-step.
+    """
     stiff = c.resistance + gain
     free = stiff * (target - now.current) * c.per_turn
     lowest = (low - c.resistance * now.current) * c.per_turn
@@ -175,19 +262,43 @@ def _towards(
 
 @physics
 def switched_off(p: Parameters, c: solenoid.Coefficients, now: solenoid.Circuit) -> Rate:
-    """After the end of energising: −boost until the current is gone."""
+    """Flux rate after the end of energising: −boost until the current has gone.
+
+    Parameters
+    ----------
+    p : Parameters
+        Current profile.
+    c : solenoid.Coefficients
+        Magnetic circuit.
+    now : solenoid.Circuit
+        Current with the gap of mid-step.
+    """
     return _towards(c, 0.0, p.regulator_gain, -p.boost_voltage, 0.0, now)
 
 
 @physics
 def pwm_voltage(p: Parameters, conducting: float) -> float:
-    """Voltage that a state of the PWM applies [V]."""
+    """Voltage that a state of the PWM applies [V].
+
+    Parameters
+    ----------
+    p : Parameters
+        Current profile.
+    conducting : float
+        State of the PWM [1]: 2 boost, 1 supply, 0 off.
+    """
     return p.boost_voltage if conducting > 1.5 else (p.supply_voltage if conducting > 0.5 else -p.quench_voltage)
 
 
 @physics
 def turned(conducting: float) -> float:
-    """State of the PWM after its current has met a limit."""
+    """State of the PWM after its current has met a limit [1].
+
+    Parameters
+    ----------
+    conducting : float
+        State before [1].
+    """
     return 0.0 if conducting > 0.5 else 1.0
 
 
@@ -199,6 +310,11 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     its limit where the step begins and where energising or the step ends. The instant at which it meets the limit is
     interpolated between them, and the voltage averaged. Where the rest of the step would carry the current past the
     other limit too, it switches in turn there: on the average it stays at that limit.
+
+    Parameters
+    ----------
+    p, c, s, supply, now, dt
+        As in `regulated`.
     """
     plan = supply.schedule
     in_peak = plan.peak >= 0.5 * plan.on
@@ -208,14 +324,14 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     voltage = pwm_voltage(p, s.conducting)
     limit = mean + half_band if conducting else mean - half_band
     trial = during(plan.on, applied(c, voltage, now))
-    per_damped, per_gain = reciprocals(damped(trial, dt), max(dt * plan.on * c.per_turn * now.slope, TINY))
+    per_damped, per_gain = reciprocals(damped(trial, dt), max(dt * plan.on * c.per_turn * now.slope, TINY_GAIN))
     first = now.current + now.drift
     change = dt * risen(trial, dt) * per_damped * now.slope - 2.0 * now.drift
     after = first + change
     crossed = after > limit if conducting else after < limit
-    # way to the limit, negative where the step begins beyond it: a band that has moved, whichever way the current goes
+    # distance to the limit, negative where the step begins beyond it: the band has moved, wherever the current goes
     left = limit - first if conducting else first - limit
-    before = clamp(left / max(abs(change), TINY), 0.0, 1.0) if crossed else 1.0
+    before = clamp(left / max(abs(change), TINY_CURRENT), 0.0, 1.0) if crossed else 1.0
     other = pwm_voltage(p, 0.0 if conducting else 1.0)
     hold, room = c.resistance * limit, 2.0 * half_band * per_gain
     swing = clamp((1.0 - before) * (other - hold), -room, room)
@@ -229,7 +345,13 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
 def voltage_trace(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
 ) -> Change:
-    """Measured coil voltage v(t)."""
+    """Mean flux rate under a measured coil voltage v(t).
+
+    Parameters
+    ----------
+    p, c, s, supply, now, dt
+        As in `regulated`.
+    """
     return Change(relaxed(applied(c, supply.trace, now), dt), 1.0)
 
 
@@ -237,5 +359,11 @@ def voltage_trace(
 def current_trace(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
 ) -> Change:
-    """Measured coil current i(t), followed by the regulator without limits of voltage."""
-    return Change(relaxed(_towards(c, supply.trace, p.regulator_gain, -1e9, 1e9, now), dt), 1.0)
+    """Mean flux rate that follows a measured coil current i(t), by the regulator without limits of voltage.
+
+    Parameters
+    ----------
+    p, c, s, supply, now, dt
+        As in `regulated`.
+    """
+    return Change(relaxed(_towards(c, supply.trace, p.regulator_gain, -UNLIMITED, UNLIMITED, now), dt), 1.0)

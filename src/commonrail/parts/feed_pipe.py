@@ -20,7 +20,7 @@ class Parameters(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """What the step needs: a/A [Pa s/kg] and its inverse, friction R of the pipe [Pa s²/kg²], travel time L/a [s]."""
+    """Impedance a/A [Pa s/kg] and its inverse, friction R of the pipe [Pa s²/kg²], travel time L/a [s]."""
 
     impedance: float
     admittance: float
@@ -37,7 +37,17 @@ class State(NamedTuple):
 
 @physics
 def coefficients(p: Parameters, density: float, sound_speed: float) -> Coefficients:
-    """Coefficients at the density [kg/m³] and sound speed [m/s] of the rail pressure at time zero."""
+    """Coefficients of the pipe, Eq. (6), constant during a simulation.
+
+    Parameters
+    ----------
+    p : Parameters
+        Drawing.
+    density : float
+        ρ at the rail pressure of time zero [kg/m³].
+    sound_speed : float
+        a at that pressure [m/s].
+    """
     z = impedance(sound_speed, pipe_area(p.diameter))
     return Coefficients(
         z,
@@ -49,7 +59,15 @@ def coefficients(p: Parameters, density: float, sound_speed: float) -> Coefficie
 
 @physics
 def end_loss(c: Coefficients, flow: float) -> float:
-    """Share of the friction ∫ R q|q| dx/L that Simpson's rule gives to the flow at one end [Pa]."""
+    """Share of the friction ∫ R q|q| dx/L that Simpson's rule gives to the flow at one end [Pa].
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this pipe.
+    flow : float
+        q at that end [kg/s]; the loss has its sign.
+    """
     return SIXTH * c.resistance * flow * abs(flow)
 
 
@@ -58,11 +76,13 @@ def middle_loss(c: Coefficients, ends: State, down: float, up: float) -> float:
     """Share of the friction that Simpson's rule gives to the flow in mid-pipe [Pa], the same for both waves.
 
     The wave that reaches one end now has met in mid-pipe the one that reaches the other end now: the two give the
-    flow there, (down − up)/(2 Z) with the friction on their way to the middle taken back. That friction is taken
+    flow there, (down − up)/(2 Z), corrected for the friction up to the middle. That friction is computed
     from the flows at the ends: exact for a steady flow.
 
     Parameters
     ----------
+    c : Coefficients
+        Of this pipe.
     ends : State
         Flows at both ends [kg/s].
     down, up : float

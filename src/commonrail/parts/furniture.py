@@ -1,4 +1,4 @@
-"""Parameters of a part: they know their unit, meaning and domain."""
+"""Metadata of parameters: unit, meaning, domain, usual range."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Domain(Enum):
     ANY = "any finite number"
 
     def admits(self, value: Any) -> Any:
-        """Whether `value` (SI, a number or an array) lies in the domain; NaN never does."""
+        """Return whether `value` (SI, a number or an array) lies in the domain; NaN never does."""
         if self is Domain.POSITIVE:
             return value > 0.0
         if self is Domain.NON_NEGATIVE:
@@ -41,14 +41,14 @@ class Q(NamedTuple):
     Attributes
     ----------
     unit, meaning : str
-        SI unit, and what the number says.
+        SI unit, and the quantity.
     domain : Domain
         Values outside are refused.
     default : float or None
         [SI]; None: must be given.
     usual : (low, high) or None
-        Range of built injectors [SI]; a value outside is used, and told as implausible. Zero, where the domain holds
-        it, switches the effect off and is never outside.
+        Range of built injectors [SI]; a value outside is used, and reported as implausible. Zero, where the domain
+        holds it, switches the effect off and is never outside.
     """
 
     unit: str
@@ -60,7 +60,7 @@ class Q(NamedTuple):
     usual: tuple[float, float] | None = None
 
     def is_usual(self, value: float, slack: float = 1.0) -> bool:
-        """Whether `value` [SI] lies in the usual range, widened by the factor `slack` at both ends."""
+        """Return whether `value` [SI] lies in the usual range, widened by the factor `slack` at both ends."""
         if self.usual is None or (value == 0.0 and self.domain is Domain.NON_NEGATIVE):
             return True
         low, high = self.usual

@@ -46,7 +46,7 @@ class Coefficients(NamedTuple):
 
 
 class State(NamedTuple):
-    """Greatest lift since the needle last rested on its seat [m]; fuel injected so far [kg]."""
+    """Largest lift since the needle last rested on its seat [m]; fuel injected so far [kg]."""
 
     lift_reached: float
     injected: float
@@ -54,7 +54,17 @@ class State(NamedTuple):
 
 @physics
 def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) -> Coefficients:
-    """Coefficients at the rail pressure p_CR [Pa] of time zero and its dynamic viscosity [Pa s]."""
+    """Coefficients of Eq. (4) and (9).
+
+    Parameters
+    ----------
+    p : Parameters
+        Drawing and constants of Eq. (9).
+    rail_pressure : float
+        p_CR of time zero [Pa].
+    dynamic_viscosity : float
+        η at that pressure [Pa s].
+    """
     area = p.holes * pipe_area(p.hole_diameter)
     # K1…K4 may have any sign: keep 0 < z0 < zM, whatever a search proposes
     knee = max(p.lift_transition_slope * rail_pressure + p.lift_transition_offset, RESIDUAL_LIFT)
@@ -73,7 +83,13 @@ def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) 
 
 @physics
 def quarter_sine(s: float) -> float:
-    """sin(π s/2) for 0 ≤ s ≤ 1: odd Taylor polynomial of degree 9, error < 4e-6."""
+    """sin(π s/2) [1]: odd Taylor polynomial of degree 9, error < 4e-6.
+
+    Parameters
+    ----------
+    s : float
+        Lift over z0 [1], from 0 to 1.
+    """
     x = 0.5 * pi * s
     y = x * x
     return x * (1.0 + y * (-1.0 / 6.0 + y * (1.0 / 120.0 + y * (-1.0 / 5040.0 + y * (1.0 / 362880.0)))))
@@ -83,9 +99,16 @@ def quarter_sine(s: float) -> float:
 def discharge(c: Coefficients, lift_reached: float) -> float:
     """Discharge coefficient c_d of Eq. (9) [1].
 
-    `lift_reached` is the greatest lift of this injection: while the needle rises it is the lift itself
-    (opening branches), after that it stays (closing branch, c_d constant). A needle that turns before zM
-    closes with the coefficient it had reached, which Eq. (9), written for a full opening, leaves open.
+    A needle that turns before zM closes with the coefficient it had reached, which Eq. (9), written for a
+    full opening, leaves open.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this nozzle.
+    lift_reached : float
+        Largest lift of this injection [m], ≥ 0: while the needle rises it is the lift itself (opening
+        branches), after that it stays (closing branch, c_d constant).
     """
     z = max(lift_reached, RESIDUAL_LIFT)
     rising = quarter_sine(min(z * c.per_lift_transition, 1.0))

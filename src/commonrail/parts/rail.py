@@ -28,6 +28,6 @@ class Coefficients(NamedTuple):
 
 @physics
 def coefficients(p: Parameters) -> Coefficients:
-    """Coefficients of the rail."""
+    """Coefficients of the rail, Eq. (3) and (4)."""
     effective = p.throttle_discharge * pipe_area(p.throttle_diameter)
     return Coefficients(p.volume, effective * effective)

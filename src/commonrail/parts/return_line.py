@@ -23,7 +23,7 @@ class Parameters(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Impedance [Pa s/kg] (0 without a line) and the wave's way to the tank and back [s]."""
+    """Impedance [Pa s/kg] (0 without a line) and travel time of a wave to the tank and back [s]."""
 
     impedance: float
     round_trip: float
@@ -37,6 +37,14 @@ class State(NamedTuple):
 
 @physics
 def coefficients(p: Parameters, sound_speed: float) -> Coefficients:
-    """Coefficients at the sound speed [m/s] of the return pressure."""
+    """Coefficients of the line, Eq. (6) without friction.
+
+    Parameters
+    ----------
+    p : Parameters
+        Drawing.
+    sound_speed : float
+        a at the return pressure [m/s].
+    """
     z = impedance(sound_speed, pipe_area(p.diameter)) if p.length > 0.0 else 0.0
     return Coefficients(z, 2.0 * p.length / sound_speed)

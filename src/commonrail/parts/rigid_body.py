@@ -21,14 +21,16 @@ class State(NamedTuple):
 
 @physics
 def force(c: Coefficients, z: float, load: Loads) -> float:
-    """Sum of pressure and spring forces [N], without seat and stop.
+    """Sum of pressure and spring forces [N], positive when opening, without seat and stop.
 
     Parameters
     ----------
     c : Coefficients
+        Of plunger and needle.
     z : float
-        Position [m].
+        Lift [m].
     load : Loads
+        Pressure forces.
     """
     return load.top + load.foot + load.head + load.shoulder + load.tip - c.guides.spring_stiffness * z
 
@@ -40,10 +42,13 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
     Parameters
     ----------
     c : Coefficients
+        Of plunger and needle.
     seat : SeatContact
+        Contact of the needle seat.
     s : State
+        State before.
     load : Loads
-        Pressure forces at t_n [N].
+        Pressure forces at t_n.
     dt : float
         Step [s].
     """
@@ -58,15 +63,16 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
 
 @physics
 def accelerations(c: Coefficients, seat: SeatContact, z: float, v: float, load: Loads) -> float:
-    """Right-hand side of Newton's law [m/s²] with seat and stop, for a solver that knows z and v at one time.
+    """Acceleration with seat and stop [m/s²], for a solver that has z and v at one time.
 
     Parameters
     ----------
-    c : Coefficients
-    seat : SeatContact
-    z, v : float
-        Position [m] and velocity [m/s].
-    load : Loads
+    c, seat, load
+        As in `advance`.
+    z : float
+        Lift [m], positive when opening.
+    v : float
+        Velocity [m/s].
     """
     stop = contact(z - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
     rest = contact(-z, seat.stiffness, seat.damping)
@@ -80,7 +86,7 @@ Positions = float
 
 @physics
 def lifts(z: float) -> Motion:
-    """What the fluid sees of a position [m] or velocity [m/s]: the same everywhere."""
+    """Lifts [m], or velocities [m/s], at top, shoulder and tip: all equal."""
     return Motion(z, z, z)
 
 
@@ -90,8 +96,7 @@ def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
 
     Parameters
     ----------
-    c : Coefficients
-    seat : SeatContact
-    load : Loads
+    c, seat, load
+        As in `advance`; the loads press the needle into its seat.
     """
     return State(force(c, 0.0, load) / (seat.stiffness + c.guides.spring_stiffness), 0.0)

@@ -16,5 +16,15 @@ class Parameters(NamedTuple):
 
 @physics
 def volume(p: Parameters, seat_area: float, tip_lift: float) -> float:
-    """SAC volume [m³]. Lift below zero is elastic flattening of the seat and makes no room in the SAC."""
+    """SAC volume V of Eq. (3) [m³].
+
+    Parameters
+    ----------
+    p : Parameters
+        Drawing.
+    seat_area : float
+        Area inside the seat line [m²].
+    tip_lift : float
+        Lift of the needle's tip [m]; below zero it is elastic flattening of the seat and does not shrink the SAC.
+    """
     return p.volume + seat_area * max(tip_lift, 0.0)

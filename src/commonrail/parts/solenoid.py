@@ -72,7 +72,7 @@ class Circuit(NamedTuple):
 
 @physics
 def coefficients(p: Parameters) -> Coefficients:
-    """Coefficients of the magnetic circuit."""
+    """Coefficients of the magnetic circuit, Eq. (11), (12)."""
     per_gap = 1.0 / (MU0 * p.pole_area)
     knee_flux = p.knee_flux_density * p.pole_area
     return Coefficients(
@@ -96,10 +96,11 @@ def circuit(c: Coefficients, flux: float, armature_gap: float, closing: float = 
     Parameters
     ----------
     c : Coefficients
+        Of this circuit.
     flux : float
-        φ [Wb].
+        φ through one turn [Wb]; the current has its sign.
     armature_gap : float
-        Part of the air gap that the armature leaves open [m].
+        Part of the air gap that the armature leaves open [m], ≥ 0.
     closing : float
         Decrease of that gap in half a step [m].
     """
@@ -113,5 +114,13 @@ def circuit(c: Coefficients, flux: float, armature_gap: float, closing: float = 
 
 @physics
 def pull(c: Coefficients, pulling_flux: float) -> float:
-    """Magnetic force on the armature F_ev [N]."""
+    """Magnetic force on the armature F_ev of Eq. (12) [N], never negative: it opens the valve.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this circuit.
+    pulling_flux : float
+        φ_f [Wb], behind the eddy currents.
+    """
     return c.force * pulling_flux * pulling_flux

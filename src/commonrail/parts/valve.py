@@ -32,7 +32,7 @@ class Parameters(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """What the step needs of the valve."""
+    """Inverse mass [1/kg], lift [m], spring and damper, seat area [m²], c_d times gap area per lift [m], contact."""
 
     per_mass: float
     lift: float
@@ -125,15 +125,18 @@ def rates(c: Coefficients, s: State, pull: float, seat_pressure: float) -> State
 
 @physics
 def forces(c: Coefficients, lift: float, pull: float, seat_pressure: float) -> tuple[float, float]:
-    """Force [N] without the damping, and damping coefficient [N s/m].
+    """Force [N], positive when opening, without the damping, and damping coefficient [N s/m].
 
     Parameters
     ----------
     c : Coefficients
+        Of this valve.
     lift : float
-        [m].
-    pull, seat_pressure : float
-        As in `advance` [N], [Pa].
+        Lift [m], negative where it is pressed into its seat.
+    pull : float
+        Magnetic force F_ev [N].
+    seat_pressure : float
+        Excess over the return pressure on the seat area [Pa].
     """
     seat = contact(-lift, c.contact_stiffness, c.contact_damping)
     stop = contact(lift - c.lift, c.contact_stiffness, c.contact_damping)
@@ -143,33 +146,49 @@ def forces(c: Coefficients, lift: float, pull: float, seat_pressure: float) -> t
 
 @physics
 def forces_over_step(c: Coefficients, s: State, pull: float, seat_pressure: float, dt: float) -> tuple[float, float]:
-    """`forces` as a leapfrog step needs them: the contact that is nearer averaged over the step.
+    """Force [N] and damping coefficient [N s/m] over a leapfrog step: `forces` with the nearer contact averaged.
 
     Parameters
     ----------
-    c : Coefficients
+    c, pull, seat_pressure
+        As in `forces`.
     s : State
-    pull, seat_pressure, dt : float
-        As in `advance`.
+        Lift at the start of the step, velocity half a step before.
+    dt : float
+        Step [s].
     """
     middle = 0.5 * c.lift
     side = s.lift - middle
-    way = 1.0 if side > 0.0 else -1.0  # to the stop, or to the seat
+    sign = 1.0 if side > 0.0 else -1.0  # to the stop, or to the seat
     free = free_force(c, s.lift, pull, seat_pressure)
     near = contact_over_step(
-        abs(side) - middle, way * s.velocity, way * free, c.per_mass, (c.contact_stiffness, c.contact_damping), dt
+        abs(side) - middle, sign * s.velocity, sign * free, c.per_mass, (c.contact_stiffness, c.contact_damping), dt
     )
-    return free - way * near.force, c.damping + near.damping
+    return free - sign * near.force, c.damping + near.damping
 
 
 @physics
 def free_force(c: Coefficients, lift: float, pull: float, seat_pressure: float) -> float:
-    """Force of magnet, spring and pressure [N], positive when it opens."""
+    """Force of magnet, spring and pressure [N], positive when opening.
+
+    Parameters
+    ----------
+    c, lift, pull, seat_pressure
+        As in `forces`.
+    """
     return pull - (c.spring_preload + c.spring_stiffness * lift) + c.seat_area * seat_pressure
 
 
 @physics
 def gap_drive(c: Coefficients, lift: float) -> float:
-    """(c_d A)² of the seat gap [m⁴], thin against its diameter; shut below zero."""
+    """(c_d A)² of the seat gap, for Eq. (4) [m⁴].
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this valve.
+    lift : float
+        Lift [m], small against the seat's diameter; shut at zero and below.
+    """
     effective = c.gap_slope * max(lift, 0.0)
     return effective * effective

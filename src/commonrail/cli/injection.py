@@ -32,7 +32,7 @@ _UNITS = {
 
 
 class Settings(NamedTuple):
-    """How to simulate: the engine, and time step [s] and precision of the lanes."""
+    """Engine, and time step [s] and precision of the fast engines."""
 
     engine: Engine
     time_step: float
@@ -40,7 +40,7 @@ class Settings(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What was simulated, the answer, the time step [s], the seconds it took and the precision."""
+    """Injector, operating point, solution, time step [s], wall time [s] and precision."""
 
     injector: Injector
     point: OperatingPoint
@@ -58,7 +58,14 @@ def with_body(injector: Injector, body: Body | None) -> Injector:
 
 
 def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solution:
-    """Simulate, and say on stderr what the figures must not be used for.
+    """Simulate, and say on stderr if the injection has not ended.
+
+    Parameters
+    ----------
+    injector : Injector
+    point : OperatingPoint
+    settings : Settings
+        Engine, time step and precision.
 
     Raises
     ------
@@ -95,8 +102,8 @@ def figures(run: Run) -> list[tuple[str, str]]:
         ("needle opens", _instant(r["opening"], r["opening_delay"], "start")),
         ("needle closes", _instant(r["closing"], r["closing_delay"], "end")),
         *([("for the first time", _instant(r["first_closing"], r["first_closing"] - end, "end"))] if again else []),
-        ("greatest rate", f"{r['peak_rate'] * 1e6:.2f} mm3/ms"),
-        ("greatest needle lift", f"{r['greatest_lift'] * 1e6:.1f} um"),
+        ("largest rate", f"{r['peak_rate'] * 1e6:.2f} mm3/ms"),
+        ("largest needle lift", f"{r['greatest_lift'] * 1e6:.1f} um"),
         ("reference density", f"{s.reference_density:.1f} kg/m3"),
         ("status", f"{s.status.name}: {s.sentence}"),
         ("mass balance", f"{s.balance:.1e} of the injected mass, of 1 mg if that is more"),

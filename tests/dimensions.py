@@ -1,0 +1,212 @@
+"""Laws of physics computed with pint: their documented units, and stand-ins for what pint does not do itself.
+
+The plain function of a law runs unchanged. Only names of its module are replaced: `math`, `min` and `max` by twins
+that carry units, and constants that have a unit by quantities.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import inspect
+import math
+import pkgutil
+import re
+from collections.abc import Callable, Iterator
+from types import ModuleType, SimpleNamespace
+from typing import Any, get_type_hints
+
+import pint
+import pytest
+
+import commonrail.compile
+from commonrail.flow import contact, orifice
+from commonrail.fuel import kernel
+from commonrail.parts import (
+    contents,
+    control_chamber,
+    drive,
+    feed_pipe,
+    needle_seat,
+    nozzle,
+    plunger_needle,
+    rail,
+    return_line,
+    rigid_body,
+    solenoid,
+    valve,
+)
+from commonrail.parts.furniture import describe
+
+Law = Callable[..., Any]
+
+REGISTRY: pint.UnitRegistry[Any] = pint.UnitRegistry()
+ROOMS = ("fuel", "flow", "parts")
+POWERS = {"²": "**2", "³": "**3", "⁴": "**4"}
+
+# Constants with a unit, by name, in whichever modules use them.
+CONSTANTS = {
+    "_PER_100_MPA": "1/Pa",
+    "RESIDUAL_LIFT": "m",
+    "MU0": "T m/A",
+    "TINY_CURRENT": "A",
+    "TINY_GAIN": "A/V",
+    "UNLIMITED": "V",
+    "RELAXED": "Pa",
+}
+
+# Units of the fields, in order, of each NamedTuple that a law takes or returns. `Parameters` state theirs themselves.
+FIELDS: dict[type, str] = {
+    kernel.FuelCoefficients: "kg/m3, m3/kg" + 7 * ", Pa" + 4 * ", 1" + 6 * ", s/m2" + 3 * ", 1" + ", Pa",
+    kernel.PressureAndStiffness: "Pa, Pa m3/kg",
+    contact.Contact: "N, N s/m",
+    orifice.Flow: "kg/s, kg/(s Pa)",
+    orifice.Jet: "kg/s, kg/s",
+    contents.Contents: "kg, kg/m3, Pa, Pa m3/kg",
+    control_chamber.Coefficients: "m3, m4, m4, kg/s, 1, m4, m4, kg/s",
+    drive.State: "1",
+    drive.Schedule: "1, 1",
+    drive.Rate: "V, V, 1/s",
+    drive.Change: "V, 1",
+    feed_pipe.State: "kg/s, kg/s",
+    feed_pipe.Coefficients: "Pa s/kg, kg/(s Pa), Pa s2/kg2, s",
+    needle_seat.Coefficients: "m2, m, 1, kg/s, N/m, s/m",
+    nozzle.Coefficients: "m4, m4, kg/s, 1, m, m, 1/m, 1/m",
+    plunger_needle.Motion: "m, m, m",
+    rail.Coefficients: "m3, m4",
+    return_line.Coefficients: "Pa s/kg, s",
+    rigid_body.State: "m, m/s",
+    solenoid.State: "Wb, Wb",
+    solenoid.Circuit: "A, A/Wb, A",
+    solenoid.Coefficients: "A/(Wb m), A/Wb, 1/Wb2, N/Wb2, m, ohm, 1, s",
+    valve.State: "m, m/s",
+    valve.Coefficients: "1/kg, m, N, N/m, N s/m, m2, m, N/m, s/m",
+}
+
+
+def quantity(value: float, unit: str) -> Any:
+    """Quantity of a unit as docstrings write it: ``Pa m³/kg``, ``kg/(s Pa)``, ``1``."""
+    for sign, power in POWERS.items():
+        unit = unit.replace(sign, power)
+    unit = re.sub(r"(?<=[A-Za-z])(\d)", r"**\1", unit).replace(" ", "*")
+    return REGISTRY.Quantity(value, "" if unit == "1" else unit)
+
+
+def same_dimension(found: Any, unit: Any) -> bool:
+    """Return whether a value has the dimension of a quantity; a bare zero has any."""
+    if not hasattr(found, "units") and found == 0.0:
+        return True
+    return bool((found if hasattr(found, "dimensionality") else quantity(found, "1")).is_compatible_with(unit))
+
+
+def si(value: Any) -> Any:
+    """Plain SI numbers of quantities, in their NamedTuples."""
+    if isinstance(value, tuple):
+        parts = [si(each) for each in value]
+        return type(value)._make(parts) if hasattr(value, "_make") else tuple(parts)
+    return value.to_base_units().magnitude if hasattr(value, "to_base_units") else value
+
+
+def with_units(kind: Any, values: tuple[float, ...]) -> Any:
+    """NamedTuple of quantities from plain SI values."""
+    units = FIELDS[kind].split(", ") if kind in FIELDS else [each.unit for each in describe(kind).values()]
+    assert len(units) == len(kind._fields), f"{kind.__module__}.{kind.__qualname__}: one unit for each field"
+    return kind._make(map(quantity, values, units))
+
+
+# --- What pint does not do ------------------------------------------------------------------------------------------
+
+
+def _root(x: Any) -> Any:
+    return x**0.5 if hasattr(x, "units") else math.sqrt(x)
+
+
+def _plain(function: Callable[[float], float]) -> Callable[[Any], float]:
+    return lambda x: function(x.to("").magnitude if hasattr(x, "to") else x)
+
+
+def _bound(choose: Callable[[Any, Any], Any], x: Any, limit: Any) -> Any:
+    """min or max; a bare zero has the unit of the other, as it has for pint's own sums."""
+    for one, other in ((x, limit), (limit, x)):
+        if not hasattr(one, "units") and one == 0.0 and hasattr(other, "units"):
+            return choose(other, REGISTRY.Quantity(0.0, other.units))
+    return choose(x, limit)
+
+
+def _literal_zero(add: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """Sum or difference in which a quantity of zero has any unit: what a law's bare 0.0 has become by a product."""
+
+    def summed(one: Any, other: Any) -> Any:
+        if hasattr(other, "units") and not one.is_compatible_with(other):
+            if other.magnitude == 0.0:
+                return one
+            if one.magnitude == 0.0:
+                return add(0.0 * other, other)
+        return add(one, other)
+
+    return summed
+
+
+STAND_INS = {
+    "min": lambda x, limit: _bound(min, x, limit),
+    "max": lambda x, limit: _bound(max, x, limit),
+    "math": SimpleNamespace(sqrt=_root, pi=math.pi, **{f: _plain(getattr(math, f)) for f in ("sin", "cos", "exp")}),
+}
+
+
+def physics_modules(rooms: tuple[str, ...]) -> Iterator[ModuleType]:
+    for room in rooms:
+        package = importlib.import_module(f"commonrail.{room}")
+        for found in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+            yield importlib.import_module(found.name)
+
+
+@contextlib.contextmanager
+def carried() -> Iterator[None]:
+    """Let the plain functions of fuel, flow, parts and injector take quantities."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in physics_modules((*ROOMS, "injector")):
+            for name, stand_in in STAND_INS.items():
+                patch.setattr(module, name, stand_in, raising=False)
+            for name in vars(module).keys() & CONSTANTS:
+                patch.setattr(module, name, quantity(getattr(module, name), CONSTANTS[name]))
+        for name in ("__add__", "__sub__"):
+            patch.setattr(REGISTRY.Quantity, name, _literal_zero(getattr(REGISTRY.Quantity, name)))
+        yield
+
+
+# --- What a docstring states ----------------------------------------------------------------------------------------
+
+
+def laws() -> dict[str, Law]:
+    """Every `@physics` law of fuel, flow and parts by its dotted name."""
+    modules = {module.__name__ for module in physics_modules(ROOMS)}
+    found = [law for law, _ in commonrail.compile._LAWS if law.__module__ in modules]
+    return {f"{law.__module__.removeprefix('commonrail.')}.{law.__name__}": law for law in found}
+
+
+def documented(law: Law) -> dict[str, list[str]]:
+    """Units of each parameter from the section Parameters; "As in `other`" leads to a law of the same module."""
+    _, _, section = inspect.cleandoc(law.__doc__ or "").partition("Parameters\n----------\n")
+    stated: dict[str, list[str]] = {}
+    for names, text in re.findall(r"^(\w[^\n]*)\n((?:    [^\n]*\n?)+)", section, re.M):
+        other = re.match(r"    As in `(\w+)`", text)
+        source = documented(getattr(inspect.getmodule(law), other[1])) if other else {}
+        for name in names.partition(" :")[0].split(", "):
+            stated[name] = source[name] if other else re.findall(r"\[([^\]]+)\]", text)
+    return stated
+
+
+def returned(law: Law) -> list[str]:
+    """Units in the docstring's first paragraph: those of what the law returns, in order."""
+    return re.findall(r"\[([^\]]+)\]", inspect.cleandoc(law.__doc__ or "").split("\n\n")[0])
+
+
+def check_returned(law: Law, found: Any) -> None:
+    """Compare what a law returned with what it says it returns."""
+    kind = get_type_hints(law)["return"]
+    units = FIELDS[kind].split(", ") if hasattr(kind, "_fields") else returned(law)
+    values = found if isinstance(found, tuple) else (found,)
+    assert len(units) == len(values), f"the first paragraph must give {len(values)} units, not {units}"
+    for value, unit in zip(values, units, strict=True):
+        assert same_dimension(value, quantity(1.0, unit)), f"{value} is returned, [{unit}] is documented"

@@ -1,0 +1,212 @@
+"""Dimensions of every law: what goes in with its documented unit comes out with its documented unit."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import itertools
+import textwrap
+from collections.abc import Iterator
+from typing import Any, NamedTuple, get_args, get_type_hints
+
+import pint
+import pytest
+
+from commonrail.files.injector_file import load_injector
+from commonrail.flow import contact, leakage, orifice, volume, wave
+from commonrail.fuel import kernel
+from commonrail.fuel.coefficients import fuel_coefficients
+from commonrail.injector import setup
+from commonrail.injector.definition import FUEL_TEMPERATURE
+from commonrail.injector.model import Inputs, Setting, Waves
+from commonrail.injector.variants import Body, Boundary, Drive, Variant, wiring
+from commonrail.parts import drive, feed_pipe, needle_seat, nozzle, rigid_body, solenoid, valve
+from tests.dimensions import Law, carried, check_returned, documented, laws, quantity, same_dimension, si, with_units
+
+LAWS = laws()
+
+# Laws that have no units of their own, and why.
+WITHOUT = {
+    "flow.orifice.square": "squares a number of any unit",
+    "parts.drive.clamp": "limits a number of any unit",
+}
+# The chain's laws take nine numbers at once: the steps of the whole injector show their units.
+CHAIN = "parts.plunger_needle."
+
+# A plausible value in each documented unit. The trials multiply them, so that laws with branches take both.
+VALUES = {
+    "1": 0.7, "s": 1e-6, "m": 3e-5, "m²": 1e-6, "m³": 1e-8, "m⁴": 3e-16, "1/m³": 1e8, "m/s": 1.5, "kg": 8.6e-6,
+    "1/kg": 300.0, "kg/m³": 850.0, "kg/m3": 850.0, "kg/s": 0.02, "N": 100.0, "N/m": 1e8, "s/m": 0.2, "Pa": 9e7,
+    "Pa s": 2e-3, "kg/(s Pa)": 1e-9, "Pa m³/kg": 2e6, "m⁴ Pa": 1e-8, "s/m²": 5e5, "V": 14.0, "A": 10.0, "V/A": 100.0,
+    "Wb": 5e-5,
+}  # fmt: skip
+TRIALS = (1.0, 1e-3, 1e2)
+
+TUPLES: dict[type, tuple[float, ...]] = {
+    valve.State: (2e-5, 0.5),
+    rigid_body.State: (2e-5, 0.5),
+    feed_pipe.State: (0.02, 0.01),
+    drive.State: (1.0,),
+    drive.Schedule: (1.0, 0.4),
+    drive.Rate: (40.0, 30.0, 2e4),
+    solenoid.Circuit: (10.0, 3e5, 0.01),
+}
+AT = Setting(160e6, 5e6, 0.5e6, 1e-6)
+
+
+class Model(NamedTuple):
+    """Parameters, fuel, boundary values and coefficients of the virtual injector, all of them quantities."""
+
+    p: Any
+    f: Any
+    at: Any
+    c: Any
+    load: Any
+
+
+@functools.cache
+def model() -> Model:
+    injector = load_injector("virtual-lino-2016")
+    f = with_units(kernel.FuelCoefficients, fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE]))
+    plain = injector.with_values({"solenoid.eddy_lag": 20e-6, "return_line.length": 0.5}).parameters
+    p = plain._make(with_units(type(room), room) for room in plain)
+    at = Setting._make(map(quantity, AT, ("Pa", "Pa", "Pa", "s")))
+    with carried():
+        c = setup.coefficients(p, f, at)
+        return Model(p, f, at, c, setup.static_loads(c, at))
+
+
+def nested(parts: Any) -> Iterator[Any]:
+    for each in parts:
+        if isinstance(each, tuple):
+            yield each
+            yield from nested(each)
+
+
+def known() -> dict[type, Any]:
+    """NamedTuples of quantities that a law may take."""
+    m = model()
+    made = {kind: with_units(kind, values) for kind, values in TUPLES.items()}
+    return made | {type(each): each for each in (m.f, m.load, setup.seat_contact(m.c), *nested(m.p), *nested(m.c))}
+
+
+def arguments(law: Law, factor: float) -> Iterator[Any]:
+    """Quantities for the parameters of a law, with the units that it documents."""
+    units, hints, made = documented(law), get_type_hints(law), known()
+    made[drive.Supply] = drive.Supply(made[drive.Schedule], quantity(12.0, "A" if "current" in law.__name__ else "V"))
+    for name in inspect.signature(law).parameters:
+        if hints[name] in made:
+            yield made[hints[name]]
+            continue
+        stated, expected = units.get(name, []), get_args(hints[name])
+        assert len(stated) == max(len(expected), 1), f"{name}: units {stated} documented in the section Parameters"
+        values = tuple(quantity(VALUES[unit] * factor, unit) for unit in stated)
+        yield values if expected else values[0]
+
+
+def check(law: Law) -> None:
+    for factor in TRIALS:
+        taken = tuple(arguments(law, factor))
+        with carried():
+            found = law(*taken)
+        check_returned(law, found)
+        # a test with stand-ins shows nothing unless they compute the same
+        numbers = law(*si(taken))
+        assert si(found) == pytest.approx(numbers, rel=1e-9, abs=1e-30)
+
+
+@pytest.mark.parametrize("name", [name for name in LAWS if name not in WITHOUT and not name.startswith(CHAIN)])
+def test_a_law_keeps_its_units(name: str) -> None:
+    check(LAWS[name])
+
+
+def test_laws_without_units_exist_and_are_few() -> None:
+    assert set(WITHOUT) <= set(LAWS)
+    assert len(WITHOUT) < 0.1 * len(LAWS)
+
+
+# --- The test can fail ----------------------------------------------------------------------------------------------
+
+
+def spoilt(law: Law, was: str, becomes: str) -> Law:
+    """A law with a piece of its text replaced."""
+    text = textwrap.dedent(inspect.getsource(law))
+    assert was in text
+    names: dict[str, Any] = dict(law.__globals__)
+    exec("from __future__ import annotations\n" + text.replace(was, becomes).replace("@physics\n", ""), names)
+    return names[law.__name__]  # type: ignore[no-any-return]
+
+
+FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a comparison
+
+
+@pytest.mark.parametrize(
+    ("law", "was", "becomes"),
+    [
+        (kernel.stiffness, " * f.inverse_reference_density\n", "\n"),
+        (contact.contact, "elastic * damping_factor", "elastic"),
+        (contact.contact_over_step, "dt * dt * per_mass", "dt * per_mass"),
+        (leakage.gap_conductance, "/ (12.0 * length)", "/ 12.0"),
+        (leakage.gap_conductance, "gap * gap * gap", "gap * gap"),
+        (orifice.jet, "2.0 * density * abs(drive)", "2.0 * abs(drive)"),
+        (orifice.orifice, "density * gain", "gain"),
+        (volume.mean_departure, "0.5 * volume", "0.5"),
+        (wave.impedance, " / area", ""),
+        (wave.friction_resistance, "density * area * area", "density * area"),
+        (nozzle.discharge, "z * c.per_lift_transition", "z"),
+        (needle_seat.gap_drive, "c.gap_curvature * z", "c.gap_curvature"),
+        (solenoid.circuit, "flux * flux * c.per_knee_squared", "flux * c.per_knee_squared"),
+        (solenoid.pull, "c.force * pulling_flux * pulling_flux", "c.force * pulling_flux"),
+        (valve.free_force, "c.spring_stiffness * lift", "c.spring_stiffness"),
+        (drive.applied, "resistance * now.drift", "now.drift"),
+        (feed_pipe.middle_loss, "0.5 * c.admittance", "0.5"),
+        (rigid_body.acceleration, " / c.total_mass", ""),
+    ],
+)
+def test_a_law_without_one_of_its_factors_is_found(law: Law, was: str, becomes: str) -> None:
+    with pytest.raises(FOUND):
+        check(spoilt(law, was, becomes))
+
+
+def test_a_law_without_documented_units_is_found() -> None:
+    def undocumented(drive: float) -> float:
+        """Flow."""
+        return drive
+
+    with pytest.raises(AssertionError, match="documented"):
+        check(undocumented)
+
+
+# --- The whole injector ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "variant",
+    [
+        Variant(),
+        Variant(Body.RIGID, Boundary.VOLUME, Drive.PWM),
+        Variant(drive=Drive.VOLTAGE),
+        Variant(drive=Drive.CURRENT),
+    ],
+    ids=lambda variant: variant.label,
+)
+def test_a_step_of_the_injector_keeps_the_units_of_its_state(variant: Variant) -> None:
+    """Three steps of 1 us with the coil energised: each number has after every step the unit that it had before."""
+    m, wired = model(), wiring(variant)
+    at = m.at._replace(dt=quantity(1e-6, "s"))
+    trace = quantity(12.0, "A" if variant.drive is Drive.CURRENT else "V")
+    with carried():
+        body = wired.body.at_rest(m.c.plunger_needle, setup.seat_contact(m.c), m.load)
+        s = setup.state_at_rest(m.c, at, body, wired.body.motion(body))
+        s = s._replace(solenoid=with_units(solenoid.State, s.solenoid))  # to its eighth power
+        u = Inputs(at.rail, at.cylinder, at.low, trace, quantity(20e-6, "s"), quantity(-1e-3, "s"))
+        waves = Waves(at.rail, at.rail, at.low)
+        states = [s]
+        for _ in range(3):
+            s, waves = wired.step(m.c, s, u, waves, at.dt)
+            states.append(s)
+    for before, after in itertools.pairwise(states):
+        for path in wired.state.paths:
+            was, now = (functools.reduce(getattr, path.split("."), state) for state in (before, after))
+            assert same_dimension(was, now), f"{path}: {was} before a step, {now} after it"
+    assert all(same_dimension(wave, at.rail) for wave in waves)
