@@ -74,17 +74,16 @@ def _ordering(f: Figures, name: str, rigid: _Rigid) -> Claim:
     )
 
 
-def _edge(f: Figures, label: str, which: str) -> tuple[str, Floats]:
-    """Model minus experiment at each pressure, as text and (seeds, 3) microseconds."""
-    each = np.array([f.edge_errors(name, label, which) for name in paper.RAIL_PRESSURES]).T * 1e6
-    medians = ", ".join(
-        f"{signed(spread(each[:, i]).median, 1)} µs at {name}" for i, name in enumerate(paper.RAIL_PRESSURES)
-    )
-    return medians, each
+def _edge(f: Figures, rigid: _Rigid, which: str, sentence: Sentence, comment: str) -> Claim:
+    """Opening late, or closing early, by a model's edges less the experiment's (seeds, 3) [us]."""
+    each = np.array([f.edge_errors(name, rigid.label, which) for name in paper.RAIL_PRESSURES]).T * 1e6
+    medians = (f"{signed(spread(e).median, 1)} µs at {n}" for e, n in zip(each.T, paper.RAIL_PRESSURES, strict=True))
+    true = np.all(each > 0.0 if which == "opening" else each < 0.0, axis=1)
+    text = f"{rigid.comment} {comment}"
+    return judged(sentence, ", ".join(medians), true, comment=text, valid=np.isfinite(each).all(axis=1))
 
 
 def _rigid_late(f: Figures, rigid: _Rigid) -> Claim:
-    text, each = _edge(f, rigid.label, "opening")
     sentence = Sentence(
         f"rigid-late{rigid.suffix}",
         f"{rigid.text.capitalize()} opens late.",
@@ -92,14 +91,13 @@ def _rigid_late(f: Figures, rigid: _Rigid) -> Claim:
         "its opening minus the experiment's > 0 at all three pressures; edges at 10 % of the greatest rate",
     )
     comment = (
-        f"{rigid.comment} A compressed chain must stretch before its tip leaves the seat, and displaces fuel while it "
+        "A compressed chain must stretch before its tip leaves the seat, and displaces fuel while it "
         "does; a rigid body need not. The paper does not say how its rigid model was set up."
     )
-    return judged(sentence, text, np.all(each > 0.0, axis=1), comment=comment, valid=np.isfinite(each).all(axis=1))
+    return _edge(f, rigid, "opening", sentence, comment)
 
 
 def _rigid_early(f: Figures, rigid: _Rigid) -> Claim:
-    text, each = _edge(f, rigid.label, "closing")
     sentence = Sentence(
         f"rigid-early{rigid.suffix}",
         f"{rigid.text.capitalize()} closes early.",
@@ -107,8 +105,7 @@ def _rigid_early(f: Figures, rigid: _Rigid) -> Claim:
         "its closing minus the experiment's < 0 at all three pressures; "
         "the last closing counts, that of a rebound included",
     )
-    comment = f"{rigid.comment} When a rigid body closes depends on its stop."
-    return judged(sentence, text, np.all(each < 0.0, axis=1), comment=comment, valid=np.isfinite(each).all(axis=1))
+    return _edge(f, rigid, "closing", sentence, "When a rigid body closes depends on its stop.")
 
 
 def _theoretical_phases(f: Figures) -> Claim:

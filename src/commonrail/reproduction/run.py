@@ -52,21 +52,13 @@ def reproduce(
     Parameters
     ----------
     bench : Bench
-    seeds : sequence of int
-        Distinct.
-    threads : int, optional
-        Repetitions side by side; all usable processors by default.
-    progress : function of SeedProgress, optional
-        Called now and then, from the calling thread.
+    seeds, threads, progress
+        As for `for_seeds`, which also says what else is raised.
 
     Raises
     ------
-    ConfigurationError
-        If seeds are missing, repeated, negative or not whole, or an argument is of another kind.
     SimulationError
         If the truth cannot be simulated.
-    KeyboardInterrupt
-        If the user stops before one repetition is complete.
     """
     if not isinstance(bench, cr.Bench):
         raise cr.ConfigurationError(
