@@ -17,6 +17,7 @@ from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.kinds import QuantityData, RateData, Role
 from commonrail.kinds import simulator as module
+from commonrail.kinds.simulator import Simulator
 
 NAMES = ("plunger_needle.k1", "valve.mass")
 STEP = 1e-6
@@ -71,6 +72,14 @@ def test_the_cost_of_curves_is_weighted(regulated: Injector) -> None:
     objective = Objective(regulated, NAMES, curves, STEP, 1)
     single = [Objective(regulated, NAMES, [curve], STEP, 1).misfits(values)[:, 0] for curve in curves]
     assert objective.costs(values).costs == pytest.approx(single[0] + 2.5 * single[1], rel=1e-14)  # sums of two
+
+
+@pytest.mark.parametrize("end", [500e-6, 600e-6, 1000e-6])  # the first and last are past the last step by rounding
+def test_the_search_counts_every_sample_that_the_score_counts(regulated: Injector, end: float) -> None:
+    point = OperatingPoint(160e6, 400e-6, horizon=end)
+    curve = replace(a_curve(160e6), point=point, bounds=np.linspace(0.0, end, 21), rate=np.full(20, 1e-5))
+    found = Objective(regulated, (), [curve], STEP, 1).costs(np.empty((1, 0))).costs[0]
+    assert found == pytest.approx(curve.score(Simulator(regulated, (), STEP, 1)).j, rel=1e-9)  # sums in other orders
 
 
 def test_a_failure_costs_everything_and_the_first_is_told(regulated: Injector) -> None:

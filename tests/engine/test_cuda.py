@@ -134,7 +134,7 @@ def test_parts_do_not_change_a_bit(simulated: dict[str, np.ndarray]) -> None:
 
 def test_samples_are_due_when_the_lanes_take_them() -> None:
     bounds = np.array([[0.0, 0.5, 1.0, 1.25, 1.75, 4.0, 9.5]])
-    found = Misfit(np.array([7]), bounds, 2.0 * bounds, 3.0 * bounds, np.ones((1, 1))).samples(0.5)
+    found = Misfit(np.array([7]), bounds, 2.0 * bounds, 3.0 * bounds, np.ones((1, 1))).samples(0.5, np.array([10]))
     taken, bound = [], 0
     for k in range(10):
         while bound < 7 and bounds[0, bound] <= k + 1.0:
@@ -143,6 +143,13 @@ def test_samples_are_due_when_the_lanes_take_them() -> None:
     assert [(k, part) for k, part in zip(found.due[0], found.samples[0, :, 0], strict=True)] == taken
     np.testing.assert_array_equal(found.samples[0, :, 1], [1.0, 0.25, 0.25, 0.125, 0.25, 1.125, 2.75])
     np.testing.assert_array_equal(found.samples[0, :, 2:], np.stack([2.0 * bounds[0], 3.0 * bounds[0]], axis=1))
+
+
+def test_a_bound_behind_the_last_step_by_rounding_is_due_at_its_end() -> None:
+    bounds = np.array([[0.0, 2.0, np.nextafter(4.0, 5.0)]])
+    found = Misfit(np.array([3]), bounds, bounds, bounds, np.ones((1, 1))).samples(0.5, np.array([4]))
+    assert found.due.tolist() == [[0, 1, 3]]
+    assert found.samples[0, :, 0].tolist() == [0.0, 1.0, 1.0]
 
 
 @pytest.mark.parametrize(("count", "free", "threads"), [(1, 1e9, 64), (65, 1e9, 128), (10**6, 2e6, 960), (5, 10, 64)])

@@ -28,7 +28,7 @@ def assembly(precision: Precision) -> str:
     lanes_of_block = lanes.VECTORS[precision].lanes
     prepared = plan.prepare(injector, [OperatingPoint(160e6, 1e-4, horizon=1e-5)], 1e-6)
     job = plan.make_job(prepared, prepared.row[None], True, lanes_of_block)
-    samples = lanes.Misfit.none(1).samples(job.dt)
+    samples = lanes.Misfit.none(1).samples(job.dt, job.courses.steps)
     out = np.empty((1, lanes_of_block, len(lanes.Outcome._fields)))
     kernel = lanes.compiled(injector.variant, precision).compiled  # type: ignore[attr-defined]
     with laws.compiler_choices():

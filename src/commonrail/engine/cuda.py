@@ -109,11 +109,12 @@ def _launch(
 
     kernel = cuda_kernel.compiled(variant, precision, traced)
     real = VECTORS[precision].real
-    samples = _to_device(cuda, (misfit or Misfit.none(len(job.courses.steps))).samples(job.dt), real)
+    steps = job.courses.steps
+    samples = _to_device(cuda, (misfit or Misfit.none(len(steps))).samples(job.dt, steps), real)
     given = _to_device(cuda, job._replace(blocks=job.blocks[:0]), real)
     slots = max(3 * job.ring, len(PARAMETERS.paths) + len(FUEL.paths))
     paths, n = len(trace_paths(variant)), len(job.blocks)
-    stored = (int(job.courses.steps.max()) + 1, paths, 1) if traced else (0, 0, 0)
+    stored = (int(steps.max()) + 1, paths, 1) if traced else (0, 0, 0)
     many = _at_a_time(cuda, n, (slots + int(np.prod(stored))) * np.dtype(real).itemsize)
     rings = cuda.device_array((slots, many), real)
     out, trace = np.empty((n, len(Outcome._fields)), real), np.full((n if traced else 0, *stored), np.nan, real)

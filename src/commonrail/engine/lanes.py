@@ -62,13 +62,22 @@ class Misfit(NamedTuple):
         empty = np.zeros((points, 0))
         return cls(np.zeros(points, np.int64), empty, empty, empty, np.ones((1, points)))
 
-    def samples(self, dt: float) -> Samples:
-        """The samples as a loop over steps of length `dt` [s] takes them."""
+    def samples(self, dt: float, steps: NDArray[np.int64]) -> Samples:
+        """The samples as a loop over steps takes them.
+
+        Parameters
+        ----------
+        dt : float
+            Time step [s].
+        steps : (points,) int
+            Of each point. A bound that rounding puts behind the last step is taken at its end.
+        """
+        within = np.minimum(self.bounds, steps[:, None])
         # in the first step whose end reaches the bound, and in order
-        due = np.maximum.accumulate(np.maximum(np.ceil(self.bounds) - 1.0, 0.0), axis=1)
+        due = np.maximum.accumulate(np.maximum(np.ceil(within) - 1.0, 0.0), axis=1)
         width = np.ones(self.bounds.shape)
         width[:, 1:] = dt * (self.bounds[:, 1:] - self.bounds[:, :-1])
-        columns = np.stack([self.bounds - due, width, self.target, self.weight], axis=2)
+        columns = np.stack([within - due, width, self.target, self.weight], axis=2)
         return Samples(self.bound_count, due.astype(np.int64), columns, self.density)
 
     def own_where_open(self, own: Floats) -> Misfit:
@@ -118,9 +127,10 @@ def run(
         Of a block that there are not enough candidates for, only their lanes are kept.
     """
     n, lanes = len(job.blocks), job.blocks.shape[1] - 1
-    loop, samples = compiled(variant, precision), (misfit or Misfit.none(len(job.courses.steps))).samples(job.dt)
+    loop, steps = compiled(variant, precision), job.courses.steps
+    samples = (misfit or Misfit.none(len(steps))).samples(job.dt, steps)
     out, share = np.empty((n, lanes, len(Outcome._fields))), max(1, -(-n // threads))
-    kept = (int(job.courses.steps.max()) + 1, len(trace_paths(variant)), min(lanes, len(job.theta)))
+    kept = (int(steps.max()) + 1, len(trace_paths(variant)), min(lanes, len(job.theta)))
     trace = np.full((n, *kept) if traced else (0, 0, 0, 0), np.nan)
     side_by_side(lambda first: loop(job, samples, trace, out, first, min(first + share, n)), range(0, n, share))
     return Outcome(*np.moveaxis(out, 2, 0)), trace
