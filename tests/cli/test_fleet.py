@@ -72,3 +72,21 @@ def test_a_fault_in_the_file_is_one_sentence(command: Command, fleet_file: Path,
     assert done.status == 2
     assert "injectors.xlsx: there is no such file" in done.sentence
     assert not (tmp_path / "run").exists()
+
+
+def test_a_cluster_has_its_own_number_of_workers(command: Command, fleet_file: Path, tmp_path: Path) -> None:
+    there = ("--cluster", "tcp://127.0.0.1:1", "--out", tmp_path / "run")
+    done = command("fleet", fleet_file, "--workers", "2", *there)
+    assert done.status == 2
+    assert done.sentence.startswith("--workers: a cluster has its own number of workers")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_scheduler_that_is_not_there_is_a_sentence_and_the_fleet_can_go_on_without(
+    command: Command, fleet_file: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    done = command("fleet", fleet_file, "--cluster", "tcp://127.0.0.1:1", "--out", tmp_path / "run")
+    assert done.status == 2
+    assert "There is no Dask scheduler at tcp://127.0.0.1:1" in done.sentence
+    assert command("fleet", fleet_file, "--workers", "1", "--out", tmp_path / "run").status == 0
