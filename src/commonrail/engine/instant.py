@@ -48,7 +48,7 @@ class Outside(NamedTuple):
 
 
 OUTSIDE = layout_of(Outside)
-AT: Any = Outside._make(range(len(Outside._fields)))  # where each stands in an array
+AT: Any = OUTSIDE.load(range(len(OUTSIDE.paths)), 0, 1)  # where each stands in an array
 
 
 class Drain(NamedTuple):
@@ -99,18 +99,22 @@ def drain_flow(c: Coefficients, pressure: float, density: float, lift: float, wa
 
 
 @physics
-def coil_rates(c: Coefficients, outside: Outside, law: Any, s: Core) -> solenoid.State:
+def coil_rates(c: Coefficients, outside: Outside, law: Any, s: solenoid.State, gap: float) -> solenoid.State:
     """Rates of both fluxes [V].
 
     Parameters
     ----------
-    c, outside, s
-        Coefficients, what comes from outside, state.
+    c, outside
+        Coefficients, and what comes from outside.
     law : law
         Of the drive.
+    s : State
+        Of the solenoid.
+    gap : float
+        That the armature leaves [m].
     """
-    flux, pulling = s.solenoid
-    now = solenoid.circuit(c.solenoid, flux, valve.air_gap(c.valve, s.valve))
+    flux, pulling = s
+    now = solenoid.circuit(c.solenoid, flux, gap)
     supply = drive.Supply(drive.Schedule(outside.on, outside.peak), outside.trace)
     rate = law(c, outside, supply, now)
     lag = c.solenoid.eddy_lag

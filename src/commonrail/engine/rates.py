@@ -22,13 +22,15 @@ from commonrail.engine.instant import (
     friction_force,
     inlet_law,
 )
-from commonrail.engine.vector import CORE, Core, Masses, make_frame
+from commonrail.engine.vector import CORE, ROW, Core, Masses, make_frame
 from commonrail.flow.orifice import jet, orifice
 from commonrail.injector import joints
+from commonrail.injector.layout import layout_of
 from commonrail.injector.model import Books, Coefficients
 from commonrail.injector.setup import seat_contact
 from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import needle_seat, nozzle, plunger_needle, solenoid, valve
+from commonrail.parts.chain import Nine
 from commonrail.parts.contents import Contents, contents
 from commonrail.parts.plunger_needle import Motion
 
@@ -76,22 +78,22 @@ def pipe_rates(y: Any, dy: Any, cells: int, c: Coefficients, inlet: float, end: 
 
 
 @physics
-def return_rates(y: Any, dy: Any, first: int, c: Coefficients, inflow: float, low: float) -> None:
+def return_rates(y: Any, dy: Any, place: tuple[int, int], c: Coefficients, inflow: float, low: float) -> None:
     """Rates of the return line as pressure–flow pairs: cell 0, face 1, …, cell n−1, face n at the tank.
 
     Parameters
     ----------
     y, dy : array
         The vector and its rates.
-    first : int
-        First place of the line in it.
+    place : (int, int)
+        First place of the line in it, and its cells.
     c : Coefficients
     inflow : float
         Through the valve [kg/s].
     low : float
         Pressure of the tank [Pa].
     """
-    z, cells = c.return_line.impedance, (len(y) - first) // 2
+    z, (first, cells) = c.return_line.impedance, place
     per_cell = 2.0 * cells / c.return_line.round_trip
     for j in range(cells):
         i = first + 2 * j
@@ -109,20 +111,20 @@ def compiled_rates(variant: Variant) -> Callable[..., None]:
 
 
 def make_hydraulics(variant: Variant) -> Callable[..., Hydraulics]:
-    """Function (coefficients, core, positions) → `Hydraulics`."""
+    """Function (coefficients, masses of fuel, greatest lift so far, positions) → `Hydraulics`."""
     lifts_of = wiring(variant).body.lifts
 
     @physics
-    def hydraulics(c: Coefficients, s: Core, z: Any) -> Hydraulics:
+    def hydraulics(c: Coefficients, fuel: Masses, reached: float, z: Any) -> Hydraulics:
         lifts = lifts_of(z)
         room = joints.make_room(c, lifts)
         return Hydraulics(
             lifts,
             room,
-            contents(c.fuel, s.fuel.control, 1.0 / room.control),
-            contents(c.fuel, s.fuel.store, 1.0 / room.store),
-            contents(c.fuel, s.fuel.sac, 1.0 / room.sac),
-            max(s.nozzle.lift_reached, lifts.tip),
+            contents(c.fuel, fuel.control, 1.0 / room.control),
+            contents(c.fuel, fuel.store, 1.0 / room.store),
+            contents(c.fuel, fuel.sac, 1.0 / room.sac),
+            max(reached, lifts.tip),
         )
 
     return hydraulics  # type: ignore[no-any-return]
@@ -131,69 +133,103 @@ def make_hydraulics(variant: Variant) -> Callable[..., Hydraulics]:
 def make_rates(variant: Variant) -> Callable[..., None]:
     """Function (y, outside, constants, cells, friction, dy) of a variant."""
     wired, frame, hydraulics = wiring(variant), make_frame(variant), make_hydraulics(variant)
-    load, load_core, store_core, load_outside = wired.coefficients.load, CORE.load, CORE.store, OUTSIDE.load
+    load, store_core, load_outside = wired.coefficients.load, CORE.store, OUTSIDE.load
+    load_fuel, load_coil, load_valve = (layout_of(kind).load for kind in (Masses, solenoid.State, valve.State))
     load_masses, store_masses = wired.positions.load, wired.positions.store
-    lifts_of, accelerations = wired.body.lifts, wired.body.accelerations
-    rubs = variant.body is Body.FLEXIBLE
+    accelerations = wired.body.accelerations
+    store_accelerations = store_rubbed if variant.body is Body.FLEXIBLE else store_rigid
     inlet, coil = inlet_law(variant), coil_law(variant)
+    row = ROW
 
+    # The compiler sums in the order in which it reads: each state is read where it is used.
     def rates(y, outside_, constants, cells, friction, dy):  # type: ignore[no-untyped-def]
         c, outside, at = load(constants, 0, 1), load_outside(outside_, 0, 1), frame(cells)
-        s = load_core(y, at.core, 1)
-        z, v = load_masses(y, at.body, 2), load_masses(y, at.body + 1, 2)
-        lifts, _, chamber, store, sac, reached = hydraulics(c, s, z)
-
+        core, line = at.core, at.line
+        fuel = load_fuel(y, core + row.fuel.control, 1)
+        lifts, _, chamber, store, sac, reached = hydraulics(
+            c, fuel, y[core + row.nozzle.lift_reached], load_masses(y, at.body, 2)
+        )
         gain = needle_seat.gap_drive(c.needle_seat, lifts.tip)
         seat = jet(gain * (store.pressure - sac.pressure), store.density, c.needle_seat.offset).mass_flow
         spray_drive, _ = joints.nozzle_drive(c, sac.pressure, outside.cylinder, reached)
         spray = jet(spray_drive, sac.density, c.nozzle.offset).mass_flow
 
-        line = at.line
         wave = y[line] - c.return_line.impedance * y[line + 1] if cells[1] > 0 else outside.low
-        drain = drain_flow(c, chamber.pressure, chamber.density, s.valve.lift, wave)
+        drain = drain_flow(c, chamber.pressure, chamber.density, y[core + row.valve.lift], wave)
 
         tap = c.control_chamber.z_from_inlet
-        entry = feed(c, inlet, Inlet(outside.rail, s.rail_mass, y[0]), store.pressure, chamber.pressure)
+        supply = Inlet(outside.rail, y[core + row.rail_mass], y[0])
+        entry = feed(c, inlet, supply, store.pressure, chamber.pressure)
         guides = c.plunger_needle.guides
         plunger_leak = joints.guide_leak(c, guides.plunger_leak, chamber.pressure, outside.low).mass_flow
         needle_leak = joints.guide_leak(c, guides.needle_leak, store.pressure, outside.low).mass_flow
 
-        gap = valve.gap_drive(c.valve, s.valve.lift)
-        pressing = joints.seat_pressure(c, gap, chamber.pressure, drain.behind)
-        pull = solenoid.pull(c.solenoid, s.solenoid.pulling_flux)
+        magnet, moving = load_coil(y, core + row.solenoid.flux, 1), load_valve(y, core + row.valve.lift, 1)
+        pressing = joints.seat_pressure(c, valve.gap_drive(c.valve, moving.lift), chamber.pressure, drain.behind)
+        supplied = y[0] + tap * entry.z_flow
+        slopes = Core(
+            solenoid=coil_rates(c, outside, coil, magnet, valve.air_gap(c.valve, moving)),
+            valve=valve.rates(c.valve, moving, solenoid.pull(c.solenoid, magnet.pulling_flux), pressing),
+            fuel=Masses(
+                control=entry.z_flow - drain.flow - plunger_leak,
+                store=y[core - 1] - seat - (1.0 - tap) * entry.z_flow - needle_leak,
+                sac=seat - spray,
+            ),
+            nozzle=nozzle.State(0.0, spray),
+            books=Books(returned=drain.flow + plunger_leak + needle_leak, supplied=supplied),
+            rail_mass=-supplied,
+        )
+        store_core(dy, core, 1, slopes)
 
         load_ = plunger_needle.loads(
             guides, c.needle_seat.area, chamber.pressure, store.pressure, sac.pressure, outside.low
         )
+        z, v = load_masses(y, at.body, 2), load_masses(y, at.body + 1, 2)
         store_masses(dy, at.body, 2, v)
-        store_masses(dy, at.body + 1, 2, accelerations(c.plunger_needle, seat_contact(c), z, v, load_))
-        if rubs:
-            for i in range(9):
-                speed = at.body + 2 * i + 1
-                rubbing = friction_force(friction[i, 0], friction[i, 1], y[speed])
-                dy[speed] -= c.plunger_needle.per_mass[i] * rubbing
+        a = accelerations(c.plunger_needle, seat_contact(c), z, v, load_)
+        store_accelerations(dy, at.body, c.plunger_needle, a, v, friction)
 
-        reached_before, rise = s.nozzle.lift_reached, lifts_of(v).tip
+        reached, rise = y[core + row.nozzle.lift_reached], dy[line - 2]
         relaxed = lifts.tip <= 0.0 and sac.pressure - outside.cylinder < joints.RELAXED
-        rising = max(rise, 0.0) if lifts.tip >= reached_before else 0.0
-        supplied = y[0] + tap * entry.z_flow
-        core = Core(
-            solenoid=coil_rates(c, outside, coil, s),
-            valve=valve.rates(c.valve, s.valve, pull, pressing),
-            fuel=Masses(
-                control=entry.z_flow - drain.flow - plunger_leak,
-                store=y[at.core - 1] - seat - (1.0 - tap) * entry.z_flow - needle_leak,
-                sac=seat - spray,
-            ),
-            nozzle=nozzle.State(-reached_before / RESET_TIME if relaxed else rising, spray),
-            books=Books(returned=drain.flow + plunger_leak + needle_leak, supplied=supplied),
-            rail_mass=-supplied,
-        )
-        store_core(dy, at.core, 1, core)
+        rising = max(rise, 0.0) if lifts.tip >= reached else 0.0
+        dy[core + row.nozzle.lift_reached] = -reached / RESET_TIME if relaxed else rising
         pipe_rates(y, dy, cells[0], c, entry.inlet, store.pressure)
-        return_rates(y, dy, line, c, drain.flow, outside.low)
+        return_rates(y, dy, (line, cells[1]), c, drain.flow, outside.low)
 
     return rates
+
+
+@physics
+def store_rubbed(dy: Any, first: int, c: plunger_needle.Coefficients, a: Nine, v: Nine, friction: Any) -> None:
+    """Write the chain's accelerations, less the guides' friction, behind the velocities.
+
+    Parameters
+    ----------
+    dy : array
+        Rates.
+    first : int
+        First place of plunger and needle.
+    c : Coefficients
+    a, v : Nine
+        Accelerations [m/s²] and velocities [m/s].
+    friction : (9, 2)
+        Coulomb force [N] and viscous coefficient [N s/m] of the guides on each mass.
+    """
+    for i in range(9):
+        rubbing = friction_force(friction[i, 0], friction[i, 1], v[i])
+        dy[first + 2 * i + 1] = a[i] - c.per_mass[i] * rubbing
+
+
+@physics
+def store_rigid(dy: Any, first: int, c: plunger_needle.Coefficients, a: float, v: float, friction: Any) -> None:
+    """Write the rigid body's acceleration, which knows no friction; arguments as of `store_rubbed`.
+
+    Parameters
+    ----------
+    dy, first, c, a, v, friction
+        As of `store_rubbed`.
+    """
+    dy[first + 1] = a
 
 
 def make_sac_rate(variant: Variant) -> Callable[..., float]:
@@ -208,7 +244,8 @@ def make_sac_rate(variant: Variant) -> Callable[..., float]:
     @physics
     def sac_rate(c: Coefficients, y: Any, cells: Any, cylinder: float) -> float:
         at = frame(cells)
-        h = hydraulics(c, load_core(y, at.core, 1), load_masses(y, at.body, 2))
+        s = load_core(y, at.core, 1)
+        h = hydraulics(c, s.fuel, s.nozzle.lift_reached, load_masses(y, at.body, 2))
         gain = needle_seat.gap_drive(c.needle_seat, h.lifts.tip)
         seat = orifice(gain * (h.store.pressure - h.sac.pressure), gain, h.store.density, c.needle_seat.offset)
         drive_, gain_ = joints.nozzle_drive(c, h.sac.pressure, cylinder, h.reached)

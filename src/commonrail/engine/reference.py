@@ -304,7 +304,7 @@ class Model:
         found = np.empty((len(time), 4))
         for i, y in enumerate(states):
             core = CORE.load(y, self.at.core, 1)
-            h = hydraulics(self.c, core, masses.load(y, self.at.body, 2))
+            h = hydraulics(self.c, core.fuel, core.nozzle.lift_reached, masses.load(y, self.at.body, 2))
             inlet = feed(self.c, law, Inlet(rail[i], core.rail_mass, y[0]), h.store.pressure, h.chamber.pressure).inlet
             found[i] = h.chamber.pressure, h.store.pressure, h.sac.pressure, inlet
             if self.variant.boundary is Boundary.VOLUME:

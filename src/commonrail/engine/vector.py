@@ -18,7 +18,7 @@ from commonrail.injector.model import Books, Setting, State
 from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import nozzle, solenoid, valve
 
-__all__ = ["CORE", "Core", "Frame", "Masses", "make_frame", "start_vector", "typical_sizes", "vector_states"]
+__all__ = ["CORE", "ROW", "Core", "Frame", "Masses", "make_frame", "start_vector", "typical_sizes", "vector_states"]
 
 Floats = NDArray[np.float64]
 
@@ -43,6 +43,7 @@ class Core(NamedTuple):
 
 
 CORE = layout_of(Core)
+ROW: Any = CORE.load(range(len(CORE.paths)), 0, 1)  # row of each field
 
 
 class Frame(NamedTuple):
