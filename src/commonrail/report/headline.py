@@ -1,4 +1,4 @@
-"""What a calibration achieved, in sentences."""
+"""Result of a calibration in sentences."""
 
 from __future__ import annotations
 
