@@ -1,4 +1,4 @@
-"""What a calibration achieved, in sentences."""
+"""Sentences on the result of a calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a study says, as one number: studies with the same one take the same steps."""
+"""Fingerprint of a study: equal fingerprints mean identical searches."""
 
 from __future__ import annotations
 
