@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import inspect
+import itertools
 import math
 import pkgutil
 import re
@@ -23,6 +24,7 @@ import commonrail.compile
 from commonrail.flow import contact, orifice
 from commonrail.fuel import kernel
 from commonrail.parts import (
+    chain,
     contents,
     control_chamber,
     drive,
@@ -55,6 +57,9 @@ CONSTANTS = {
     "RELAXED": "Pa",
 }
 
+# NamedTuples of one unit, which the docstring of each law gives.
+UNIFORM = (chain.Nine, chain.Seven)
+
 # Units of the fields, in order, of each NamedTuple that a law takes or returns. `Parameters` state theirs themselves.
 FIELDS: dict[type, str] = {
     kernel.FuelCoefficients: "kg/m3, m3/kg" + 7 * ", Pa" + 4 * ", 1" + 6 * ", s/m2" + 3 * ", 1" + ", Pa",
@@ -72,7 +77,12 @@ FIELDS: dict[type, str] = {
     feed_pipe.Coefficients: "Pa s/kg, kg/(s Pa), Pa s2/kg2, s",
     needle_seat.Coefficients: "m2, m, 1, kg/s, N/m, s/m",
     nozzle.Coefficients: "m4, m4, kg/s, 1, m, m, 1/m, 1/m",
+    plunger_needle.Coefficients: "N/m, N s/m, 1/kg, s/kg, N/m, kg, of their own",
+    plunger_needle.Guides: "m2, m2, m2, m3, m3, N, N/m, m, N/m, s/m",
+    plunger_needle.Loads: "N, N, N, N, N",
     plunger_needle.Motion: "m, m, m",
+    plunger_needle.Needle: "N, N, N, N",
+    plunger_needle.State: "m, m/s, m/s",
     rail.Coefficients: "m3, m4",
     return_line.Coefficients: "Pa s/kg, s",
     rigid_body.State: "m, m/s",
@@ -179,9 +189,9 @@ def carried() -> Iterator[None]:
 
 
 def laws() -> dict[str, Law]:
-    """Every `@physics` law of fuel, flow and parts by its dotted name."""
+    """Every `@physics` law of fuel, flow and parts by its dotted name, but for pieces without a name of their own."""
     modules = {module.__name__ for module in physics_modules(ROOMS)}
-    found = [law for law, _ in commonrail.compile._LAWS if law.__module__ in modules]
+    found = [law for law, _ in commonrail.compile._LAWS if law.__module__ in modules and law.__doc__]
     return {f"{law.__module__.removeprefix('commonrail.')}.{law.__name__}": law for law in found}
 
 
@@ -205,8 +215,20 @@ def returned(law: Law) -> list[str]:
 def check_returned(law: Law, found: Any) -> None:
     """Compare what a law returned with what it says it returns."""
     kind = get_type_hints(law)["return"]
-    units = FIELDS[kind].split(", ") if hasattr(kind, "_fields") else returned(law)
-    values = found if isinstance(found, tuple) else (found,)
+    values = found if isinstance(found, tuple) and kind not in UNIFORM else (found,)
+    units = returned(law)
+    if kind in FIELDS and law.__name__ != "rates":  # which has the fields of a state, each per second
+        units = FIELDS[kind].split(", ")
     assert len(units) == len(values), f"the first paragraph must give {len(values)} units, not {units}"
     for value, unit in zip(values, units, strict=True):
+        check_value(value, unit)
+
+
+def check_value(value: Any, unit: str) -> None:
+    """Compare a value, or each of a NamedTuple, with the unit that is documented for it."""
+    units = FIELDS[type(value)].split(", ") if type(value) in FIELDS else itertools.repeat(unit)
+    if isinstance(value, tuple):
+        for each, its_unit in zip(value, units, strict=False):
+            check_value(each, its_unit)
+    elif si(value) != 0.0:  # zero times any unit is a law's bare 0.0; other trials take the law's other branch
         assert same_dimension(value, quantity(1.0, unit)), f"{value} is returned, [{unit}] is documented"

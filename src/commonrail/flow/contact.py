@@ -70,8 +70,8 @@ def contact_over_step(
         damping        c (1 + (k + k β δ̇) dt²/(12 m)) + k β dt²/4 δ̈
 
     the damping being applied to the mean of the velocities before and after the step, which is δ̇ + dt²/6 δ⃛. In these
-    small terms δ̇ is that of half a step before, and the rate of the other forces is left out: hence third order. A step
-    in which bodies touch or part remains second order, with an error some seven times smaller (`mean_overlap`).
+    small terms δ̇ is that of half a step before, and the rate of the other forces is neglected: hence third order. A
+    step in which bodies touch or part remains second order, with an error some seven times smaller (`mean_overlap`).
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ Choices = tuple[tuple[str, type], ...]
 
 
 class Layout(NamedTuple):
-    """Where the fields of a nested NamedTuple stand.
+    """Rows of the fields of a nested NamedTuple.
 
     Attributes
     ----------

@@ -65,7 +65,7 @@ class Delays(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """What the step needs, worked out once per candidate and operating point."""
+    """Numbers that the step needs, computed once per candidate and operating point."""
 
     fuel: FuelCoefficients
     rail: rail.Coefficients

@@ -63,19 +63,39 @@ def each(kind: type, law: Callable[..., float], shared: str = "") -> Callable[..
 
 @physics
 def across(z: Nine) -> Seven:
-    """Differences over each cylinder, of the upper mass's value and the lower's."""
+    """Differences over each cylinder: the upper mass's value less the lower's, in its unit.
+
+    Parameters
+    ----------
+    z : Nine
+        Positions [m] or velocities [m/s].
+    """
     return Seven(z.i1 - z.i2, z.i2 - z.i3, z.i3 - z.i4, z.i4 - z.i5, z.i5 - z.i6, z.i7 - z.i8, z.i8 - z.i9)
 
 
 @physics
 def around(m: Seven) -> Nine:
-    """Sums over the cylinders that end at each mass."""
+    """Sums over the cylinders that end at each mass, in the unit of the cylinders' values.
+
+    Parameters
+    ----------
+    m : Seven
+        Masses [kg].
+    """
     return Nine(m.i1, m.i1 + m.i2, m.i2 + m.i3, m.i3 + m.i4, m.i4 + m.i5, m.i5, m.i6, m.i6 + m.i7, m.i7)
 
 
 @physics
 def pull(s: Seven, joint: float) -> Nine:
-    """Forces on the masses [N] from those in the cylinders and in the joint, positive in tension."""
+    """Forces on the masses [N], positive when opening, from those in the cylinders and in the joint.
+
+    Parameters
+    ----------
+    s : Seven
+        Forces in the cylinders [N], positive in tension.
+    joint : float
+        Force between plunger and needle [N], positive in tension; masses that touch give zero or less.
+    """
     return Nine(
         -s.i1, s.i1 - s.i2, s.i2 - s.i3, s.i3 - s.i4, s.i4 - s.i5, s.i5 - joint, joint - s.i6, s.i6 - s.i7, s.i7
     )

@@ -58,7 +58,7 @@ class Parameters(NamedTuple):
     spring_stiffness: Annotated[
         float, Q("N/m", "stiffness of the needle spring", Domain.NON_NEGATIVE, usual=(500.0, 2e6))
     ]
-    stop_lift: Annotated[float, Q("m", "way of the plunger's unloaded top to its upper stop", usual=(20e-6, 5e-3))]
+    stop_lift: Annotated[float, Q("m", "distance from the unloaded plunger top to the upper stop", usual=(20e-6, 5e-3))]
     stop_stiffness: Annotated[float, Q("N/m", "stiffness of the upper stop", Domain.POSITIVE, 1.5e8, usual=(1e6, 1e10))]
     stop_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of the upper stop", Domain.NON_NEGATIVE, 0.2)]
 
@@ -99,7 +99,7 @@ class State(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What the fluid sees: lift of the plunger's top, the needle's shoulder and its tip [m]."""
+    """Lifts of the plunger's top, the needle's shoulder and its tip [m], which change the fuel's volumes."""
 
     top: float
     shoulder: float
@@ -125,19 +125,49 @@ class SeatContact(NamedTuple):
 
 @physics
 def cylinder_stiffness(elastic_modulus: float, diameter: float, length: float) -> float:
-    """Axial stiffness of a cylinder k = E A/l0 [N/m], Eq. (8)."""
+    """Axial stiffness of a cylinder k = E A/l0 [N/m], Eq. (8).
+
+    Parameters
+    ----------
+    elastic_modulus : float
+        E [Pa].
+    diameter : float
+        Of the cylinder [m].
+    length : float
+        l0 [m].
+    """
     return elastic_modulus * pipe_area(diameter) / length
 
 
 @physics
 def cylinder_mass(density: float, diameter: float, length: float) -> float:
-    """Mass of a cylinder ρ A l0 [kg]."""
+    """Mass of a cylinder ρ A l0 [kg].
+
+    Parameters
+    ----------
+    density : float
+        ρ of the steel [kg/m³].
+    diameter : float
+        Of the cylinder [m].
+    length : float
+        l0 [m].
+    """
     return density * pipe_area(diameter) * length
 
 
 @physics
 def damper(damping_ratio: float, stiffness: float, mass: float) -> float:
-    """c = 2 ξ sqrt(k M) [N s/m], text below Eq. (8), M being the cylinder's mass."""
+    """Damping coefficient of a cylinder c = 2 ξ sqrt(k M) [N s/m], text below Eq. (8).
+
+    Parameters
+    ----------
+    damping_ratio : float
+        ξ [1], ≥ 0.
+    stiffness : float
+        k [N/m].
+    mass : float
+        M of the cylinder [kg].
+    """
     return 2.0 * damping_ratio * math.sqrt(stiffness * mass)
 
 
@@ -148,7 +178,15 @@ _scaled = each(Nine, lambda factor, x: factor * x, shared="factor")
 
 @physics
 def coefficients(p: Parameters, dt: float) -> Coefficients:
-    """Coefficients of chain, guides, spring and stop; `dt` is the leapfrog's step [s]."""
+    """Coefficients of chain, guides, spring and stop.
+
+    Parameters
+    ----------
+    p : Parameters
+        Drawing.
+    dt : float
+        Step of the leapfrog [s].
+    """
     k, m = Seven(p.k1, p.k2, p.k3, p.k4, p.k5, p.k6, p.k7), Seven(p.m1, p.m2, p.m3, p.m4, p.m5, p.m6, p.m7)
     per_mass = _inverse(around(m))
     guides = Guides(
@@ -176,7 +214,23 @@ def coefficients(p: Parameters, dt: float) -> Coefficients:
 
 @physics
 def loads(g: Guides, seat_area: float, control: float, accumulation: float, sac: float, low: float) -> Loads:
-    """F1…F9 of Eq. (10): pressure on every area normal to the axis, `low` being the return pressure [Pa]."""
+    """Forces F1…F9 of Eq. (10): pressure on every area normal to the axis, positive when opening.
+
+    Parameters
+    ----------
+    g : Guides
+        Areas and spring.
+    seat_area : float
+        Of the needle seat [m²].
+    control : float
+        Pressure in the control chamber [Pa].
+    accumulation : float
+        Pressure in the accumulation volume [Pa].
+    sac : float
+        Pressure in the SAC [Pa].
+    low : float
+        Return pressure, between plunger and needle [Pa].
+    """
     return Loads(
         -control * g.plunger_area,
         low * g.plunger_area,
@@ -196,9 +250,13 @@ def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
     Parameters
     ----------
     c : Coefficients
-    z, v : Nine
-        Positions [m] and velocities [m/s] at one time.
+        Of the chain.
+    z : Nine
+        Positions [m].
+    v : Nine
+        Velocities [m/s] at the same time.
     load : Loads
+        Pressure forces.
     """
     joint = c.joint_stiffness * min(z.i6 - z.i7, 0.0)
     f = pull(_in_cylinders(c.k, c.c, across(z), across(v)), joint)
@@ -208,7 +266,17 @@ def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
 
 @physics
 def with_ends(f: Nine, top: float, tip: float) -> Nine:
-    """Forces [N] with those on the ends, where stop and seat act, replaced."""
+    """Forces [N] with those on the ends, where stop and seat act, replaced.
+
+    Parameters
+    ----------
+    f : Nine
+        Forces on the masses [N].
+    top : float
+        Force on mass 1 [N].
+    tip : float
+        Force on mass 9 [N].
+    """
     return Nine(top, f.i2, f.i3, f.i4, f.i5, f.i6, f.i7, f.i8, tip)
 
 
@@ -231,7 +299,9 @@ def bends(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, dt: float) ->
     Parameters
     ----------
     c : Coefficients
+        Of the chain.
     seat : SeatContact
+        Contact of the needle seat.
     z : Nine
         Positions [m].
     gain : Nine
@@ -259,10 +329,13 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
     Parameters
     ----------
     c : Coefficients
+        Of the chain.
     seat : SeatContact
+        Contact of the needle seat.
     s : State
+        State before.
     load : Loads
-        Pressure forces at t_n [N].
+        Pressure forces at t_n.
     dt : float
         Step [s].
     """
@@ -291,15 +364,16 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
 
 @physics
 def accelerations(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load: Loads) -> Nine:
-    """Right-hand side of Eq. (10) [m/s²] with seat and stop, for a solver that knows z and v at one time.
+    """Right-hand side of Eq. (10) [m/s²] with seat and stop, for a solver that has z and v at one time.
 
     Parameters
     ----------
-    c : Coefficients
-    seat : SeatContact
-    z, v : Nine
-        Positions [m] and velocities [m/s].
-    load : Loads
+    c, seat, load
+        As in `advance`.
+    z : Nine
+        Positions [m].
+    v : Nine
+        Velocities [m/s].
     """
     f = forces(c, z, v, load)
     stop = contact(z.i1 - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
@@ -314,7 +388,13 @@ Positions = Nine
 
 @physics
 def lifts(z: Nine) -> Motion:
-    """What the fluid sees of positions [m] or velocities [m/s]."""
+    """Lifts at top, shoulder and tip. Also their velocities [m/s], from those of the masses.
+
+    Parameters
+    ----------
+    z : Nine
+        Positions [m].
+    """
     return Motion(z.i1, z.i8, z.i9)
 
 
@@ -324,9 +404,8 @@ def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
 
     Parameters
     ----------
-    c : Coefficients
-    seat : SeatContact
-    load : Loads
+    c, seat, load
+        As in `advance`; the loads press the needle into its seat.
     """
     k = c.k
     push = -load.top  # compression of k1…k5

@@ -86,7 +86,13 @@ Positions = float
 
 @physics
 def lifts(z: float) -> Motion:
-    """Lifts [m], or velocities [m/s], at top, shoulder and tip: all equal."""
+    """Lifts at top, shoulder and tip: all equal. Also their velocities [m/s], from that of the body.
+
+    Parameters
+    ----------
+    z : float
+        Lift [m].
+    """
     return Motion(z, z, z)
 
 

@@ -73,14 +73,30 @@ def coefficients(p: Parameters) -> Coefficients:
 
 @physics
 def at_rest(c: Coefficients, seat_pressure: float) -> State:
-    """Closed valve, its lift below zero by what spring and pressure [Pa] press into the seat."""
+    """Closed valve at rest, its lift below zero by what spring and pressure press into the seat.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this valve.
+    seat_pressure : float
+        Excess over the return pressure on the seat area [Pa].
+    """
     held = c.spring_preload - c.seat_area * seat_pressure
     return State(-held / (c.contact_stiffness + c.spring_stiffness), 0.0)
 
 
 @physics
 def air_gap(c: Coefficients, s: State) -> float:
-    """Air gap that the armature leaves above the residual one [m]."""
+    """Air gap that the armature leaves above the residual one [m].
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this valve.
+    s : State
+        Lift and velocity.
+    """
     return c.lift - s.lift
 
 
@@ -91,11 +107,13 @@ def advance(c: Coefficients, s: State, pull: float, seat_pressure: float, dt: fl
     Parameters
     ----------
     c : Coefficients
+        Of this valve.
     s : State
+        Lift at t_n, velocity half a step before.
     pull : float
-        Force of the magnet at t_n [N].
+        Magnetic force F_ev at t_n [N].
     seat_pressure : float
-        Pressure on the seat area, above that behind it [Pa].
+        Excess over the return pressure on the seat area [Pa].
     dt : float
         Step [s].
     """
@@ -108,16 +126,14 @@ def advance(c: Coefficients, s: State, pull: float, seat_pressure: float, dt: fl
 
 @physics
 def rates(c: Coefficients, s: State, pull: float, seat_pressure: float) -> State:
-    """Rates of lift and velocity [m/s], [m/s²], for a solver that knows both at one time.
+    """Rates of lift and velocity [m/s], [m/s²], for a solver that has both at one time.
 
     Parameters
     ----------
-    c : Coefficients
+    c, pull, seat_pressure
+        As in `forces`.
     s : State
-    pull : float
-        Force of the magnet [N].
-    seat_pressure : float
-        As in `advance` [Pa].
+        Lift and velocity at one time.
     """
     force, damping = forces(c, s.lift, pull, seat_pressure)
     return State(s.velocity, c.per_mass * (force - damping * s.velocity))
