@@ -419,12 +419,12 @@ def test_energisings_may_be_any_list_of_pairs(pulses: Any) -> None:
 
 
 def test_texts_in_the_rows_of_a_batch_have_the_unit_of_their_column() -> None:
-    from commonrail.engine.simulate import _candidates
+    from commonrail.engine.population import read_candidates
 
     names = ("valve.spring_preload", "fuel.temperature")
-    read = _candidates(names, [["75 N", "80 degC"], [76.0, np.float64(354.0)], (np.nan, "1 kK")])
+    read = read_candidates(names, [["75 N", "80 degC"], [76.0, np.float64(354.0)], (np.nan, "1 kK")])
     np.testing.assert_array_equal(read, [[75.0, 353.15], [76.0, 354.0], [np.nan, 1000.0]])
-    assert _candidates(names, [75.0, "80 degC"]).tolist() == [[75.0, 353.15]]
+    assert read_candidates(names, [75.0, "80 degC"]).tolist() == [[75.0, 353.15]]
 
 
 # What division by zero, a time under way for ever and an initial state beyond all numbers came from.

@@ -11,7 +11,7 @@ import pytest
 
 from commonrail.calibration.comparison import Comparison, check_drive, check_labels, compare
 from commonrail.calibration.comparison_record import comparison_record
-from commonrail.calibration.run import validate
+from commonrail.calibration.result import validate
 from commonrail.calibration.study import Study
 from commonrail.choices import Body, Drive
 from commonrail.engine.operating_point import OperatingPoint, Trace

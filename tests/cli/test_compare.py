@@ -147,7 +147,7 @@ def test_validate_refuses_a_drive_that_the_data_do_not_have(command: Command, tm
     [
         ("traces.csv", "data,time [us],measured [mm3/ms]\na,1.0,oops\n", 'line 2, column "measured [mm3/ms]": "oops"'),
         ("traces.csv", "data,time [us]\n", "the header is not that of curves"),
-        ("traces.csv", "", "the header is not that of curves"),
+        ("traces.csv", "", "the file has no rows"),
         ("comparison.json", "[" * 100_000, "not a run folder of commonrail compare"),
         ("comparison.json", "{}", "is not the result of commonrail compare"),
     ],

@@ -85,7 +85,9 @@ def test_the_noise_of_one_sample_does_not_set_the_state_at_rest(regulated: Injec
     )
     one, other = plan.prepare(regulated, [clean], 1e-6), plan.prepare(regulated, [spoilt], 1e-6)
     # half of one sample of 5 us in 0.5 ms
-    assert other.settings - one.settings == pytest.approx(5e-3 * np.array([[20e6, 1e6, 0.4e6]]), rel=1e-6)
+    assert other.courses.settings - one.courses.settings == pytest.approx(
+        5e-3 * np.array([[20e6, 1e6, 0.4e6]]), rel=1e-6
+    )
     assert other.densities == pytest.approx(one.densities, rel=1e-5)  # 5 kPa of some 1.3 GPa
     starts = [Model(regulated, point, COARSE, None).start for point in (clean, spoilt)]
     assert starts[1][1] - starts[0][1] == pytest.approx(0.1e6, rel=1e-6)  # of the feed pipe's first cell

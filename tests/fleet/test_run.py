@@ -143,10 +143,18 @@ def test_a_failed_injector_may_leave_the_table(fleet_file: Path, whole: FleetRun
 
 
 def test_a_fault_of_all_is_told_before_any_work(fleet_file: Path, tmp_path: Path) -> None:
-    edited(fleet_file.parent / "study.toml", 'name = "valve.spring_preload"', 'name = "valve.spring_prelaod"')
-    with pytest.raises(InputError, match=r"Not one of the first 3 injectors can be read; the first: .*spring_prelaod"):
+    for data in (fleet_file.parent / "data").iterdir():
+        data.unlink()
+    with pytest.raises(InputError, match=r"Not one of the first 3 injectors can be read; the first: .*160MPa.csv"):
         run_fleet(load_fleet(fleet_file), tmp_path / "run")
     assert ended(tmp_path / "run") == {}
+
+
+def test_a_fault_of_the_common_study_is_told_before_any_work(fleet_file: Path, tmp_path: Path) -> None:
+    edited(fleet_file.parent / "study.toml", 'name = "valve.spring_preload"', 'name = "valve.spring_prelaod"')
+    with pytest.raises(InputError, match=r"study.toml, parameter\[4\].name: .*spring_prelaod"):
+        run_fleet(load_fleet(fleet_file), tmp_path / "run")
+    assert not (tmp_path / "run").exists() or ended(tmp_path / "run") == {}
 
 
 def test_injectors_may_be_added(begun: tuple[Path, Path], whole: FleetRun) -> None:

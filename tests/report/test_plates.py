@@ -49,7 +49,7 @@ def run(tmp_path: Path) -> Path:
     """Folder of a reproduction without figures for print."""
     (tmp_path / "reproduce.json").write_text(json.dumps(record()))
     labels = ["experiment", *record()["labels"]]
-    lines = [",".join(["seed", "data", "time [us]", *labels])]
+    lines = [",".join(["seed", "data", "time [us]", *(f"{label} [mm3/ms]" for label in labels)])]
     for seed, sets in traces().items():
         for name, curves in sets.items():
             columns = zip(curves["time_s"] * 1e6, *(curves[label] * 1e6 for label in labels), strict=True)

@@ -54,6 +54,8 @@ def read_reproduction(folder: Path) -> tuple[dict[str, Any], Traces]:
         columns = ("time_s", EXPERIMENT, *map(str, record["labels"]))
         traces: Traces = {}
         for (seed, data), trace in read_curves(folder / TRACES, EXPERIMENT, BEFORE).items():
+            if set(trace) != set(columns):
+                raise InputError(f"{TRACES} has other curves than {RECORD}")
             traces.setdefault(int(seed), {})[data] = {name: trace[name] for name in columns}
         return record, traces
     except (InputError, LookupError, TypeError, ValueError) as error:

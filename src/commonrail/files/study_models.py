@@ -10,7 +10,6 @@ from functools import cache
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, create_model
-from pydantic_core import PydanticCustomError
 
 from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.registry import Registered
@@ -89,7 +88,7 @@ def _known_method(name: str) -> str:
     names = [entry.name for entry in registry.REGISTERED]
     if name not in names:
         known = " or ".join(f'"{known}"' for known in names)
-        raise PydanticCustomError("kind", 'this must be {known}, not "{name}"', {"known": known, "name": name})
+        raise fault(f'this must be {known}, not "{name}"')
     return name
 
 
