@@ -61,9 +61,15 @@ def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 def for_each(*targets: Target) -> pytest.MarkDecorator:
-    """Run a test for each of these targets; one after the other, so that each is compiled once."""
-    names = [f"{target.processor}-{target.precision.value}" for target in targets]
-    return pytest.mark.parametrize("compiled", targets, ids=names, indirect=True, scope="module")
+    """Run a test for each of these targets; one after the other, so that each is compiled once.
+
+    Each takes half a minute of processor time: the first is compiled in the suite, the others with the slow tests.
+    """
+    cases = [
+        pytest.param(t, id=f"{t.processor}-{t.precision.value}", marks=[] if t is WIDE else pytest.mark.slow)
+        for t in targets
+    ]
+    return pytest.mark.parametrize("compiled", cases, indirect=True, scope="module")
 
 
 def count(assembly: str, instruction: str, registers: str) -> int:
