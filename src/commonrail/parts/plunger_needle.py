@@ -13,7 +13,7 @@ import math
 from typing import NamedTuple
 
 from commonrail.compile import physics, reciprocals
-from commonrail.flow.contact import contact, next_velocity
+from commonrail.flow.contact import Contact, contact, next_velocity
 from commonrail.flow.leakage import gap_conductance
 from commonrail.flow.wave import pipe_area
 from commonrail.parts.chain import Nine, Seven, across, around, each, pull
@@ -317,6 +317,36 @@ def bends(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, dt: float) ->
 
 
 _extrapolated = each(Nine, lambda v, before: 1.5 * v - 0.5 * before)
+
+
+@physics
+def at_stop(g: Guides, top: float) -> Contact:
+    """Contact with the upper stop.
+
+    Parameters
+    ----------
+    g : Guides
+        Of plunger and needle.
+    top : float
+        Lift of the plunger's top [m].
+    """
+    return contact(top - g.stop_lift, g.stop_stiffness, g.stop_damping)
+
+
+@physics
+def on_seat(seat: SeatContact, tip: float) -> Contact:
+    """Contact with the needle seat.
+
+    Parameters
+    ----------
+    seat : SeatContact
+        Contact of the needle seat.
+    tip : float
+        Lift of the needle's tip [m].
+    """
+    return contact(-tip, seat.stiffness, seat.damping)
+
+
 _product = each(Nine, lambda x, y: x * y)
 _advanced = each(Nine, lambda x, step, rate: x + step * rate, shared="step")
 _sum = each(Nine, lambda x, y: x + y)
@@ -340,8 +370,7 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
         Step [s].
     """
     f = forces(c, s.z, _extrapolated(s.v, s.v_before), load)
-    stop = contact(s.z.i1 - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
-    rest = contact(-s.z.i9, seat.stiffness, seat.damping)
+    stop, rest = at_stop(c.guides, s.z.i1), on_seat(seat, s.z.i9)
     m = c.impulse
     half1, half9 = 0.5 * m.i1 * stop.damping, 0.5 * m.i9 * rest.damping
     per1, per9 = reciprocals(1.0 + half1, 1.0 + half9)
@@ -376,8 +405,7 @@ def accelerations(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load: Lo
         Velocities [m/s].
     """
     f = forces(c, z, v, load)
-    stop = contact(z.i1 - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
-    rest = contact(-z.i9, seat.stiffness, seat.damping)
+    stop, rest = at_stop(c.guides, z.i1), on_seat(seat, z.i9)
     top = f.i1 - stop.force - stop.damping * v.i1
     return _product(c.per_mass, with_ends(f, top, f.i9 + rest.force - rest.damping * v.i9))
 

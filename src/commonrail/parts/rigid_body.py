@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from commonrail.compile import physics
-from commonrail.flow.contact import contact, next_velocity
-from commonrail.parts.plunger_needle import Coefficients, Loads, Motion, SeatContact
+from commonrail.flow.contact import next_velocity
+from commonrail.parts.plunger_needle import Coefficients, Loads, Motion, SeatContact, at_stop, on_seat
 
 
 class State(NamedTuple):
@@ -52,8 +52,7 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
     dt : float
         Step [s].
     """
-    stop = contact(s.z - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
-    rest = contact(-s.z, seat.stiffness, seat.damping)
+    stop, rest = at_stop(c.guides, s.z), on_seat(seat, s.z)
     per_mass = dt / c.total_mass
     impulse = per_mass * (force(c, s.z, load) + rest.force - stop.force)
     half = 0.5 * per_mass * (rest.damping + stop.damping)
@@ -74,8 +73,7 @@ def accelerations(c: Coefficients, seat: SeatContact, z: float, v: float, load: 
     v : float
         Velocity [m/s].
     """
-    stop = contact(z - c.guides.stop_lift, c.guides.stop_stiffness, c.guides.stop_damping)
-    rest = contact(-z, seat.stiffness, seat.damping)
+    stop, rest = at_stop(c.guides, z), on_seat(seat, z)
     resting = rest.force - stop.force - (rest.damping + stop.damping) * v
     return (force(c, z, load) + resting) / c.total_mass
 
