@@ -29,10 +29,11 @@ print(run(21.0), sum(run.compiled.stats.cache_hits.values()))
 
 
 def answer(cache: Path) -> tuple[list[str], str]:
-    """What a process prints that uses a kernel, and what it says besides."""
+    """Output and notes of a process that uses a kernel."""
     script = cache / "script.py"
     script.write_text(PLAIN, encoding="utf-8")
-    environment = os.environ | {"XDG_CACHE_HOME": str(cache)}
+    (cache / "second").mkdir(exist_ok=True)
+    environment = os.environ | {"XDG_CACHE_HOME": str(cache), "TMPDIR": str(cache / "second")}
     done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=True)
     return done.stdout.split(), done.stderr
 
@@ -42,11 +43,10 @@ def kept(cache: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("place", [0, 25, 200, 0.5, -1])
-def test_a_kernel_with_a_flipped_bit_is_compiled_anew_once_with_a_note(tmp_path: Path, place: float) -> None:
+def test_a_kernel_with_a_flipped_bit_is_compiled_anew_once_with_a_note(tmp_path: Path) -> None:
     assert answer(tmp_path) == (["42.0", "0"], "")
     content = bytearray(kept(tmp_path).read_bytes())
-    content[int(place * len(content)) if 0 < place < 1 else int(place)] ^= 4
+    content[len(content) // 2] ^= 4
     kept(tmp_path).write_bytes(content)
     said, noted = answer(tmp_path)
     assert said == ["42.0", "0"]
@@ -117,9 +117,10 @@ def test_a_folder_that_somebody_else_could_write_to_is_left_with_a_note(tmp_path
     (tmp_path / "commonrail").mkdir()
     (tmp_path / "commonrail").chmod(0o777)
     said, noted = answer(tmp_path)
-    assert said == ["42.0", "0"] or said == ["42.0", "1"]  # from the second place
+    assert said == ["42.0", "0"]
     assert f"No compiled simulations are kept in {tmp_path / 'commonrail'}" in noted
     assert not list(tmp_path.glob("commonrail/*/*"))
+    assert len(list(tmp_path.glob("second/*/*/*.kernel"))) == 1
 
 
 # Another process compiles the same kernel after this one has missed it and before it has its turn.

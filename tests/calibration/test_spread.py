@@ -75,7 +75,8 @@ def bad(objective: Objective, population: Floats, tmp_path: Path) -> Bad:
 @pytest.mark.usefixtures("many_pieces")
 def test_a_population_in_pieces(two: Workers, objective: Objective, population: Floats, expected: bytes) -> None:
     spread = SpreadObjective(objective, two)
-    assert len(cut(CANDIDATES, two.backend.count, spread._seconds["costs"])) > 1
+    spread._seconds["costs"] = 1e-3  # for a block, in place of what was measured here
+    assert len(cut(CANDIDATES, two.backend.count, 1e-3)) > 1
     scores = spread.costs(population)
     assert scores.costs.tobytes() == expected
     assert scores.simulations == CANDIDATES
