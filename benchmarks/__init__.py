@@ -1,1 +1,1 @@
-"""What only ``make bench`` needs: other solvers and optimisers, cost curves, rooflines, figures."""
+"""Parts of ``make bench`` alone: other solvers and optimisers, cost curves, rooflines, figures."""

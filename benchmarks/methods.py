@@ -30,7 +30,7 @@ def peer_methods() -> list[Method]:
 
 
 def right_hand_side(clocks: Clocks = CLOCKS) -> list[dict[str, float]]:
-    """What one evaluation costs at each of the peers' resolutions: compiled, and called back from Python [s].
+    """Time of one evaluation at each of the peers' resolutions: compiled, and called back from Python [s].
 
     A method's evaluations times the first are what it could not go below, were its solver all machine code.
     """

@@ -1,4 +1,4 @@
-"""What a step of the fast engine is made of, the processor's bound for it and how near it comes.
+"""Instructions of a step of the fast engine, the processor's bound for them and the distance from it.
 
 ``python -m benchmarks.roofline [RECORD.json]`` prints a table, and adds it to a benchmark's record. The machine code
 is that of the kernel as built here; its bound is what ``llvm-mca`` finds for the ports of the processor if every value

@@ -146,7 +146,7 @@ class CvodeModel(PeerModel):
 
 
 def _answer(rows: Floats, times: Any = ((),) * EVENTS, states: Any = ((),) * EVENTS, success: bool = True) -> Any:
-    """What `Model.run` looks at of a result of `solve_ivp`; of the times of the samples only their number."""
+    """Parts of a result of `solve_ivp` that `Model.run` uses; of the times of the samples only their number."""
     switched = int(len(times[-1]) > 0)
     return SimpleNamespace(
         success=success, status=switched, t=range(len(rows)), y=rows.T, t_events=times, y_events=states

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 
@@ -45,6 +46,19 @@ def found(text: str) -> dict[str, str]:
 @pytest.mark.parametrize("page", TEXTS)
 def test_a_page_uses_the_words_of_the_trade(page: str) -> None:
     assert found(TEXTS[page].read_text(encoding="utf-8")) == {}
+
+
+@pytest.mark.parametrize("folder", ["src", "tests", "tools", "benchmarks"])
+def test_a_docstring_opens_with_the_noun_or_the_verb(folder: str) -> None:
+    asking = re.compile(r'^\s*"""(What|Who|How|Where|Whether|When|Which|Why)\b[^\n]*', re.M)
+    found = {path.relative_to(ROOT).as_posix(): asking.search(path.read_text("utf-8")) for path in sources(folder)}
+    assert len(found) > 5
+    assert {path: match.group().strip() for path, match in found.items() if match} == {}
+
+
+def sources(folder: str) -> list[Path]:
+    """Python files of a folder of the repository."""
+    return sorted((ROOT / folder).rglob("*.py"))
 
 
 @pytest.mark.parametrize("verb", sorted(GROUP.commands))

@@ -141,7 +141,7 @@ def words() -> frozenset[str]:
 
 
 def is_member(name: str) -> bool:
-    """Whether `a.b.c` leads from a module or class `a` to its `b`, and from that to `c`."""
+    """Return whether `a.b.c` leads from a module or class `a` to its `b`, and from that to `c`."""
     parts = name.removeprefix("commonrail.").removeprefix("cr.").split(".")
     if len(parts) == 1:
         return parts[0] in cr.__all__ or parts[0] in source().members["commonrail"]

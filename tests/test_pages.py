@@ -45,7 +45,7 @@ def commands(page: Path, *programs: str) -> list[list[str]]:
 
 
 def refusal(words: list[str]) -> str:
-    """What a verb says against a command line that is read but not run; empty if it takes it."""
+    """Objection of a verb to a command line that is read but not run; empty if it accepts it."""
     verb = GROUP.commands.get(words[1])
     if verb is None:
         return f"there is no verb {words[1]}"
@@ -60,7 +60,7 @@ def refusal(words: list[str]) -> str:
 
 
 def is_sketch(words: list[str]) -> bool:
-    """Whether a line shows the form of a command, as `[--out DIR]` does, or names a verb in the text."""
+    """Return whether a line shows the form of a command, as `[--out DIR]` does, or names a verb in the text."""
     return len(words) < 3 or any(re.search(r"[\[\]…]|^[A-Z]{2,}$|^\.\.\.$", word) for word in words[2:])
 
 

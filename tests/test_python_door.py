@@ -53,7 +53,7 @@ def refused(call: Callable[[], object], word: str) -> None:
 
 
 def outcome(call: Callable[[], object]) -> object:
-    """What a call returns, or the error of the project that it raises."""
+    """Result of a call, or the error of the project that it raises."""
     try:
         return call()
     except CommonrailError as error:

@@ -1,4 +1,4 @@
-"""What several tests of the engines do with traces."""
+"""Traces for tests of the engines."""
 
 from __future__ import annotations
 

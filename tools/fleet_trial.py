@@ -96,7 +96,7 @@ def _kill(fleet: Path, run: Path) -> None:
 
 
 def _done(run: Path) -> dict[str, str]:
-    """When each finished injector was finished."""
+    """Time at which each finished injector was finished."""
     if not (run / "fleet.sqlite").is_file():
         return {}
     with closing(sqlite3.connect(run / "fleet.sqlite")) as journal:

@@ -65,7 +65,7 @@ def claims(record: Record) -> str:
 
 
 def run_facts(record: Record) -> str:
-    """Where the figures come from."""
+    """Source of the figures."""
     software = ", ".join(f"{name} {number}" for name, number in record["software"].items())
     return (
         f"{len(record['seeds'])} seeds, {record['simulations']:,} injections in {duration(record['seconds'])} on the "

@@ -31,7 +31,7 @@ LONGEST = 300.0  # [s] for a process that is not killed
 
 
 class Round(NamedTuple):
-    """What came of a round: kills, runs whose journal was found whole after a kill, faults."""
+    """Result of a round: kills, runs whose journal was found whole after a kill, faults."""
 
     kills: int
     moments: list[str]

@@ -227,7 +227,7 @@ def objection(folder: Path) -> str:
 
 
 def _is_open(found: os.stat_result) -> bool:
-    """Whether others than the owner may write; the group of the same number as the user is the user's own."""
+    """Return whether others than the owner may write; the group of the same number as the user is the user's own."""
     group = found.st_mode & stat.S_IWGRP and found.st_gid not in (0, os.getuid())
     return bool(group or found.st_mode & stat.S_IWOTH)
 

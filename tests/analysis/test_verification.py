@@ -1,4 +1,4 @@
-"""How the verification study judges what its comparisons found, and what it compares."""
+"""Verdicts of the verification study on its comparisons, and the cases that it compares."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from commonrail.files.scaffold import write_new
 
 
 class Done(NamedTuple):
-    """How a command ended."""
+    """End of a command."""
 
     status: int
     out: str

@@ -15,7 +15,7 @@ from commonrail.errors import InputError, OutputError
 
 
 def refuse(*_: object, **__: object) -> None:
-    """What a folder without permission does."""
+    """Behaviour of a folder without permission."""
     raise PermissionError(errno.EACCES, "Permission denied")
 
 

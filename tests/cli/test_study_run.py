@@ -18,7 +18,7 @@ STATES = [
 
 
 def shown(monkeypatch: pytest.MonkeyPatch, terminal: bool) -> str:
-    """What the progress of a study writes."""
+    """Output of the progress of a study."""
     from rich.console import Console
 
     stream = io.StringIO()

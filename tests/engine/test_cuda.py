@@ -86,7 +86,7 @@ def table(batch: Batch) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
-    """What the kernel gives when Python runs it, thread by thread."""
+    """Result of the kernel run by Python, thread by thread."""
     path = tmp_path_factory.mktemp("cuda") / "figures.npz"
     environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}
     environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), *sys.path])
@@ -213,7 +213,7 @@ def test_other_engines_are_refused(regulated: Injector, engine: str, sentence: s
 
 
 def no_compiler() -> str | None:
-    """Why the kernel cannot be compiled to PTX here; that needs no GPU."""
+    """Reason why the kernel cannot be compiled to PTX here; that needs no GPU."""
     if importlib.util.find_spec("numba_cuda") is None:
         return "numba-cuda is not installed: no PTX"
     library = cuda._missing_library()
@@ -290,7 +290,7 @@ def test_a_step_keeps_its_rows_in_registers(instructions: dict[Precision, list[s
 
 
 def no_device() -> str | None:
-    """Why nothing can run on a GPU here."""
+    """Reason why nothing can run on a GPU here."""
     return cuda.missing()
 
 

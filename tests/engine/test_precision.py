@@ -100,7 +100,7 @@ def product(a: float, b: float) -> float:
 
 
 def makes_tiny_numbers() -> bool:
-    """Whether this thread's processor still computes with numbers below 2.2e-308."""
+    """Return whether this thread's processor still computes with numbers below 2.2e-308."""
     return 0.0 < product(1e-300, 1e-10) < 1e-309
 
 

@@ -25,7 +25,7 @@ def distance(one: Solution, other: Solution) -> float:
 
 
 def openings(solution: Solution) -> int:
-    """How often the needle rises through 5 um; a closing needle rebounds by less."""
+    """Number of times that the needle rises through 5 um; a closing needle rebounds by less."""
     lift = solution.channels["needle_lift"]
     return int(np.count_nonzero((lift[:-1] <= 5e-6) & (lift[1:] > 5e-6)))
 

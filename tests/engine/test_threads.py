@@ -16,7 +16,7 @@ from tests.waiting import PATIENCE, wait_until
 
 
 def threads_of(items: Sequence[int]) -> dict[int, threading.Thread]:
-    """Which thread took which item; nobody goes on before all have begun."""
+    """Thread of each item; none continues before all have begun."""
     taken: dict[int, threading.Thread] = {}
     together = threading.Barrier(len(items), timeout=PATIENCE)
 

@@ -1,4 +1,4 @@
-"""What the model does not cover is refused, and what surrounds a simulation does not falsify it: traces, balances."""
+"""Inputs outside the model's validity are refused; traces and balances do not falsify a simulation."""
 
 from __future__ import annotations
 

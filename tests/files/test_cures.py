@@ -1,4 +1,4 @@
-"""What a new engineer gets wrong in the study of ``commonrail new``: each sentence has the cure that cures."""
+"""Typical mistakes of a new user in the study of ``commonrail new``: each sentence names a cure that works."""
 
 from __future__ import annotations
 

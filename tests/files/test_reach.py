@@ -1,4 +1,4 @@
-"""What a study, an injector or a truth names lies in its folder or below, unless it says otherwise."""
+"""Files that a study, an injector or a truth names lie in its folder or below, unless it says otherwise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is far too much for a study is counted before it fills the memory; what fuzzing has found stays found."""
+"""Studies that are far too large are counted before they fill the memory; faults that fuzzing found stay mended."""
 
 from __future__ import annotations
 

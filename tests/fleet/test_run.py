@@ -37,7 +37,7 @@ def begun(whole: FleetRun, tmp_path: Path) -> tuple[Path, Path]:
 
 
 def ended(folder: Path) -> dict[str, tuple[str, float]]:
-    """When each injector in a journal was done, and the seconds that it took."""
+    """Time at which each injector in a journal was done, and the seconds that it took."""
     with closing(sqlite3.connect(f"file:{folder / JOURNAL}?mode=ro", uri=True)) as connection:
         return {name: (at, s) for name, at, s in connection.execute("SELECT name, ended, seconds FROM injector")}
 

@@ -130,7 +130,7 @@ def mutated(random: Random, name: str, data: bytes) -> bytes:
 
 
 def _value(random: Random) -> str:
-    """What may stand on the right of an equals sign."""
+    """Values for the right of an equals sign."""
     kind = random.random()
     if kind < 0.35:
         return f'"{random.choice(NUMBERS.split())} {random.choice(UNITS.split())}"'

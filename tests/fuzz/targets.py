@@ -1,4 +1,4 @@
-"""What reads files, the good files that inputs are made from, and what reading may do: return, or say one sentence."""
+"""Readers of files, the good files that inputs are made from, and the two allowed ends: a result or one sentence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the volumes hold, and what a moving needle leaves them."""
+"""Contents of the volumes, and their sizes with a moving needle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the paper printed, against itself and against the case that the project ships."""
+"""Figures printed in the paper, against one another and against the case that the project ships."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _SMALL["polish = 1"] = f"polish = {REFINEMENTS}\npolish_iterations = 2"  # one f
 
 
 class Stopped(BaseException):
-    """What stands for a process that ends: no handler of the project's takes it."""
+    """Stand-in for the end of a process: no handler of the project's takes it."""
 
 
 def write_small(folder: Path) -> Path:

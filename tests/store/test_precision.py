@@ -45,7 +45,7 @@ def test_it_ends_where_the_double_one_ends(single: Whole, whole: Whole) -> None:
 
 
 def test_its_scores_are_double(single: Whole) -> None:
-    """What a result claims is simulated in f64: it is what anybody finds who simulates the calibrated injector."""
+    """Results are simulated in f64: they are those of a simulation of the calibrated injector."""
     calibration = resume(single.run, threads=1)
     study, itself = calibration.study, np.empty((1, 0))
     assert study.precision is Precision.F32

@@ -37,7 +37,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 @pytest.fixture(scope="module")
 def alone(study: Study, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """What one process with one thread finds."""
+    """Result of one process with one thread."""
     run = tmp_path_factory.mktemp("alone") / "run"
     calibrate_into(run, study, threads=1)
     return timeless(run)

@@ -34,12 +34,12 @@ class Target(NamedTuple):
 
     @property
     def own(self) -> str:
-        """How instructions on whole vectors of its precision end."""
+        """Suffix of instructions on whole vectors of its precision."""
         return "pd" if self.precision is Precision.F64 else "ps"
 
     @property
     def other(self) -> str:
-        """How those of the other precision end."""
+        """Suffix of those of the other precision."""
         return "ps" if self.precision is Precision.F64 else "pd"
 
 

@@ -89,7 +89,7 @@ def stopped_and_whole(count: int, steps: tuple[float, ...]) -> float:
 
 
 def test_an_injection_ends_when_the_needle_will_not_open_again() -> None:
-    """What a relaxing SAC still dribbles is 1e-5 mm³; a pilot that was cut off lacked 0.15 mm³."""
+    """A relaxing SAC still dribbles 1e-5 mm³; a pilot that was cut off lacked 0.15 mm³."""
     assert stopped_and_whole(60, (1e-6, 0.5e-6)) < 1e-4
 
 

@@ -82,7 +82,7 @@ def sines(outcomes: Iterable[tuple[Task, Outcome]]) -> dict[object, bytes]:
 
 
 def expected(deeds: Iterable[Deed]) -> dict[object, bytes]:
-    """What sines should be found."""
+    """Expected sines."""
     return {deed.number: np.sin(float(deed.number)).tobytes() for deed in deeds}
 
 
@@ -113,7 +113,7 @@ def pids_of(workers: Workers) -> list[int]:
 
 
 def gone(pid: int) -> bool:
-    """Whether a process has ended."""
+    """Return whether a process has ended."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

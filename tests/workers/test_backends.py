@@ -1,4 +1,4 @@
-"""What every backend must do: the same answers whoever works, whatever becomes of a worker, and nothing left behind."""
+"""Contract of every backend: the same answers whoever works, whatever becomes of a worker, and nothing left behind."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def main() -> None:
 
 
 def verdict(one: Attack, short: bool) -> str:
-    """What fell, "" where the promise held."""
+    """Description of what fell, "" where the promise held."""
     with tempfile.TemporaryDirectory(prefix="commonrail-attack-") as folder:
         return one.run(Path(folder), one.few if short else one.times)
 

@@ -126,7 +126,7 @@ class Truth:
 
     @property
     def synthetic(self) -> str:
-        """What is to be said wherever its data are shown."""
+        """Note shown with its data."""
         return f"All data are simulated by the virtual test bench (truth {self.name}), not measured."
 
     def hidden(self, injector: Injector) -> Injector:

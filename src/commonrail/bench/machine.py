@@ -65,7 +65,7 @@ def load() -> float | None:
 
 
 def busy(load: float | None, threads: int) -> bool:
-    """Whether others work on the machine so much that timings would suffer."""
+    """Return whether others work on the machine so much that timings would suffer."""
     return load is not None and load > BUSY * threads
 
 

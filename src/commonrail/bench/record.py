@@ -63,7 +63,7 @@ def grids(record: Row, tables: Mapping[str, Make] | None = None) -> Iterator[Gri
 
 
 def sentences(record: Row) -> list[str]:
-    """What has to be said beside the tables: machine, how it was timed, what is missing, load, interruption."""
+    """Notes beside the tables: machine, how it was timed, what is missing, load, interruption."""
     machine = record["machine"]
     said = [
         f"{machine['processor']}, {machine['threads']} threads, {' '.join(machine['instruction_sets'])}.",

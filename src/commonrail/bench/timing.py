@@ -17,7 +17,7 @@ class Clocks(NamedTuple):
 
 
 class Effort(NamedTuple):
-    """How long to go on: at most so many runs, and none begun after so many seconds of them."""
+    """Limits of a timing: number of runs, and seconds after which no run begins."""
 
     runs: int
     seconds: float

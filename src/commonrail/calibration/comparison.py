@@ -65,7 +65,7 @@ class Comparison:
 
     @property
     def simulated(self) -> bool:
-        """Whether there is any number at all."""
+        """Return whether there is any number at all."""
         failed = (zip(self.data, found, strict=True) for found in self.failures.values())
         return any(len(points) < len(data.points) for pairs in failed for data, points in pairs)
 

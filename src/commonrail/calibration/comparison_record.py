@@ -53,7 +53,7 @@ def _title(labels: Sequence[str]) -> str:
 
 
 def _synthetic(comparison: Comparison) -> str:
-    """What of the models and of the data is synthetic; the injectors of the studies take no part."""
+    """Synthetic parts of the models and of the data; the injectors of the studies are not considered."""
     texts = [m.synthetic for m in comparison.models.values()] + [d.synthetic for d in comparison.data]
     return " ".join(dict.fromkeys(text for text in texts if text))
 

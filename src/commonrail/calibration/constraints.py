@@ -95,7 +95,7 @@ class LinearConstraints:
 
     @functools.cached_property
     def strict_rows(self) -> BoolArray:
-        """Which rows (m,) are strict."""
+        """Mask of the strict rows (m,)."""
         return np.asarray(self.strict, dtype=bool)
 
 

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 
 class Scores(NamedTuple):
-    """What became of candidates.
+    """Outcome of candidates.
 
     Attributes
     ----------

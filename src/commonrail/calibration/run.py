@@ -211,7 +211,7 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
 
 
 def _all_failed(title: str, failures: Counter[str]) -> str:
-    """What to say of a search in which nothing could be simulated: the most frequent reason and its cure."""
+    """Sentence on a search in which nothing could be simulated: the most frequent reason and its cure."""
     if not failures:
         return (
             f"{title}: not one candidate satisfied the constraints, so none was simulated; widen the bounds or "

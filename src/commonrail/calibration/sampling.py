@@ -102,7 +102,7 @@ def reference_start(space: Space) -> FloatArray:
 
 
 class _Walk(NamedTuple):
-    """What a step needs: straight constraints in unit coordinates, and their shape."""
+    """Inputs of a step: straight constraints in unit coordinates, and their shape."""
 
     space: Space
     polytope: Polytope
@@ -124,7 +124,7 @@ def _plan(space: Space) -> _Walk:
 
 
 def _straighten(space: Space) -> tuple[BoolArray, LinearConstraints]:
-    """Which rows are linear in ln x of the logarithmic parameters, and those rows so written.
+    """Mask of the rows that are linear in ln x of the logarithmic parameters, and those rows so written.
 
     They are the rows without such parameters, and a x_i >= b x_j with both logarithmic, which is
     ln x_i - ln x_j >= ln(b/a). (A curved row is left out here and tested at each step.)

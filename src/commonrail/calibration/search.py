@@ -37,7 +37,7 @@ Floats = NDArray[np.float64]
 
 
 class Progress(NamedTuple):
-    """How far a calibration has come. `phase` is the optimiser's, such as "evolution"; `seconds` since its start."""
+    """Progress of a calibration. `phase` is the optimiser's, such as "evolution"; `seconds` since its start."""
 
     phase: str
     generation: int
@@ -49,7 +49,7 @@ class Progress(NamedTuple):
 
 
 class Listeners(NamedTuple):
-    """Who is told of each step, and who may ask to stop."""
+    """Listeners to each step, and the source of a request to stop."""
 
     progress: Callable[[Progress], None] | None
     recorder: Recorder | None
@@ -147,7 +147,7 @@ class Search:
 
     @property
     def reason(self) -> str:
-        """Why the first optimiser has stopped."""
+        """Reason for the end of the first optimiser."""
         return self._begun[0].reason
 
     def run(self) -> None:

@@ -117,7 +117,7 @@ class Space:
 
     @cached_property
     def logarithmic(self) -> BoolArray:
-        """Which parameters (d,) have a logarithmic scale."""
+        """Mask of the parameters (d,) with a logarithmic scale."""
         return np.array([parameter.scale == "log" for parameter in self.parameters])
 
     @cached_property
@@ -162,7 +162,7 @@ class Space:
 
     @cached_property
     def _bent(self) -> bool:
-        """Whether a parameter has a logarithmic scale."""
+        """Return whether a parameter has a logarithmic scale."""
         return bool(self.logarithmic.any())
 
     @cached_property
@@ -178,7 +178,7 @@ class Space:
 
     @cached_property
     def _span(self) -> FloatArray:
-        """What each constraint (m,) can vary by within the bounds."""
+        """Range of each constraint (m,) within the bounds."""
         return np.asarray(np.abs(self.rows.matrix) @ (self.upper - self.lower))
 
     @cached_property
@@ -199,23 +199,23 @@ class Space:
         return -self._half_spaces[2]
 
     def _distances(self, x: FloatArray) -> FloatArray:
-        """How far (..., m + 2 d) points are inside each constraint and bound, SI."""
+        """Distance (..., m + 2 d) of points inside each constraint and bound, SI."""
         matrix, floor, _ = self._half_spaces
         return np.asarray(x @ matrix.T - floor)
 
     def slack(self, x: ArrayLike) -> FloatArray:
-        """How far (..., m) each constraint is from its limit at points (..., d); SI, < 0: broken.
+        """Distance (..., m) of each constraint from its limit at points (..., d); SI, < 0: broken.
 
         Strict rows count from a limit that includes their margin (`STRICT_MARGIN`).
         """
         return self._distances(np.asarray(x, dtype=float))[..., : len(self.rows)]
 
     def shortfall(self, x: ArrayLike) -> FloatArray:
-        """What each constraint lacks (..., m) at points (..., d), by its span in the bounds."""
+        """Shortfall of each constraint (..., m) at points (..., d), by its span in the bounds."""
         return np.maximum(0.0, -self.slack(x)) / self._span
 
     def satisfies(self, x: ArrayLike) -> BoolArray:
-        """Whether points (..., d) keep to bounds (exactly) and constraints (within rounding)."""
+        """Return whether points (..., d) keep to bounds (exactly) and constraints (within rounding)."""
         # A distance to a bound is exact: its row has a single coefficient, 1 or -1.
         distances = self._distances(np.asarray(x, dtype=float))
         return np.asarray((distances >= self._least).all(axis=-1))

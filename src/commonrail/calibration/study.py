@@ -114,7 +114,7 @@ class Study:
 
     @property
     def synthetic(self) -> str:
-        """What in the study is synthetic, empty if nothing is."""
+        """Synthetic parts of the study, empty if there are none."""
         parts = [d.synthetic for d in self.data if d.synthetic]
         if self.injector.synthetic:
             parts.insert(0, self.injector.synthetic)

@@ -51,14 +51,14 @@ FUEL = layout_of(FuelCoefficients)
 
 
 class Vector(NamedTuple):
-    """How many candidates stand side by side, and the numbers that they are computed in."""
+    """Width of a block in candidates, and the type of its numbers."""
 
     lanes: int
     real: Any
 
 
 class Courses(NamedTuple):
-    """What comes from outside at each operating point.
+    """Boundary conditions at each operating point.
 
     Attributes
     ----------

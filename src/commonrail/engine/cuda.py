@@ -31,7 +31,7 @@ INSTALL = "install it with: pip install 'commonrail[cuda]'"
 
 
 def missing() -> str | None:
-    """What is missing for this engine on this machine, in one sentence; None if it can be used."""
+    """Sentence on the requirement of this engine that this machine lacks; None if it can be used."""
     import numba
 
     if numba.config.ENABLE_CUDASIM:

@@ -45,7 +45,7 @@ SAME = 1e-13  # stops nearer than this are one [s]
 
 
 class Fixed(NamedTuple):
-    """What the rates need beside the state, in the order in which they take it.
+    """Arguments of the rates beside the state, in their order.
 
     Attributes
     ----------

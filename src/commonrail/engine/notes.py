@@ -51,7 +51,7 @@ class Sample(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """When a lane may end: now, after how many looks of rest (0: never), and how many steps a look comes after."""
+    """Conditions for the end of a lane: allowed now, checks at rest (0: never), and steps between two checks."""
 
     now: bool
     patience: int

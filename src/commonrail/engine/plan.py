@@ -32,7 +32,7 @@ MAXIMUM_STEPS = 2_000_000
 
 
 class Prepared(NamedTuple):
-    """What all batches of an injector at the same operating points share; `prepare` makes it.
+    """Arrays shared by all batches of an injector at the same operating points; `prepare` makes them.
 
     Attributes
     ----------

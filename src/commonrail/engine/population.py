@@ -96,7 +96,7 @@ def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats, r
 
 @functools.lru_cache(maxsize=64)
 def columns(names: tuple[str, ...]) -> NDArray[np.intp]:
-    """Where parameters stand in a full vector."""
+    """Positions of parameters in a full vector."""
     paths = parameter_paths()
     return np.array([paths.index(name) for name in names], np.intp)
 

@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 
 
 class Resolution(NamedTuple):
-    """How finely the reference resolves.
+    """Resolution of the reference.
 
     `cells` of the feed pipe and of the return line; `relative` tolerance of LSODA, its absolute tolerances are
     `relative` times a typical value of each state; `longest_step` [s]. The method "explicit" has a longest `step` [s]
@@ -144,7 +144,7 @@ class Model:
 
     @property
     def problem(self) -> Problem:
-        """What the explicit march solves."""
+        """Problem of the explicit march."""
         fixed = Fixed(self.constants, self.cells, self.friction)
         return Problem(self.variant, self.point, self.c, fixed, self.start)
 
@@ -259,7 +259,7 @@ class Model:
         self.outside[:3], self.outside[AT.trace] = at_time[:3], at_time[3]
 
     def past_limit(self, y: Floats) -> float:
-        """How far the PWM's current is past its limit, relative to the band; negative before it."""
+        """Distance of the PWM's current past its limit, relative to the band; negative before it."""
         if self.variant.drive is not Drive.PWM or not self.outside[AT.on]:
             return -1.0
         core = CORE.load(y, self.at.core, 1)

@@ -68,7 +68,7 @@ class Solution:
 
     @property
     def sentence(self) -> str:
-        """How the simulation ended; for a step that was too long, the one that would do."""
+        """End of the simulation in words; for a step that is too long, one that is short enough."""
         if self.status is not Status.STEP_UNSTABLE:
             return self.status.sentence
         return f"{self.status.sentence} {step_advice(self.longest_step)}"
@@ -134,7 +134,7 @@ class Batch:
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        """Which simulations failed."""
+        """Mask of the simulations that failed."""
         return ~np.isin(self.status, (Status.OK, Status.STILL_INJECTING))
 
     @property

@@ -22,12 +22,12 @@ class Status(IntEnum):
 
     @property
     def sentence(self) -> str:
-        """What happened and what to change."""
+        """Event and cure in one sentence."""
         return _SENTENCES[self]
 
     @property
     def failed(self) -> bool:
-        """Whether the figures must not be used."""
+        """Return whether the figures must not be used."""
         return self not in (Status.OK, Status.STILL_INJECTING)
 
 

@@ -56,7 +56,7 @@ class _FuelTable(Sourced):
 
 
 class _Head(FileModel):
-    """What an injector's file has besides its rooms."""
+    """Keys of an injector's file besides its parts."""
 
     format: Literal["commonrail-injector/1"]
     name: str | None = None

@@ -104,7 +104,7 @@ def _add_fuel(table: Any, fuel: Fuel) -> None:
 
 
 def _fuel_document(fuel: Fuel) -> dict[str, Any]:
-    """What `parse_fuel` reads, and the name."""
+    """Table that `parse_fuel` reads, and the name."""
     eq2 = ("k1", "k2", "k3", "k4")
     density = eq2 if fuel.density_kind == "eq2" else ("at_zero_pressure",)
     low, high = (pressure / 1e6 for pressure in fuel.pressure_range)

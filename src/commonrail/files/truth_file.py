@@ -68,7 +68,7 @@ class _Friction(Sourced):
 
 
 class _Head(FileModel):
-    """What a truth's file has besides the tables of `QUANTITIES` and the rooms of the true injector."""
+    """Keys of a truth's file besides the tables of `QUANTITIES` and the parts of the true injector."""
 
     format: Literal["commonrail-truth/1"]
     title: Text | None = None

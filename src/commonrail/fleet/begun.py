@@ -132,7 +132,7 @@ def entries_of(fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: J
 
 
 def _common(fleet: Fleet) -> dict[str, str]:
-    """What decides over the result of every injector, by name: texts for what can be read, fingerprints for files."""
+    """Inputs that determine the result of every injector, by name: texts where readable, fingerprints of files."""
     template = fleet.template
     found = {"seed": str(fleet.seed), "leave_out": ", ".join(template.left_out)}
     found |= {f"version of {name}": version for name, version in software_record().items()}

@@ -41,7 +41,7 @@ FLEET = Schema(
 
 @dataclass(frozen=True)
 class Entry:
-    """What became of an injector.
+    """Outcome of an injector.
 
     Attributes
     ----------

@@ -31,7 +31,7 @@ TRIED = 3  # injectors that are read before the workers start
 
 
 class FleetProgress(NamedTuple):
-    """How far a fleet has come.
+    """Progress of a fleet.
 
     Injectors done, failed among them, in all, done since the start, seconds since then, and the one done last.
     """
@@ -63,7 +63,7 @@ class FleetRun:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the user stopped it."""
+        """Return whether the user stopped it."""
         return bool(self.record["status"] == "interrupted")
 
 
@@ -120,7 +120,7 @@ def run_fleet(
 
 
 def _is_left_over(folder: Path) -> bool:
-    """Whether a folder holds only the lock of a fleet that was killed before its journal was there."""
+    """Return whether a folder holds only the lock of a fleet that was killed before its journal was there."""
     return folder.is_dir() and {path.name for path in folder.iterdir()} in ({LOCK}, {LOCK, f"{LOCK}-journal"})
 
 

@@ -22,7 +22,7 @@ FORMULA = "=+-@"
 
 
 class Layout(NamedTuple):
-    """What is asked of a table.
+    """Columns asked of a table.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Layout(NamedTuple):
     study: Path
 
     def column(self, name: str) -> str:
-        """What a column is called in the table."""
+        """Name of a column in the table."""
         return self.columns.get(name, name)
 
     @property
@@ -74,7 +74,7 @@ class Supply(Protocol):
         """Path of each file that an injector has, by the names in `Layout.sources`; may write them to the folder."""
 
     def fingerprints(self, name: str) -> dict[str, str]:
-        """What tells whether a file of an injector has changed, by the same names."""
+        """Fingerprints of an injector's files, by the same names."""
 
 
 class FileSupply:

@@ -41,7 +41,7 @@ class Table(Protocol):
         """Texts of some rows, empty where there is no value."""
 
     def place(self, row: int) -> str:
-        """Where a row stands, for a message."""
+        """Location of a row, for messages."""
 
 
 def read_table(path: Path) -> Table:

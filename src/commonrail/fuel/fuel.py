@@ -27,7 +27,7 @@ _TEMPERATURE_TOLERANCE = 1e-6  # K: rounding of a conversion from °C must not c
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where the numbers of one law come from.
+    """Source of the numbers of one law.
 
     Attributes
     ----------

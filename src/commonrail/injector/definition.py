@@ -19,7 +19,7 @@ FUEL_TEMPERATURE = "fuel.temperature"
 
 
 class Source(NamedTuple):
-    """Where a number comes from: mark M, C, F or E (measured, ECU calibration, fitted, estimate) and text."""
+    """Source of a number: mark M, C, F or E (measured, ECU calibration, fitted, estimate) and text."""
 
     mark: str
     text: str

@@ -37,7 +37,7 @@ LATER: Mapping[str, bool] = {"later": True}
 
 
 class Role(Enum):
-    """What a data set is used for."""
+    """Use of a data set."""
 
     FIT = "fit"
     VALIDATION = "validation"
@@ -66,7 +66,7 @@ class Term(NamedTuple):
 
 
 class Score(Protocol):
-    """How well one injector agrees with one data set."""
+    """Agreement of one injector with one data set."""
 
     @property
     def values(self) -> Floats:
@@ -86,7 +86,7 @@ class Missing(NamedTuple):
 
 
 class View(ABC):
-    """What reports show of records of one kind: tables, figures and sentences, as plain data."""
+    """Content of reports on records of one kind: tables, figures and sentences, as plain data."""
 
     @abstractmethod
     def has(self, data: Record, label: str) -> bool:
@@ -98,11 +98,11 @@ class View(ABC):
 
     @abstractmethod
     def sentences(self, data: Sequence[Record]) -> list[str]:
-        """How well a calibrated model meets data sets, as ends of sentences on which data are meant."""
+        """Ends of sentences on the agreement of a calibrated model with data sets."""
 
     @abstractmethod
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
-        """What the best model of a comparison has, and the errors by label of each data set."""
+        """Measure of the best model of a comparison, and the errors by label of each data set."""
 
     @abstractmethod
     def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
@@ -199,7 +199,7 @@ class DataSet(ABC):
 
     @property
     def judged(self) -> Bools:
-        """Which values are of the kind itself, (n,)."""
+        """Mask of the values that are of the kind itself, (n,)."""
         return np.ones(len(self.measured), bool)
 
     @property

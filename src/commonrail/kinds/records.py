@@ -28,7 +28,7 @@ MEASURED = "measured"
 
 
 class Shown(NamedTuple):
-    """How figures show a model: text of the legend, and look and family of its `Series`."""
+    """Look of a model in figures: text of the legend, and look and family of its `Series`."""
 
     text: str
     look: str
@@ -39,14 +39,14 @@ Models = Mapping[str, Shown]  # by label, in order
 
 
 class Plotted(NamedTuple):
-    """What figures show besides a record: models, and courses in time by data set."""
+    """Content of figures besides a record: models, and courses in time by data set."""
 
     models: Models
     traces: Traces
 
 
 def origin_of(data: Record) -> str:
-    """What to call the values of a data set: synthetic ones are never shown as measured."""
+    """Word for the values of a data set: synthetic ones are never shown as measured."""
     return "synthetic" if data.get("synthetic") else "measured"
 
 

@@ -35,7 +35,7 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
 
 
 def comparison_lines(record: Record) -> list[str]:
-    """What was compared, which model is nearest to which data, and how many points have no number."""
+    """Sentences on models and data, the nearest model to each data set, and points without a number."""
     labels, data = list(texts_of(record)), record["data"]
     counts = (_counted(len(labels), "model"), _counted(len(data), "data set"))
     lines = [f"{counts[0]} on {counts[1]}; nothing was fitted."]

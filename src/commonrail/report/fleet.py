@@ -64,7 +64,7 @@ def fleet_html(record: Record, command: str) -> str:
 
 
 def fleet_lines(record: Record) -> list[str]:
-    """How many injectors are calibrated, how well, and what the data say of the parameters, in sentences."""
+    """Sentences on the number of calibrated injectors, their errors, and the parameters that the data determine."""
     counts, best, start = record["counts"], record["J"]["best"], record["J"]["start"]
     lines = [f"{counts['finished']} of {_injectors(counts['injectors'])} calibrated, {counts['failed']} failed."]
     if counts["pending"]:

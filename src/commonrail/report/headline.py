@@ -45,7 +45,7 @@ def parameter_lines(parameters: Sequence[Record]) -> list[str]:
 
 
 def synthetic_notes(record: Record) -> list[str]:
-    """What is synthetic: the whole record's note, then what only a data set says, then their names."""
+    """Notes on synthetic data: the whole record's note, then what only a data set says, then their names."""
     texts = [record.get("synthetic", "")]
     chosen = [d for d in record["data"] if d.get("synthetic")]
     texts += [d["synthetic"] for d in chosen if d["synthetic"] not in texts[0]]

@@ -85,7 +85,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
 
 
 def verdicts(record: Record) -> str:
-    """How many of the paper's claims hold, in one sentence; with too few seeds for that, in how many each is true."""
+    """Number of the paper's claims that hold, in one sentence; with too few seeds, the seeds in which each is true."""
     claims = record["claims"]
     if len(record["seeds"]) < FEWEST:
         return f"{_each(claims)} Fewer than {FEWEST} seeds cannot tell a claim from chance."

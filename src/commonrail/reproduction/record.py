@@ -209,7 +209,7 @@ def _phases(f: Figures) -> dict[str, Any]:
 
 
 def _each(found: dict[str, dict[str, Floats]], make: Callable[[Floats], Any]) -> dict[str, dict[str, Any]]:
-    """What is made of the arrays of each data set and label."""
+    """Results of a function of the arrays of each data set and label."""
     return {name: {label: make(values) for label, values in models.items()} for name, models in found.items()}
 
 

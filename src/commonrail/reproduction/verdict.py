@@ -50,7 +50,7 @@ class Claim(NamedTuple):
 
 
 class Sentence(NamedTuple):
-    """What is claimed, where, and how it is measured; see `Claim`."""
+    """Text, place and measure of a claim; see `Claim`."""
 
     id: str
     claim: str

@@ -153,7 +153,7 @@ class Journal(JournalFile):
         )
 
     def checkpoint(self) -> Checkpoint | None:
-        """Where to go on; None at the very beginning.
+        """State to resume from; None at the very beginning.
 
         Raises
         ------
@@ -217,7 +217,7 @@ def _clear_parts(folder: Path) -> None:
 
 
 def software_now() -> dict[str, str]:
-    """What decides over the bits of a result: versions and processor."""
+    """Versions and processor, which determine the bits of a result."""
     return software_record() | {"processor": f"{platform.machine()} {_processor()}".strip()}
 
 

@@ -153,7 +153,7 @@ def _connect(address: str) -> sqlite3.Connection:
 
 
 def _holder(path: Path) -> str:
-    """Who is at work, as far as the journal tells."""
+    """Process at work according to the journal."""
     with suppress(sqlite3.Error, *UNTRUE), closing(_read_only(path)) as connection:
         row = connection.execute("SELECT text FROM about WHERE name = 'holder'").fetchone()
         return str(row[0]) if row else ""

@@ -105,7 +105,7 @@ def _age(changed: str | None) -> float:
 
 
 def _is_held(lock: Path) -> bool:
-    """Whether a process holds a folder, found out without holding it."""
+    """Return whether a process holds a folder, without locking it."""
     if not lock.is_file():
         return False
     with closing(sqlite3.connect(f"{lock.absolute().as_uri()}?mode=ro", uri=True, timeout=0.0)) as connection:

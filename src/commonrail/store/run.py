@@ -33,7 +33,7 @@ __all__ = ["Listener", "calibrate_into", "resume"]
 
 @dataclass(frozen=True)
 class Listener:
-    """Who is told what a run is doing.
+    """Listeners to the progress of a run.
 
     Attributes
     ----------
@@ -312,7 +312,7 @@ def _extended(journal: Journal, study: Study, more: int) -> Study:
 
 
 def _differences(journal: Journal) -> list[str]:
-    """What about versions and processor is not as it was at the beginning."""
+    """Versions and processor that differ from those of the start."""
     before, now = journal.software, software_now()
     return [
         f"begun with {name} {before[name]}, now {now[name]}: the last digits may differ from those of a run that was "

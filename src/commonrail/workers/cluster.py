@@ -77,7 +77,7 @@ class Cluster:
 
     @property
     def busy(self) -> bool:
-        """Whether tasks are out."""
+        """Return whether tasks are out."""
         return bool(self._open)
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SI
 
 
 class Wish:
-    """Whether the user has asked to stop."""
+    """Return whether the user has asked to stop."""
 
     def __init__(self) -> None:
         self.asked = False

@@ -101,7 +101,7 @@ class ProcessPool:
 
     @property
     def busy(self) -> bool:
-        """Whether a worker has a task."""
+        """Return whether a worker has a task."""
         return any(worker.task is not None for worker in self._workers)
 
     @property

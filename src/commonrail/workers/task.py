@@ -15,7 +15,7 @@ from commonrail.errors import StudyError
 
 
 class Work(Protocol):
-    """What workers do; it reaches them pickled."""
+    """Work of the workers, which reaches them pickled."""
 
     def __call__(self, argument: Any, /) -> Any:
         """Result of a task's argument; a `CommonrailError` is raised in the calling process too."""

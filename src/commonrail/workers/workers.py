@@ -15,7 +15,7 @@ __all__ = ["Backend", "Workers"]
 
 
 class Backend(Protocol):
-    """Where tasks are done."""
+    """Backend of the workers."""
 
     @property
     def count(self) -> int:
@@ -23,11 +23,11 @@ class Backend(Protocol):
 
     @property
     def busy(self) -> bool:
-        """Whether it has tasks in hand."""
+        """Return whether it has tasks in hand."""
 
     @property
     def shares_files(self) -> bool:
-        """Whether its workers surely see the files of this process."""
+        """Return whether its workers surely see the files of this process."""
 
     def submit(self, task: Task) -> bool:
         """Take a task in hand; false if there are enough for the moment."""

@@ -50,7 +50,7 @@ class Best(NamedTuple):
 
 @dataclass(frozen=True)
 class Counts:
-    """What a search has used: slots offered, trials simulated, and simulations that failed."""
+    """Effort of a search: slots offered, trials simulated, and simulations that failed."""
 
     slots: int = 0
     simulated: int = 0
@@ -122,12 +122,12 @@ class Optimiser(ABC):
 
     @property
     def finished(self) -> bool:
-        """Whether the search has stopped."""
+        """Return whether the search has stopped."""
         return self.steps >= self.total
 
     @property
     def reason(self) -> str:
-        """Why the search has stopped; empty while it has not."""
+        """Reason for the end of the search; empty before it."""
         return self._ended if self.finished else ""
 
     @property
@@ -215,7 +215,7 @@ class Optimiser(ABC):
         self._restore(state)
 
     def _origin(self) -> dict[str, Any]:
-        """What a state must share with the search that takes it up; subclasses may add to it."""
+        """Values that a state must share with the search that resumes from it; subclasses may add to them."""
         space = self.space
         names = list(space.names)
         return {"method": self.method, "names": names, "lower": space.lower.copy(), "upper": space.upper.copy()}
@@ -223,7 +223,7 @@ class Optimiser(ABC):
     @property
     @abstractmethod
     def _ended(self) -> str:
-        """Why the search has stopped."""
+        """Reason for the end of the search."""
 
     @abstractmethod
     def _propose(self) -> Trials:

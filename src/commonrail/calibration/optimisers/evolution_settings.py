@@ -20,7 +20,7 @@ MOST_REDRAWS = 1000
 
 
 class InitialSampling(StrEnum):
-    """How the initial population is drawn."""
+    """Sampling of the initial population."""
 
     FEASIBLE = "feasible"
     """Uniformly where bounds and constraints hold, by `sample_feasible`."""

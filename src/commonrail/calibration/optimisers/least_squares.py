@@ -64,7 +64,7 @@ class LeastSquaresSettings:
 
 
 class Polished(NamedTuple):
-    """Where a start ended.
+    """End of one start.
 
     `x` (d,) satisfies the space; `cost` is half the sum of the soft-L1 losses there (+inf if even the start failed);
     `pulled_back` tells that the end broke a constraint and was replaced; `reason` is why it stopped.

@@ -57,7 +57,7 @@ class Treated(NamedTuple):
 
     @property
     def simulate(self) -> BoolArray:
-        """Which trials (n,) are to be simulated."""
+        """Mask of the trials (n,) to be simulated."""
         return np.asarray(self.violation == 0.0)
 
 
@@ -92,7 +92,7 @@ def reflect(unit: FloatArray) -> FloatArray:
 
 
 def wins(trial: tuple[FloatArray, FloatArray], parent: tuple[FloatArray, FloatArray]) -> BoolArray:
-    """Which trials (n,) replace their parents: Eq. (20), extended by the rules of feasibility.
+    """Mask of the trials (n,) that replace their parents: Eq. (20), extended by the rules of feasibility.
 
     Both arguments are costs (n,) and violations (n,). A feasible trial wins with a finite cost
     not above the parent's, or over any infeasible parent; an infeasible one only over a parent

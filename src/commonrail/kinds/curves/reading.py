@@ -80,7 +80,7 @@ class RateModel(DataModel):
 
 
 class ReadCurve(NamedTuple):
-    """What a file says of a curve: point, bounds [s], rates [m³/s], and the density that made volumes of masses."""
+    """Content of a curve's file: point, bounds [s], rates [m³/s], and the density that made volumes of masses."""
 
     point: OperatingPoint
     bounds: Floats

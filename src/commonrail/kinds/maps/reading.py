@@ -84,7 +84,7 @@ class _Row(NamedTuple):
 
 
 class ReadMap(NamedTuple):
-    """What files say of a map: points, volumes [m³], tolerances, dead times, density that made volumes of masses."""
+    """Content of a map's files: points, volumes [m³], tolerances, dead times, density that made volumes of masses."""
 
     points: tuple[OperatingPoint, ...]
     quantity: Floats
