@@ -9,11 +9,13 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from commonrail.calibration.result import software_record
-from commonrail.errors import InputError, StudyError
+from commonrail.errors import StudyError
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, Entry, Journal
 from commonrail.fleet.member import shared_files
-from commonrail.fleet.supply import MISSING_FILE, fingerprint_of
+from commonrail.fleet.supply import MISSING_FILE
+from commonrail.reading.guarded_file import read_plain, sha256
+from commonrail.reading.place import Place, located
 from commonrail.store.faults import trusted
 
 __all__ = ["check_entries", "entries_of"]
@@ -136,14 +138,10 @@ def _common(fleet: Fleet) -> dict[str, str]:
     template = fleet.template
     found = {"seed": str(fleet.seed), "leave_out": ", ".join(template.left_out)}
     found |= {f"version of {name}": version for name, version in software_record().items()}
-    found[f"file {template.path.name}"] = fingerprint_of(template.text.encode())
+    found[f"file {template.path.name}"] = sha256(template.text.encode())
     for name, path in shared_files(template).items():
-        try:
-            found[f"file {name}"] = fingerprint_of(path.read_bytes())
-        except OSError as error:
-            raise InputError(
-                f"{path}: the file cannot be read ({error.strerror}); {template.path} names it."
-            ) from error
+        with located(Place(str(template.path))):
+            found[f"file {name}"] = sha256(read_plain(path))
     return found
 
 

@@ -12,7 +12,8 @@ import tomlkit
 
 from commonrail.files.atomic import write_text, writing
 from commonrail.fleet.fleet_file import Fleet, Template
-from commonrail.fleet.supply import DEAD_TIMES, fingerprint_of
+from commonrail.fleet.supply import DEAD_TIMES
+from commonrail.reading.guarded_file import sha256
 from commonrail.reading.reach import ALLOW
 
 __all__ = ["folders_of", "seed_of", "shared_files", "write_study"]
@@ -23,7 +24,7 @@ _LONGEST = 80  # characters of a folder's name
 
 def seed_of(seed: int, name: str) -> int:
     """Seed of an injector's search, from the fleet's seed and its name; its place in the table plays no part."""
-    return int(fingerprint_of(f"{seed}\n{name}".encode())[:15], 16)  # 60 bits: a whole number of TOML has 63
+    return int(sha256(f"{seed}\n{name}".encode())[:15], 16)  # 60 bits: a whole number of TOML has 63
 
 
 def folders_of(names: Sequence[str]) -> dict[str, str]:
@@ -33,7 +34,7 @@ def folders_of(names: Sequence[str]) -> dict[str, str]:
     return {
         name: folder
         if folder == name and counts[folder.lower()] == 1 and folder.strip(".")
-        else f"{folder}-{fingerprint_of(name.encode())[:8]}"
+        else f"{folder}-{sha256(name.encode())[:8]}"
         for name, folder in plain.items()
     }
 

@@ -11,8 +11,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from commonrail.errors import StudyError
+from commonrail.errors import InputError, StudyError
 from commonrail.files.atomic import check_target
+from commonrail.reading.guarded_file import check_plain
 from commonrail.store.faults import UNTRUE, explained, trusted
 from commonrail.store.lock import Lock
 from commonrail.store.schema import Schema
@@ -135,6 +136,8 @@ def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
 
 
 def _read_only(path: Path) -> sqlite3.Connection:
+    if path.exists():
+        check_plain(path)  # SQLite would wait for the other end of a pipe
     address = f"{path.absolute().as_uri()}?mode=ro"
     try:
         return _connect(address)
@@ -154,7 +157,7 @@ def _connect(address: str) -> sqlite3.Connection:
 
 def _holder(path: Path) -> str:
     """Process at work according to the journal."""
-    with suppress(sqlite3.Error, *UNTRUE), closing(_read_only(path)) as connection:
+    with suppress(sqlite3.Error, InputError, *UNTRUE), closing(_read_only(path)) as connection:
         row = connection.execute("SELECT text FROM about WHERE name = 'holder'").fetchone()
         return str(row[0]) if row else ""
     return ""
