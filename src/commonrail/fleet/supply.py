@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -76,6 +77,9 @@ class Supply(Protocol):
     def fingerprints(self, name: str) -> dict[str, str]:
         """Fingerprints of an injector's files, by the same names."""
 
+    def fingerprints_read(self, name: str, read: Mapping[Path, str]) -> dict[str, str]:
+        """Fingerprints of an injector's files as they were `read`, by the same names."""
+
 
 class FileSupply:
     """A table with a row for each injector, and for each data set a column with the name of a file.
@@ -115,6 +119,11 @@ class FileSupply:
     def fingerprints(self, name: str) -> dict[str, str]:
         """SHA-256 of each file."""
         return {source: fingerprint(file) or MISSING_FILE for source, file in self._files[name].items()}
+
+    def fingerprints_read(self, name: str, read: Mapping[Path, str]) -> dict[str, str]:
+        """SHA-256 of each file as it was read."""
+        places = {source: Path(os.path.abspath(file)) for source, file in self._files[name].items()}
+        return {source: read.get(place, MISSING_FILE) for source, place in places.items()}
 
 
 def check_name(name: str, table: Table, row: int) -> None:

@@ -177,6 +177,7 @@ def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener
         )
         listener.note("judging which parameters the data pin down ...")
         identified = identify(calibration, how["threads"])
+        journal.check_place()
         write_results(journal.folder, calibration, identified)
         journal.end_session(calibration.status, calibration.reason)
     return calibration
@@ -222,7 +223,7 @@ def _begun(folder: Path, study: Study) -> Iterator[tuple[Journal, Study]]:
             )
             yield journal, own
         except BaseException:
-            if journal.checkpoint() is None:
+            if journal.is_in_place and journal.checkpoint() is None:
                 _remove(folder, copies, existed)
             raise
 
