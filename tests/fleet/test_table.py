@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from commonrail.errors import InputError
+from commonrail.fleet import parquet_table as parquet_table_module
 from commonrail.fleet.supply import check_name
 from commonrail.fleet.table import Table, find_column, read_table
 from commonrail.reading.sheet import name_and_unit
@@ -111,6 +114,64 @@ def test_nested_values_in_parquet_are_refused(tmp_path: Path) -> None:
     pyarrow.parquet.write_table(pyarrow.table({"injector": [["A", "B"], ["C"]], "Q": [1.0, 2.0]}), path)
     with pytest.raises(InputError, match=r'the column "injector" holds values of type list<.*>, and texts or numbers'):
         read_table(path).groups([0])
+
+
+# What a hostile table holds, and what its refusal says.
+TOO_MUCH = {
+    "rows": (lambda n: {"injector": n.zeros(10_000_001)}, "10000001 rows, and at most 10000000"),
+    "cells": (lambda n: dict.fromkeys(map(str, range(300)), n.zeros(400_000)), "400000 rows of 300 columns, and at"),
+    "columns": (lambda n: dict.fromkeys(map(str, range(1001)), n.zeros(1)), "1001 columns, and at most 1000"),
+    "a long text": (lambda n: {"injector": ["A", "B" * 1001]}, 'a cell of 1001 bytes in the column "injector"'),
+    "a long name": (lambda n: {"A" * 201: [0.0]}, "name of a column with more characters"),
+}
+
+
+@pytest.mark.parametrize("kind", TOO_MUCH)
+def test_a_parquet_table_beyond_a_limit_is_refused(kind: str, tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    pytest.importorskip("pyarrow.parquet")
+    columns, sentence = TOO_MUCH[kind]
+    path = tmp_path / "rows.parquet"
+    pyarrow.parquet.write_table(pyarrow.table(columns(np)), path, compression="zstd")
+    with pytest.raises(InputError, match=rf"rows\.parquet: the table has .*{sentence}"):
+        read_table(path)
+
+
+def test_the_size_of_a_parquet_table_is_judged_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pyarrow.parquet")
+    path = parquet_table(tmp_path)
+    monkeypatch.setattr(parquet_table_module, "LARGEST_CONTENT", 100)  # [bytes]; its pages have some hundred
+    monkeypatch.setattr(parquet_table_module, "_content", None)  # to read it is a fault
+    with pytest.raises(InputError, match="GB uncompressed, and at most"):
+        read_table(path)
+
+
+def test_what_the_description_of_a_parquet_table_conceals_is_found_while_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pyarrow.parquet")
+    path = parquet_table(tmp_path)
+    monkeypatch.setattr(parquet_table_module, "LARGEST_CONTENT", 10)
+    monkeypatch.setattr(parquet_table_module, "_check_size", lambda *_: None)
+    with pytest.raises(InputError, match="GB uncompressed, and at most"):
+        read_table(path)
+
+
+def test_a_huge_description_of_a_parquet_table_is_not_read(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow.parquet")
+    path = tmp_path / "t.parquet"
+    path.write_bytes(b"PAR1" + (3_000_000).to_bytes(4, "little") + b"PAR1")
+    with pytest.raises(InputError, match="a description of 3 MB, and at most 2 MB are read"):
+        read_table(path)
+
+
+def test_a_pipe_in_place_of_a_parquet_table(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow.parquet")
+    os.mkfifo(tmp_path / "t.parquet")
+    with pytest.raises(InputError, match="this is a pipe, and a file is expected"):
+        read_table(tmp_path / "t.parquet")
 
 
 def test_a_name_like_a_formula_is_refused() -> None:

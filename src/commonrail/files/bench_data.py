@@ -10,6 +10,7 @@ from commonrail.errors import InputError
 from commonrail.files.atomic import write_csv
 from commonrail.files.injector_file import load_injector
 from commonrail.files.truth_file import load_truth
+from commonrail.reading.guarded_file import read_plain
 
 __all__ = ["DEFAULT_TRUTH", "ENERGISING_TIME", "RAIL_PRESSURES", "write_bench_data"]
 
@@ -57,13 +58,7 @@ def _path(folder: Path, rail_pressure: float) -> Path:
 
 def _refuse_to_overwrite(path: Path) -> None:
     """Refuse a file that the bench has not made: it may be a measurement."""
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path}: this is no file; name another folder.")
-    try:
-        own = not path.exists() or path.read_bytes().startswith(OWN.encode())
-    except OSError as error:
-        raise InputError(f"{path}: the file cannot be read ({error.strerror}); name another folder.") from error
-    if not own:
+    if path.exists() and not read_plain(path).startswith(OWN.encode()):
         raise InputError(f"{path}: this file was not made by the virtual test bench; move it or name another folder.")
 
 

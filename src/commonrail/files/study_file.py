@@ -21,9 +21,9 @@ from commonrail.kinds.reading import Context, DataModel
 from commonrail.parts.furniture import Q
 from commonrail.reading.faults import read_model
 from commonrail.reading.fields import UNSTATED
+from commonrail.reading.guarded_file import noting_files
 from commonrail.reading.place import Place, located
 from commonrail.reading.reach import Reach
-from commonrail.reading.text_file import noting_files
 from commonrail.reading.toml_file import read_toml
 from commonrail.units import to_text
 

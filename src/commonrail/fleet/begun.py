@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
@@ -9,11 +10,12 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from commonrail.calibration.result import software_record
-from commonrail.errors import InputError, StudyError
+from commonrail.errors import StudyError
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, Entry, Journal
 from commonrail.fleet.member import shared_files
-from commonrail.fleet.supply import MISSING_FILE, fingerprint_of
+from commonrail.fleet.supply import MISSING_FILE
+from commonrail.reading.guarded_file import sha256
 from commonrail.store.faults import trusted
 
 __all__ = ["check_entries", "entries_of"]
@@ -92,7 +94,9 @@ def check_entries(fleet: Fleet, entries: Mapping[str, Entry], folder: Path) -> N
                     raise ValueError("other data sets or parameters than the template's")
 
 
-def entries_of(fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: Journal) -> dict[str, Entry]:
+def entries_of(
+    fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: Journal, shared: Mapping[Path, str]
+) -> dict[str, Entry]:
     """Injectors of a fleet that are done; to a journal without any, the fleet is made known.
 
     Parameters
@@ -101,6 +105,8 @@ def entries_of(fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: J
     inputs : mapping
         Fingerprints of the data files of each injector.
     journal : Journal
+    shared : mapping of Path to str
+        As `read_shared` returns it.
 
     Raises
     ------
@@ -108,10 +114,14 @@ def entries_of(fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: J
         If another fleet was begun there, or an injector was calibrated to other data; some may have been added.
     """
     folder, entries = journal.path.parent, journal.entries()
-    now, before = _common(fleet), journal.inputs()
-    if not before or not entries:  # nothing is calibrated yet: a fault of the template may be mended
+    now, before = _common(fleet, shared), journal.inputs()
+    # Early journals have no fingerprints of files that the injector's file names.
+    added = {name: text for name, text in now.items() if name.startswith("file ") and name not in before}
+    if (
+        not before or not entries or now == before | added
+    ):  # nothing is calibrated yet: a fault of the template may be mended
         journal.write_inputs(now)
-    elif now != before:
+    else:
         changed = next(name for name in {**before, **now} if before.get(name) != now.get(name))
         raise StudyError(f"{folder} {_difference(changed, before, now)}; {_CURE}")
     for name, entry in entries.items():
@@ -131,20 +141,14 @@ def entries_of(fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: J
     return found
 
 
-def _common(fleet: Fleet) -> dict[str, str]:
+def _common(fleet: Fleet, shared: Mapping[Path, str]) -> dict[str, str]:
     """Inputs that determine the result of every injector, by name: texts where readable, fingerprints of files."""
     template = fleet.template
     found = {"seed": str(fleet.seed), "leave_out": ", ".join(template.left_out)}
     found |= {f"version of {name}": version for name, version in software_record().items()}
-    found[f"file {template.path.name}"] = fingerprint_of(template.text.encode())
-    for name, path in shared_files(template).items():
-        try:
-            found[f"file {name}"] = fingerprint_of(path.read_bytes())
-        except OSError as error:
-            raise InputError(
-                f"{path}: the file cannot be read ({error.strerror}); {template.path} names it."
-            ) from error
-    return found
+    found[f"file {template.path.name}"] = sha256(template.text.encode())
+    names = {Path(os.path.abspath(path)): name for name, path in shared_files(template).items()}
+    return found | {f"file {names.get(path, path.name)}": digest for path, digest in shared.items()}
 
 
 def _difference(name: str, before: Mapping[str, str], now: Mapping[str, str]) -> str:

@@ -11,11 +11,14 @@ from typing import Any
 import tomlkit
 
 from commonrail.files.atomic import write_text, writing
+from commonrail.files.injector_file import load_injector
 from commonrail.fleet.fleet_file import Fleet, Template
-from commonrail.fleet.supply import DEAD_TIMES, fingerprint_of
-from commonrail.reading.reach import ALLOW
+from commonrail.fleet.supply import DEAD_TIMES
+from commonrail.reading.guarded_file import noting_files, read_plain, sha256
+from commonrail.reading.place import Place, located
+from commonrail.reading.reach import ALLOW, Reach
 
-__all__ = ["folders_of", "seed_of", "shared_files", "write_study"]
+__all__ = ["folders_of", "read_shared", "seed_of", "shared_files", "write_study"]
 
 _COURSES = ("rail_pressure", "cylinder_pressure", "return_pressure", "drive")  # of a curve; tables if they are measured
 _LONGEST = 80  # characters of a folder's name
@@ -23,7 +26,7 @@ _LONGEST = 80  # characters of a folder's name
 
 def seed_of(seed: int, name: str) -> int:
     """Seed of an injector's search, from the fleet's seed and its name; its place in the table plays no part."""
-    return int(fingerprint_of(f"{seed}\n{name}".encode())[:15], 16)  # 60 bits: a whole number of TOML has 63
+    return int(sha256(f"{seed}\n{name}".encode())[:15], 16)  # 60 bits: a whole number of TOML has 63
 
 
 def folders_of(names: Sequence[str]) -> dict[str, str]:
@@ -33,7 +36,7 @@ def folders_of(names: Sequence[str]) -> dict[str, str]:
     return {
         name: folder
         if folder == name and counts[folder.lower()] == 1 and folder.strip(".")
-        else f"{folder}-{fingerprint_of(name.encode())[:8]}"
+        else f"{folder}-{sha256(name.encode())[:8]}"
         for name, folder in plain.items()
     }
 
@@ -93,6 +96,22 @@ def shared_files(template: Template) -> dict[str, Path]:
         courses = [data[key] for key in _COURSES if isinstance(data.get(key), dict)]
         names += [course["file"] for course in courses if "file" in course and data["name"] not in template.left_out]
     return {name: template.path.parent / name for name in names}
+
+
+def read_shared(template: Template) -> dict[Path, str]:
+    """SHA-256 of those files, and of the files that the injector's file names in turn.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read.
+    """
+    with noting_files() as noted, located(Place(str(template.path))):
+        for name, path in shared_files(template).items():
+            if name == template.model.injector:
+                load_injector(path, Reach(template.path, outside=True))
+            read_plain(path)
+    return noted
 
 
 def _is_file(injector: str) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError, nearest
 from commonrail.files.atomic import write_text
-from commonrail.fleet.supply import DEAD_TIMES, INJECTOR, Layout, check_name, checked_names, fingerprint_of
+from commonrail.fleet.supply import DEAD_TIMES, INJECTOR, Layout, check_name, checked_names
 from commonrail.fleet.table import Table, find_column, names_of, read_table
+from commonrail.reading.csv_file import MOST_ROWS
+from commonrail.reading.guarded_file import LARGEST_FILE, sha256
 
 __all__ = ["RowSupply"]
 
 DATA = "data"
+AT_A_TIME = 10_000  # rows that are texts at a time
 
 Parts = dict[str, dict[str, "_Part"]]
 
@@ -61,7 +64,11 @@ class RowSupply:
 
     def fingerprints(self, name: str) -> dict[str, str]:
         """SHA-256 of the rows of each data set."""
-        return {source: fingerprint_of(part.text().encode()) for source, part in self._parts[name].items()}
+        return {source: sha256(part.text().encode()) for source, part in self._parts[name].items()}
+
+    def fingerprints_read(self, name: str, read: Mapping[Path, str]) -> dict[str, str]:
+        """SHA-256 of the rows: the table is in memory, and the files written from it are compared as they are read."""
+        return self.fingerprints(name)
 
 
 class _Form(NamedTuple):
@@ -82,7 +89,14 @@ class _Part:
         stream = io.StringIO()
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(self.form.header)
-        writer.writerows([row[i] for i in self.form.columns] for row in self.table.cells(self.rows))
+        for start in range(0, len(self.rows), AT_A_TIME):
+            cells = self.table.cells(self.rows[start : start + AT_A_TIME])
+            writer.writerows([row[i] for i in self.form.columns] for row in cells)
+            if start + len(cells) > MOST_ROWS or stream.tell() > LARGEST_FILE:
+                raise InputError(
+                    f"{self.table.place(int(self.rows[0]))}: the rows of this injector are more than the "
+                    f"{MOST_ROWS} or the {LARGEST_FILE / 1e6:g} MB that are read; keep only what is needed."
+                )
         return stream.getvalue()
 
 

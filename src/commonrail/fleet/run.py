@@ -14,9 +14,10 @@ from commonrail.errors import CommonrailError
 from commonrail.files.run_folder import create_run_folder
 from commonrail.files.study_file import load_study
 from commonrail.fleet.begun import entries_of
+from commonrail.fleet.booking import Booking
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, LOCK, Entry, Journal
-from commonrail.fleet.member import folders_of, write_study
+from commonrail.fleet.member import folders_of, read_shared, write_study
 from commonrail.fleet.results import write_results
 from commonrail.fleet.task import Attempt, Calibrations, failed
 from commonrail.workers.interrupt import held_interrupts
@@ -114,6 +115,7 @@ def run_fleet(
             run.calibrate(usable_threads() if workers is None else workers, cluster, wish.heed)
         except KeyboardInterrupt:
             status = "interrupted"
+        journal.check_place()
         entries = run.in_order()
         clock = {"seconds": run.seconds, "first": run.first, "calibrated_now": run.now, "workers": run.workers}
         return FleetRun(folder, write_results(folder, fleet, entries, status, clock), entries)
@@ -138,7 +140,9 @@ class _Run:
         self.fleet, self.folder, self.journal, self.progress = fleet, folder, journal, progress
         self.folders = folders_of(fleet.supply.names)
         self.inputs = {name: fleet.supply.fingerprints(name) for name in fleet.supply.names}
-        self.entries = entries_of(fleet, self.inputs, journal)
+        shared = read_shared(fleet.template)
+        self.booking = Booking(fleet.supply, shared)
+        self.entries = entries_of(fleet, self.inputs, journal, shared)
         self.pending = [name for name in fleet.supply.names if self._is_pending(name, retry)]
         for name in self.pending:
             self.entries.pop(name, None)
@@ -184,11 +188,13 @@ class _Run:
                 yield Task(name, package, given, self.fleet.time_limit)
 
     def _study(self, name: str) -> Path:
-        return write_study(self.fleet, name, self.folder / INJECTORS / self.folders[name])
+        self.journal.check_place()
+        return self.booking.hand_out(name, write_study(self.fleet, name, self.folder / INJECTORS / self.folders[name]))
 
     def _keep(self, name: str, attempt: Attempt, attempts: int) -> None:
+        attempt, inputs = self.booking.book(name, attempt, self.inputs[name])
         status = FAILED if attempt.reason else FINISHED
-        entry = Entry(name, status, attempt.reason, attempts, self.inputs[name], attempt.record, attempt.seconds)
+        entry = Entry(name, status, attempt.reason, attempts, inputs, attempt.record, attempt.seconds)
         self.journal.write(entry)
         self.entries[name] = entry
         self.now += 1

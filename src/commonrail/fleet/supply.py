@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
+import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -10,9 +10,10 @@ from typing import NamedTuple, Protocol
 from commonrail.errors import InputError
 from commonrail.fleet.table import Table, find_column, read_table
 from commonrail.kinds.reading import DataModel
+from commonrail.reading.guarded_file import fingerprint
 from commonrail.reading.place import Place
 
-__all__ = ["DEAD_TIMES", "INJECTOR", "FileSupply", "Layout", "Supply", "check_name", "checked_names", "fingerprint_of"]
+__all__ = ["DEAD_TIMES", "INJECTOR", "FileSupply", "Layout", "Supply", "check_name", "checked_names"]
 
 INJECTOR = "injector"
 DEAD_TIMES = " dead times"  # behind the name of a data set: its second file
@@ -76,6 +77,9 @@ class Supply(Protocol):
     def fingerprints(self, name: str) -> dict[str, str]:
         """Fingerprints of an injector's files, by the same names."""
 
+    def fingerprints_read(self, name: str, read: Mapping[Path, str]) -> dict[str, str]:
+        """Fingerprints of an injector's files as they were `read`, by the same names."""
+
 
 class FileSupply:
     """A table with a row for each injector, and for each data set a column with the name of a file.
@@ -114,7 +118,12 @@ class FileSupply:
 
     def fingerprints(self, name: str) -> dict[str, str]:
         """SHA-256 of each file."""
-        return {source: _of_file(file) for source, file in self._files[name].items()}
+        return {source: fingerprint(file) or MISSING_FILE for source, file in self._files[name].items()}
+
+    def fingerprints_read(self, name: str, read: Mapping[Path, str]) -> dict[str, str]:
+        """SHA-256 of each file as it was read."""
+        places = {source: Path(os.path.abspath(file)) for source, file in self._files[name].items()}
+        return {source: read.get(place, MISSING_FILE) for source, place in places.items()}
 
 
 def check_name(name: str, table: Table, row: int) -> None:
@@ -152,18 +161,3 @@ def checked_names(names: Collection[str], path: Path) -> tuple[str, ...]:
     if not names:
         raise InputError(f"{path}: the table has no injectors; a row below the header is expected.")
     return tuple(names)
-
-
-def fingerprint_of(content: bytes) -> str:
-    """SHA-256."""
-    return hashlib.sha256(content).hexdigest()
-
-
-def _of_file(path: Path) -> str:
-    try:
-        if not path.is_file():
-            return MISSING_FILE
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError:
-        return MISSING_FILE  # found out, and said in a sentence, when it is the injector's turn

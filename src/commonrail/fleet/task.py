@@ -21,11 +21,23 @@ __all__ = ["Attempt", "Calibrations", "calibrate_study", "failed"]
 
 
 class Attempt(NamedTuple):
-    """Record of an injector, the sentence of an error if it cannot be calibrated, and the processor time [s]."""
+    """Outcome of an injector on its worker.
+
+    Attributes
+    ----------
+    record : mapping
+    reason : str
+        Sentence of an error if it cannot be calibrated.
+    seconds : float
+        Processor time [s].
+    files : mapping of Path to str
+        SHA-256 of each file as it was read.
+    """
 
     record: Mapping[str, Any]
     reason: str
     seconds: float
+    files: Mapping[Path, str] = {}
 
 
 def failed(error: CommonrailError, seconds: float = 0.0) -> Attempt:
@@ -49,10 +61,11 @@ class Calibrations:
         """Attempt at a study, which may be its file."""
         start = time.thread_time()  # on a busy machine too it says what the work costs
         try:
-            record = calibrate_study(load_study(given) if isinstance(given, Path) else given)
+            study = load_study(given) if isinstance(given, Path) else given
+            record = calibrate_study(study)
         except CommonrailError as error:
             return failed(error, time.thread_time() - start)
-        return Attempt(record, "", time.thread_time() - start)
+        return Attempt(record, "", time.thread_time() - start, dict(study.files))
 
     def probe(self) -> bytes:
         """Figures of the first study's start values; what every study needs is loaded then."""

@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 
 from commonrail.errors import InputError
+from commonrail.reading.guarded_file import LARGEST_FILE
 from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
 from commonrail.reading.text_file import read_lines
 from commonrail.units import compatible
 
 __all__ = ["MOST_ROWS", "CsvFile"]
 
-LARGEST_FILE = 100_000_000  # [bytes]
 MOST_ROWS = 1_000_000  # one second at 1 MHz
 MOST_COLUMNS = 1000
 LONGEST_NAME = 200

@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from commonrail.errors import StudyError
+from commonrail.errors import InputError, StudyError
 from commonrail.files.atomic import write_text
 from commonrail.files.run_folder import STUDY
-from commonrail.store.content import sha256
+from commonrail.reading.guarded_file import fingerprint
+from commonrail.reading.text_file import read_text
+from commonrail.reading.toml_file import LARGEST_TOML
 from commonrail.store.journal import Input, Journal
 
 __all__ = ["check_files"]
@@ -36,7 +38,7 @@ def check_files(journal: Journal, as_begun: bool) -> None:
     _finish_writing(journal.folder, about, inputs)
     for i, item in enumerate(inputs):
         path = journal.folder / item.name
-        if (now := _digest(path)) != item.copy:
+        if (now := fingerprint(path)) != item.copy:
             what = _what(about.get("study", ""), path) if i == 0 else ""
             raise StudyError(
                 f"{path} {'is missing' if not now else f'has been changed since the run was begun{what}'}; bring it "
@@ -44,7 +46,7 @@ def check_files(journal: Journal, as_begun: bool) -> None:
             )
     for i, item in enumerate(inputs if not as_begun else []):
         path = Path(item.origin)
-        if (now := _digest(path)) and now != item.original:
+        if (now := fingerprint(path)) and now != item.original:
             what = _what(about.get("given", ""), path) if i == 0 else ""
             raise StudyError(
                 f"{path} has been changed since the run in {journal.folder} was begun{what}; begin a new run for it, "
@@ -54,23 +56,15 @@ def check_files(journal: Journal, as_begun: bool) -> None:
 
 def _finish_writing(folder: Path, about: Mapping[str, str], inputs: list[Input]) -> None:
     """Write the study with more generations, if a crash came between the journal's note of it and the file."""
-    if inputs and about.get("before") and _digest(folder / STUDY) == about["before"]:
+    if inputs and about.get("before") and fingerprint(folder / STUDY) == about["before"]:
         write_text(folder / STUDY, about.get("study", ""))
-
-
-def _digest(path: Path) -> str:
-    """SHA-256 of a file; empty if there is none, or none that can be read."""
-    try:
-        return sha256(path.read_bytes()) if path.is_file() else ""
-    except OSError:
-        return ""
 
 
 def _what(before: str, path: Path) -> str:
     """Keys of a study file that have changed, in parentheses."""
     try:
-        old, new = (dict(_leaves(tomllib.loads(text))) for text in (before, path.read_text(encoding="utf-8-sig")))
-    except (OSError, ValueError, RecursionError):
+        old, new = (dict(_leaves(tomllib.loads(text))) for text in (before, read_text(path, LARGEST_TOML)))
+    except (InputError, ValueError, RecursionError):
         return ""
     keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
     if not keys:

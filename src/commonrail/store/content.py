@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from enum import Enum
@@ -14,6 +13,7 @@ from commonrail.calibration.study import Study
 from commonrail.choices import Precision
 from commonrail.files.injector_writer import injector_text
 from commonrail.injector.definition import FUEL_TEMPERATURE
+from commonrail.reading.guarded_file import sha256
 
 __all__ = ["content_of", "sha256"]
 
@@ -38,11 +38,6 @@ def content_of(study: Study) -> str:
         densities = [np.asarray(data.mass_density, float) for data in study.data]
         more += tuple(density for density in densities if not np.isnan(density).all())
     return sha256(b"\0".join(_pieces((*parts, *more))))
-
-
-def sha256(content: bytes) -> str:
-    """SHA-256 as text."""
-    return hashlib.sha256(content).hexdigest()
 
 
 def _pieces(value: Any) -> Iterator[bytes]:

@@ -12,11 +12,12 @@ import tomlkit
 from tomlkit.items import AoT, Array
 
 from commonrail.calibration.study import Study
-from commonrail.errors import InputError, StudyError
+from commonrail.errors import StudyError
 from commonrail.files.atomic import replacing, write_text, writing
 from commonrail.files.run_folder import RESULT, STUDY, TRACES
 from commonrail.files.study_file import load_study
-from commonrail.store.content import content_of, sha256
+from commonrail.reading.guarded_file import read_plain, sha256
+from commonrail.store.content import content_of
 from commonrail.store.journal import JOURNAL, LOCK, Input
 
 __all__ = ["copies_of", "copy_study", "set_in_study", "with_generations"]
@@ -74,7 +75,7 @@ def _copy_files(sources: Mapping[Path, str], folder: Path) -> list[Input]:
     places = _places(list(sources))
     kept = []
     for source, digest in sources.items():
-        content = _read(source)
+        content = read_plain(source)
         if sha256(content) != digest:
             raise StudyError(f"{source}: the file was changed while the study was read; start again.")
         if source.suffix == ".toml":
@@ -155,10 +156,3 @@ def set_in_study(text: str, keys: tuple[str, ...], value: int) -> str:
         table = table[key]
     table[keys[-1]] = value
     return tomlkit.dumps(document)
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: the file cannot be read ({error.strerror}).") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import socket
 import sqlite3
@@ -11,8 +12,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from commonrail.errors import StudyError
+from commonrail.errors import InputError, StudyError
 from commonrail.files.atomic import check_target
+from commonrail.reading.guarded_file import check_plain
 from commonrail.store.faults import UNTRUE, explained, trusted
 from commonrail.store.lock import Lock
 from commonrail.store.schema import Schema
@@ -77,8 +79,31 @@ class JournalFile:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    @property
+    def is_in_place(self) -> bool:
+        """Return whether the folder's name still leads to the folder that was opened."""
+        return self._lock.is_in_place
+
+    def check_place(self) -> None:
+        """Refuse to write into what has taken the folder's place.
+
+        Raises
+        ------
+        StudyError
+            If the folder was renamed, moved or replaced since it was opened.
+        """
+        if not self.is_in_place:
+            raise StudyError(
+                f"{self.folder}: the folder was renamed, moved or replaced, or its lock removed, while this process "
+                "was at work in it; nothing more is written here. Resume it where it is now: what was done is in it."
+            )
+
     def close(self) -> None:
-        """Give the folder free; the journal is one file then, unless somebody is still reading it."""
+        """Release the folder; the journal is one file then, unless somebody is still reading it."""
+        if not self.is_in_place:
+            _abandon(self._connection)
+            self._lock.close()
+            return
         with suppress(sqlite3.Error):
             self._note_holder("")
             self._connection.execute("PRAGMA journal_mode=DELETE")
@@ -93,6 +118,7 @@ class JournalFile:
 
     def _write(self, *statements: Statement, durable: bool = False) -> None:
         """Execute statements as one transaction; a `durable` one waits for the disk in any case."""
+        self.check_place()
         with explained(self.path):
             self._wait_for_disk(durable or self.DURABLE)
             self._connection.execute("BEGIN")
@@ -134,7 +160,22 @@ def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
             yield copy
 
 
+def _abandon(connection: sqlite3.Connection) -> None:
+    """Leave a journal whose folder has been renamed as it is.
+
+    SQLite would at the end remove the write-ahead log by its name, which may by now be that of another journal.
+    """
+    if hasattr(connection, "setconfig"):  # Python 3.12
+        no_checkpoint = "SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE"
+        connection.setconfig(getattr(sqlite3, no_checkpoint), True)
+        connection.close()
+    else:
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(connection))  # never closed: the system does it
+
+
 def _read_only(path: Path) -> sqlite3.Connection:
+    if path.exists():
+        check_plain(path)  # SQLite would wait for the other end of a pipe
     address = f"{path.absolute().as_uri()}?mode=ro"
     try:
         return _connect(address)
@@ -154,7 +195,7 @@ def _connect(address: str) -> sqlite3.Connection:
 
 def _holder(path: Path) -> str:
     """Process at work according to the journal."""
-    with suppress(sqlite3.Error, *UNTRUE), closing(_read_only(path)) as connection:
+    with suppress(sqlite3.Error, InputError, *UNTRUE), closing(_read_only(path)) as connection:
         row = connection.execute("SELECT text FROM about WHERE name = 'holder'").fetchone()
         return str(row[0]) if row else ""
     return ""

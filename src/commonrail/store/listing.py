@@ -13,6 +13,7 @@ from pathlib import Path
 from commonrail.arguments import file_path
 from commonrail.errors import CommonrailError, InputError
 from commonrail.store.journal import JOURNAL, LOCK, State, read_about
+from commonrail.store.lock import is_folder_held
 
 __all__ = ["Run", "list_runs"]
 
@@ -107,7 +108,7 @@ def _age(changed: str | None) -> float:
 def _is_held(lock: Path) -> bool:
     """Return whether a process holds a folder, without locking it."""
     if not lock.is_file():
-        return False
+        return is_folder_held(lock.parent)
     with closing(sqlite3.connect(f"{lock.absolute().as_uri()}?mode=ro", uri=True, timeout=0.0)) as connection:
         try:
             connection.execute("SELECT COUNT(*) FROM sqlite_master").fetchone()

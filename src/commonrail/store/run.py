@@ -20,8 +20,9 @@ from commonrail.errors import CommonrailError, ConfigurationError, StudyError
 from commonrail.files.atomic import PART, write_text, writing
 from commonrail.files.run_folder import STUDY, refuse_used, write_results
 from commonrail.files.study_file import load_study
+from commonrail.reading.guarded_file import sha256
 from commonrail.store.changes import check_files
-from commonrail.store.content import content_of, sha256
+from commonrail.store.content import content_of
 from commonrail.store.copies import copies_of, copy_study, set_in_study, with_generations
 from commonrail.store.faults import trusted
 from commonrail.store.journal import JOURNAL, LOCK, Journal, State, read_about, software_now
@@ -176,6 +177,7 @@ def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener
         )
         listener.note("judging which parameters the data pin down ...")
         identified = identify(calibration, how["threads"])
+        journal.check_place()
         write_results(journal.folder, calibration, identified)
         journal.end_session(calibration.status, calibration.reason)
     return calibration
@@ -221,7 +223,7 @@ def _begun(folder: Path, study: Study) -> Iterator[tuple[Journal, Study]]:
             )
             yield journal, own
         except BaseException:
-            if journal.checkpoint() is None:
+            if journal.is_in_place and journal.checkpoint() is None:
                 _remove(folder, copies, existed)
             raise
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.store.content import sha256
+from commonrail.reading.guarded_file import sha256
 from commonrail.store.schema import Schema, Version
 from commonrail.store.states import digest, number_bytes, pack
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.store.content import sha256
+from commonrail.reading.guarded_file import sha256
 
 __all__ = ["digest", "number_bytes", "pack", "unpack"]
 
