@@ -109,6 +109,8 @@ def entries_of(fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: J
     """
     folder, entries = journal.path.parent, journal.entries()
     now, before = _common(fleet), journal.inputs()
+    if entries and not before:
+        raise StudyError(f"{journal.path}: the journal is damaged: it does not tell which fleet it is of; {_CURE}")
     if not before or not entries:  # nothing is calibrated yet: a fault of the template may be mended
         journal.write_inputs(now)
     elif now != before:
