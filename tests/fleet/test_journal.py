@@ -79,7 +79,7 @@ def test_a_newer_schema_is_refused(tmp_path: Path) -> None:
     connection = sqlite3.connect(tmp_path / JOURNAL)
     connection.execute("PRAGMA user_version = 99")
     connection.close()
-    with pytest.raises(StudyError, match="the journal has schema 99 and this version reads 1; go on with the version"):
+    with pytest.raises(StudyError, match="the journal has schema 99 and this version reads 2; go on with the version"):
         Journal(tmp_path)
 
 

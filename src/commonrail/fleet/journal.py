@@ -11,6 +11,7 @@ from typing import Any
 from commonrail.store.faults import trusted
 from commonrail.store.journal_file import JournalFile, now
 from commonrail.store.schema import Schema, Version
+from commonrail.store.seals import add_seals, put
 
 __all__ = ["FAILED", "FINISHED", "JOURNAL", "Entry", "Journal"]
 
@@ -31,8 +32,9 @@ CREATE TABLE injector (
     ended TEXT NOT NULL         -- UTC
 );
 """
+_NAMES = frozenset({"about", "input", "injector"})
 FLEET = Schema(
-    (Version(frozenset({"about", "input", "injector"}), _TABLES),),
+    (Version(_NAMES, _TABLES), Version(_NAMES, lambda journal: add_seals(journal, _NAMES))),
     "{path}: the journal has schema {found} and this version reads {known}; go on with the version of commonrail that "
     "began it.",
     "{path} is not the journal of a fleet: it holds other tables; name the fleet's own folder.",
@@ -87,28 +89,28 @@ class Journal(JournalFile):
     def inputs(self) -> dict[str, str]:
         """Fingerprints of what is common to all injectors, by name; empty for a new journal."""
         with trusted(self.path):
-            return dict(self._rows("SELECT name, fingerprint FROM input"))
+            return {str(name): str(fingerprint) for name, fingerprint in self._table("input")}
 
     def write_inputs(self, inputs: Mapping[str, str]) -> None:
         """Keep the fingerprints of a new fleet."""
-        kept = [("INSERT INTO input VALUES (?, ?)", item) for item in inputs.items()]
+        kept = [put("input", *item) for item in inputs.items()]
         self._write(("DELETE FROM input", ()), *kept)
 
     def entries(self) -> dict[str, Entry]:
         """All injectors that are done, by name."""
-        columns = "name, status, reason, attempts, inputs, record, seconds"
         with trusted(self.path):
-            return {str(row[0]): _entry(row) for row in self._rows(f"SELECT {columns} FROM injector")}
+            return {str(row[0]): _entry(row) for row in self._table("injector")}
 
     def write(self, entry: Entry) -> None:
         """Keep an injector; one that is there is replaced."""
         texts = [json.dumps(part, sort_keys=True, allow_nan=False) for part in (entry.inputs, entry.record)]
-        values = (entry.name, entry.status, entry.reason, entry.attempts, *texts, entry.seconds, now())
-        self._write(("INSERT OR REPLACE INTO injector VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values))
+        self._write(
+            put("injector", entry.name, entry.status, entry.reason, entry.attempts, *texts, entry.seconds, now())
+        )
 
 
 def _entry(row: tuple[Any, ...]) -> Entry:
-    name, status, reason, attempts, inputs, record, seconds = row
+    name, status, reason, attempts, inputs, record, seconds, _ = row
     if status not in (FINISHED, FAILED) or not 0.0 <= seconds < math.inf:
         raise ValueError("an injector's state")
     fingerprints = {str(source): str(text) for source, text in json.loads(inputs).items()}

@@ -5,25 +5,30 @@ from __future__ import annotations
 import json
 import math
 import os
-import platform
 import socket
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Stage, Step
-from commonrail.calibration.result import software_record
+from commonrail.compile_target import describe
 from commonrail.errors import StudyError
 from commonrail.files.atomic import PART
 from commonrail.store.faults import trusted
 from commonrail.store.journal_file import JournalFile, facts, now, opened_to_read
 from commonrail.store.run_schema import RUN
+from commonrail.store.seals import put, rows_of
 from commonrail.store.states import digest, number_bytes, pack, unpack
 
 __all__ = ["JOURNAL", "LOCK", "Input", "Journal", "State", "read_about"]
 
 JOURNAL, LOCK = "journal.sqlite", "journal.lock"
+
+Floats = NDArray[np.float64]
 
 
 class State:
@@ -70,7 +75,7 @@ class Journal(JournalFile):
     @property
     def about(self) -> dict[str, str]:
         """Facts of the run by name."""
-        return {str(name): str(text) for name, text in self._rows("SELECT name, text FROM about")}
+        return {str(name): str(text) for name, text in self._table("about")}
 
     @property
     def inputs(self) -> list[Input]:
@@ -81,8 +86,7 @@ class Journal(JournalFile):
         StudyError
             If one would lie outside the run folder.
         """
-        rows = self._rows("SELECT name, origin, original, copy FROM input ORDER BY rowid")
-        found = [Input(*map(str, row)) for row in rows]
+        found = [Input(*map(str, row)) for row in self._table("input")]
         for item in found:
             if Path(item.name).is_absolute() or ".." in Path(item.name).parts:
                 raise StudyError(f"{self.path}: the path {item.name} leaves the run folder; take a copy that is whole.")
@@ -98,36 +102,34 @@ class Journal(JournalFile):
             return wanted
 
     def describe(self, about: Mapping[str, str], inputs: list[Input] | None = None) -> None:
-        """Write facts of the run, and in place of the former ones the files that the study reads; wait for the disk."""
+        """Write facts of the run, and in place of the former ones the files that the study reads; wait for the disk.
+
+        They are in the main file then, so that no damage to the log takes them.
+        """
         statements = facts(about.items())
         if inputs is not None:
             statements.append(("DELETE FROM input", ()))
-            statements += [("INSERT INTO input VALUES (?, ?, ?, ?)", tuple(item)) for item in inputs]
+            statements += [put("input", *item) for item in inputs]
         self._write(*statements, durable=True)
+        self._shorten_log()
 
     def start_session(self) -> None:
-        """Note that this process is at work."""
-        software = json.dumps(software_now())
-        values = (now(), os.getpid(), socket.gethostname(), software)
-        self._write(
-            ("INSERT INTO session (started, process, host, software) VALUES (?, ?, ?, ?)", values),
-            ("INSERT OR REPLACE INTO about VALUES ('state', ?)", (State.RUNNING,)),
-        )
+        """Note that this process is at work, and the target that it computes on."""
+        row = (now(), None, os.getpid(), socket.gethostname(), json.dumps(describe().record))
+        self._write(put("session", self._next("session"), *row), *facts([("state", State.RUNNING)]))
 
     def end_session(self, state: str, reason: str) -> None:
         """Note that this process's work has ended, and how."""
-        self._write(
-            ("UPDATE session SET ended = ? WHERE number = (SELECT MAX(number) FROM session)", (now(),)),
-            ("INSERT OR REPLACE INTO about VALUES ('state', ?)", (state,)),
-            ("INSERT OR REPLACE INTO about VALUES ('reason', ?)", (reason,)),
-        )
+        number, started, _, *rest = self._table("session")[-1]
+        ended = put("session", number, started, now(), *rest)
+        self._write(ended, *facts([("state", state), ("reason", reason)]))
 
     @property
-    def software(self) -> dict[str, str]:
-        """Versions and processor of the first session; empty if there was none."""
-        rows = self._rows("SELECT software FROM session ORDER BY number LIMIT 1")
+    def targets(self) -> list[dict[str, str]]:
+        """Versions, and the processor that was compiled for, of each session; early ones noted less."""
         with trusted(self.path):
-            return {str(name): str(text) for name, text in json.loads(rows[0][0]).items()} if rows else {}
+            found = [json.loads(row[-1]) for row in self._table("session")]
+            return [{str(name): str(text) for name, text in target.items()} for target in found]
 
     def step(self, step: Step, reached: Generation, after: Checkpoint) -> None:
         """Keep one step of an optimiser; what those after it have done is forgotten.
@@ -143,13 +145,13 @@ class Journal(JournalFile):
         stage, last = len(after.stages) - 1, after.stages[-1]
         packed = pack(last._asdict())
         told = (number_bytes(step.x), number_bytes(step.costs), step.statuses.astype("i1").tobytes())
-        table, number = ("refinement", None) if stage else ("generation", reached.generation)
+        table, number = ("refinement", self._next("refinement")) if stage else ("generation", reached.generation)
         row = (number, reached.best, reached.mean, last.simulations, last.seconds, *told)
         self._write(
             ("DELETE FROM refinement WHERE ? = 0", (stage,)),
             ("DELETE FROM state WHERE stage >= ?", (stage,)),
-            (f"INSERT INTO {table} VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row),
-            ("INSERT INTO state VALUES (?, ?, ?, ?)", (stage, *packed, digest(*packed, after.history))),
+            put(table, *row),
+            put("state", stage, *packed, digest(*packed, after.history)),
         )
 
     def checkpoint(self) -> Checkpoint | None:
@@ -161,24 +163,36 @@ class Journal(JournalFile):
             If the journal is not what was written.
         """
         with trusted(self.path):
-            history = tuple(
-                Generation(*row) for row in self._rows("SELECT number, best, mean FROM generation ORDER BY 1")
-            )
-            stages = []
-            for text, arrays, written in self._rows("SELECT search, arrays, sha256 FROM state ORDER BY stage"):
-                if written != digest(text, arrays, history):
+            history = tuple(Generation(*row[:3]) for row in self._table("generation"))
+            stages: list[Stage] = []
+            for number, text, arrays, written in self._table("state"):
+                if number != len(stages) or written != digest(text, arrays, history):
                     raise ValueError("a state is not the one that was written")
                 stages.append(Stage(**unpack(text, arrays)))
-            if not stages:
-                return None
-            self._check_trials()
-            return Checkpoint(tuple(stages), history)
+            if not stages and history:
+                raise ValueError("the state after the last generation is missing")
+            self._trials()
+            return Checkpoint(tuple(stages), history) if stages else None
 
-    def _check_trials(self) -> None:
-        """Refuse generations that have not as many costs and statuses as trials."""
-        found = "COUNT(DISTINCT 1.0 * LENGTH(trials) / LENGTH(costs)), MAX(LENGTH(costs) != 8 * LENGTH(statuses))"
-        if self._rows(f"SELECT {found} FROM generation") != [(1, 0)]:
+    def _trials(self) -> list[tuple[Floats, Floats]]:
+        """Trials (n, d) [SI] and costs (n,) of each generation and refinement."""
+        found, widths = [], set()
+        for table in ("generation", "refinement"):
+            for *_, trials, costs, statuses in self._table(table):
+                if len(costs) != 8 * len(statuses):
+                    raise ValueError("a generation has not as many costs as trials")
+                told = np.frombuffer(costs, "<f8")
+                found.append((np.frombuffer(trials, "<f8").reshape(len(told), -1), told))
+                widths.add(found[-1][0].shape[1])
+        if len(widths) > 1:
             raise ValueError("a generation has not as many costs as trials")
+        return found
+
+    def best_step(self) -> tuple[Floats, Floats]:
+        """Trials (n, d) [SI] and costs (n,) of the step that found the lowest cost; empty before the first one."""
+        with trusted(self.path):
+            nothing = (np.empty((0, 0)), np.empty(0))
+            return min(self._trials(), key=lambda step: step[1].min(initial=np.inf), default=nothing)
 
 
 def read_about(folder: Path) -> dict[str, Any]:
@@ -195,17 +209,17 @@ def read_about(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         raise StudyError(f"{path}: there is no journal, or it is no plain file; name the folder of a run.")
     with opened_to_read(path, RUN) as connection:
-        about: dict[str, Any] = dict(connection.execute("SELECT name, text FROM about").fetchall())
-        counted = "SELECT COUNT(*), MIN(best), MAX(seconds) FROM"
-        done, best, seconds = connection.execute(f"{counted} generation").fetchone()
-        refinements, cost, later = connection.execute(f"{counted} refinement").fetchone()
-        (changed,) = connection.execute("SELECT MAX(COALESCE(ended, started)) FROM session").fetchone()
+        about: dict[str, Any] = dict(rows_of(connection, "about"))
+        sessions, generations, refinements = (
+            rows_of(connection, table) for table in ("session", "generation", "refinement")
+        )
+        steps = generations + refinements
         return about | {
-            "generations done": done,
-            "refinements": refinements,
-            "best": min((float(x) for x in (best, cost) if x is not None), default=math.inf),
-            "seconds": max((float(x) for x in (seconds, later) if x is not None), default=0.0),
-            "changed": changed,
+            "generations done": len(generations),
+            "refinements": len(refinements),
+            "best": min((float(row[1]) for row in steps), default=math.inf),
+            "seconds": max((float(row[4]) for row in steps), default=0.0),
+            "changed": max((ended or started for _, started, ended, *_ in sessions), default=None),
         }
 
 
@@ -214,16 +228,3 @@ def _clear_parts(folder: Path) -> None:
     with suppress(OSError):
         for path in folder.glob(f".*{PART}"):
             path.unlink()
-
-
-def software_now() -> dict[str, str]:
-    """Versions and processor, which determine the bits of a result."""
-    return software_record() | {"processor": f"{platform.machine()} {_processor()}".strip()}
-
-
-def _processor() -> str:
-    with suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor()

@@ -18,19 +18,23 @@ from commonrail.reading.guarded_file import check_plain
 from commonrail.store.faults import UNTRUE, explained, trusted
 from commonrail.store.lock import Lock
 from commonrail.store.schema import Schema
+from commonrail.store.seals import Statement, put, rows_of
 
-__all__ = ["JournalFile", "now", "opened_to_read"]
+__all__ = ["JournalFile", "facts", "now", "opened_to_read"]
 
 PATIENCE = 30.0  # with others that have the journal open [s]
+LONGEST_LOG = 4_000_000  # written to the log before the main file takes it [bytes]
 
-Statement = tuple[str, tuple[Any, ...]]
+# What the fact "log" says: as the main file has it, that its log has more; in the log itself, that this one is there.
+NEEDED, THERE = "needed", "there"
 
 
 class JournalFile:
     """A journal, held by this process; use it in a `with` block.
 
     Others may read it at any time. A transaction for each step: whatever happens to the process, every step that was
-    told is kept whole. Each kind of journal adds its tables, one of which is ``about`` (name, text).
+    told is kept whole. Each kind of journal adds its tables, one of which is ``about`` (name, text). Every row is
+    sealed, and all are checked before anything is written.
 
     Parameters
     ----------
@@ -39,7 +43,8 @@ class JournalFile:
     Raises
     ------
     StudyError
-        If another process holds the folder, or what is there is no journal that this version reads.
+        If another process holds the folder, or what is there is no journal that this version reads, is damaged, or
+        has lost its log.
     OutputError
         If it cannot be written.
     """
@@ -63,14 +68,25 @@ class JournalFile:
         try:
             check_target(self.path)
             with explained(self.path), trusted(self.path):
-                self._connection = sqlite3.connect(self.path, timeout=PATIENCE, isolation_level=None)
-                self.SCHEMA.migrate(self._connection, self.path)
-                self._connection.execute("PRAGMA journal_mode=WAL")
-                self._wait_for_disk(self.DURABLE)
-                here = f"process {os.getpid()} on {socket.gethostname()}"
-                self._note_holder(self.HOLDER.format(here=here, since=now()))
+                self._open()
         except BaseException:
             self._lock.close()
+            raise
+
+    def _open(self) -> None:
+        with_log = _has_log(self.path)
+        self._connection = sqlite3.connect(self.path, timeout=PATIENCE, isolation_level=None)
+        try:
+            _check(self._connection, self.path, self.SCHEMA, with_log)
+            self.SCHEMA.migrate(self._connection, self.path)
+            self._connection.execute("PRAGMA journal_mode=WAL")
+            self._connection.execute("PRAGMA wal_autocheckpoint=0")
+            self._wait_for_disk(self.DURABLE)
+            here = f"process {os.getpid()} on {socket.gethostname()}"
+            self._note(holder=self.HOLDER.format(here=here, since=now()))
+            self._shorten_log()
+        except BaseException:
+            self._connection.close()
             raise
 
     def __enter__(self) -> Self:
@@ -99,19 +115,28 @@ class JournalFile:
             )
 
     def close(self) -> None:
-        """Release the folder; the journal is one file then, unless somebody is still reading it."""
+        """Release the lock; SQLite merges the log unless a reader is open."""
         if not self.is_in_place:
             _abandon(self._connection)
             self._lock.close()
             return
         with suppress(sqlite3.Error):
-            self._note_holder("")
+            self._note(holder="", log="")
             self._connection.execute("PRAGMA journal_mode=DELETE")
         self._connection.close()
         self._lock.close()
 
-    def _note_holder(self, text: str) -> None:
-        self._connection.execute("INSERT OR REPLACE INTO about VALUES ('holder', ?)", (text,))
+    def _note(self, **pairs: str) -> None:
+        for statement in facts(pairs.items()):
+            self._connection.execute(*statement)
+
+    def _shorten_log(self) -> None:
+        """Take the log into the main file, which keeps that a log belongs to it; a reader may put that off."""
+        with explained(self.path):
+            self._note(log=NEEDED)
+            self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
+            self._note(log=THERE)
+            self._logged = 0
 
     def _wait_for_disk(self, durable: bool) -> None:
         self._connection.execute(f"PRAGMA synchronous={'FULL' if durable else 'NORMAL'}")
@@ -130,15 +155,31 @@ class JournalFile:
                 if self._connection.in_transaction:
                     self._connection.execute("ROLLBACK")
                 raise
+            self._logged += sum(len(v) for _, values in statements for v in values if isinstance(v, str | bytes))
+            if self._logged > LONGEST_LOG:
+                self._shorten_log()
 
-    def _rows(self, text: str) -> list[tuple[Any, ...]]:
+    def _table(self, name: str) -> list[tuple[Any, ...]]:
+        """Rows of a table without their seals, by key or in the order of writing.
+
+        Raises
+        ------
+        StudyError
+            If a row is not the one that was written.
+        """
         with explained(self.path), trusted(self.path):
-            return self._connection.execute(text).fetchall()
+            return rows_of(self._connection, name)
+
+    def _next(self, table: str) -> int:
+        """Number of the next row of a table that counts from 1."""
+        with explained(self.path), trusted(self.path):
+            (last,) = self._connection.execute(f"SELECT COALESCE(MAX(number), 0) FROM {table}").fetchone()
+            return int(last) + 1
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> list[Statement]:
     """Statements that note facts in the table about."""
-    return [("INSERT OR REPLACE INTO about VALUES (?, ?)", pair) for pair in pairs]
+    return [put("about", *pair) for pair in pairs]
 
 
 @contextmanager
@@ -148,10 +189,11 @@ def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
     Raises
     ------
     StudyError
-        If it is no journal that this version reads.
+        If it is no journal that this version reads, is damaged, or has lost its log.
     """
+    with_log = _has_log(path)
     with explained(path), trusted(path), closing(_read_only(path)) as connection:
-        if schema.check(connection, path) == schema.version:
+        if _check(connection, path, schema, with_log or _has_log(path)) == schema.version:
             yield connection
             return
         with closing(sqlite3.connect(":memory:", isolation_level=None)) as copy:
@@ -171,6 +213,40 @@ def _abandon(connection: sqlite3.Connection) -> None:
         connection.close()
     else:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(connection))  # never closed: the system does it
+
+
+def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log: bool) -> int:
+    """Schema of a journal of which every row is the one that was written; changes nothing.
+
+    Parameters
+    ----------
+    connection : Connection
+    path : Path
+    schema : Schema
+    with_log : bool
+        Whether there is a write-ahead log beside it.
+    """
+    (fault,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
+    if fault != "ok":
+        raise ValueError(fault)
+    found = schema.check(connection, path)
+    if found == schema.version:
+        about = dict(rows_of(connection, "about"))
+        if about.get("log") == NEEDED and not with_log:
+            raise StudyError(
+                f"{path}: its log {path.name}-wal is missing, and the last steps with it; bring it back beside the "
+                "journal, or take a copy of both."
+            )
+        for table in schema.versions[found - 1].tables - {"about"}:
+            rows_of(connection, table)
+    return found
+
+
+def _has_log(path: Path) -> bool:
+    """Return whether there is a write-ahead log beside a journal; an empty one says nothing."""
+    with suppress(OSError):
+        return path.with_name(f"{path.name}-wal").stat().st_size > 0
+    return False
 
 
 def _read_only(path: Path) -> sqlite3.Connection:

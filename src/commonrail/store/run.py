@@ -25,7 +25,8 @@ from commonrail.store.changes import check_files
 from commonrail.store.content import content_of
 from commonrail.store.copies import copies_of, copy_study, set_in_study, with_generations
 from commonrail.store.faults import trusted
-from commonrail.store.journal import JOURNAL, LOCK, Journal, State, read_about, software_now
+from commonrail.store.journal import JOURNAL, LOCK, Journal, State, read_about
+from commonrail.store.targets import other_targets
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 
@@ -151,8 +152,6 @@ def resume(
         if generations:
             _check_total(journal, generations)
             own = _extended(journal, own, generations)
-        for sentence in _differences(journal):
-            listener.note(sentence)
         return _run(journal, own, journal.checkpoint(), listener, threads=threads, workers=workers)
 
 
@@ -165,6 +164,9 @@ def _check_how(threads: int | None, workers: Workers | None, listener: Listener)
 
 
 def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener: Listener, **how: Any) -> Calibration:
+    before = other_targets(journal, study, how["threads"]) if checkpoint is not None else ()
+    for finding in before:
+        listener.note(f"warning: {finding.sentence}")
     journal.start_session()
     with held_interrupts(), _ending(journal):  # once the search has ended, its result is written whatever keys are hit
         calibration = calibrate(
@@ -175,6 +177,7 @@ def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener
             warn=lambda finding: listener.note(f"warning: {finding.sentence}"),
             **how,
         )
+        calibration = replace(calibration, warnings=before + calibration.warnings)
         listener.note("judging which parameters the data pin down ...")
         identified = identify(calibration, how["threads"])
         journal.check_place()
@@ -272,6 +275,11 @@ def _study_of(journal: Journal, given: Study | None) -> Study:
     about = journal.about
     if journal.inputs:
         given = load_study(journal.folder / STUDY)
+        if (own := given.method.evolution.generations) != journal.generations:
+            raise StudyError(
+                f"{journal.path}: the journal is damaged: it asks for {journal.generations} generations and {STUDY} "
+                f"for {own}; take a copy of it that is whole."
+            )
     elif given is None:
         raise StudyError(
             f"{journal.folder}: the study of this run was made in Python, no file has it; make it there again and go "
@@ -311,14 +319,3 @@ def _extended(journal: Journal, study: Study, more: int) -> Study:
         write_text(journal.folder / STUDY, facts["study"])
         journal.describe({"before": ""})
     return longer
-
-
-def _differences(journal: Journal) -> list[str]:
-    """Versions and processor that differ from those of the start."""
-    before, now = journal.software, software_now()
-    return [
-        f"begun with {name} {before[name]}, now {now[name]}: the last digits may differ from those of a run that was "
-        "not stopped."
-        for name in now
-        if before.get(name, now[name]) != now[name]
-    ]

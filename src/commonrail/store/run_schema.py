@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from commonrail.reading.guarded_file import sha256
 from commonrail.store.schema import Schema, Version
+from commonrail.store.seals import add_seals
 from commonrail.store.states import digest, number_bytes, pack
 
 __all__ = ["RUN"]
@@ -188,10 +189,13 @@ def _array(content: bytes) -> NDArray[np.float64]:
     return np.frombuffer(content, "<f8").astype(float)
 
 
+_TABLES = frozenset({"about", "input", "session", "generation", "refinement", "state"})
+
 RUN = Schema(
     (
         Version(frozenset({"about", "input", "session", "generation", "population", "refinement"}), _FIRST),
-        Version(frozenset({"about", "input", "session", "generation", "refinement", "state"}), _keep_states),
+        Version(_TABLES, _keep_states),
+        Version(_TABLES, lambda journal: add_seals(journal, _TABLES)),
     ),
     "{path} has schema {found} and this version reads {known} and older ones; use the version of commonrail that wrote "
     "it, or a newer one.",

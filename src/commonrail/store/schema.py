@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -59,7 +61,10 @@ class Schema:
         StudyError
             If a newer version wrote it, or it is none.
         """
-        for number in range(self.check(connection, path), self.version):
+        self._bring(connection, self.check(connection, path), self.version)
+
+    def _bring(self, connection: sqlite3.Connection, found: int, wanted: int) -> None:
+        for number in range(found, wanted):
             make = self.versions[number].make
             done = f"PRAGMA user_version = {number + 1}"
             if isinstance(make, str):
@@ -88,6 +93,18 @@ class Schema:
             raise StudyError(self.newer.format(path=path, found=found, known=self.version))
         expected = self.versions[found - 1].tables if found else frozenset()
         kinds = dict(connection.execute("SELECT name, type FROM sqlite_master WHERE sql NOT NULL"))
-        if set(kinds) != expected or set(kinds.values()) > {"table"}:
+        if set(kinds) != expected or set(kinds.values()) > {"table"} or _columns(connection) != self._own(found):
             raise StudyError(self.foreign.format(path=path))
         return found
+
+    def _own(self, version: int) -> list[tuple[str, str]]:
+        """Tables of a version's new journal."""
+        with closing(sqlite3.connect(":memory:", isolation_level=None)) as fresh:
+            self._bring(fresh, 0, version)
+            return _columns(fresh)
+
+
+def _columns(connection: sqlite3.Connection) -> list[tuple[str, str]]:
+    """Name of each table and the text that made it, without comments and spaces."""
+    found = connection.execute("SELECT name, sql FROM sqlite_master WHERE sql NOT NULL ORDER BY name").fetchall()
+    return [(str(name), re.sub(r"--.*|\s+", "", str(text))) for name, text in found]
