@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from math import isfinite
 from typing import Literal
 
+from commonrail.calibration.prior import Prior
 from commonrail.errors import ConfigurationError
+from commonrail.injector.definition import parameter_quantities
+from commonrail.parts.furniture import Domain
 
 __all__ = ["Mark", "Parameter", "Scale", "percent_bounds"]
 
@@ -74,12 +77,15 @@ class Parameter:
         Source of the reference and the bounds.
     scale : {"linear", "log"}
         Scale on which the optimiser moves.
+    prior : Prior, optional
+        Knowledge of the parameter besides the data; its value lies within the bounds.
 
     Raises
     ------
     ConfigurationError
-        If a number is not finite, the bounds are crossed, or a positive quantity is given a
-        negative bound (or a logarithmic scale one that is not positive).
+        If a number is not finite, the bounds are crossed, a positive quantity is given a
+        negative bound (or a logarithmic scale one that is not positive), or the prior's value
+        lies outside the bounds.
     """
 
     name: str
@@ -91,6 +97,7 @@ class Parameter:
     mark: Mark
     source: str
     scale: Scale = "linear"
+    prior: Prior | None = field(default=None, metadata={"later": True})
 
     def __post_init__(self) -> None:
         if not all(map(isfinite, (self.reference, self.lower, self.upper))):
@@ -99,7 +106,7 @@ class Parameter:
             self._refuse("the lower bound lies above the upper; exchange them")
         if self.lower == self.upper:
             self._refuse("the lower bound must be less than the upper; fix the value instead")
-        if self.lower < 0.0 < self.reference:
+        if self.lower < 0.0 < self.reference and not self._takes_any_sign:
             self._refuse("the lower bound of a positive quantity must not be negative")
         if self.mark not in ("M", "C", "F", "E"):
             self._refuse(f'mark "{self.mark}" must be M, C, F or E')
@@ -107,6 +114,8 @@ class Parameter:
             self._refuse(f'scale "{self.scale}" must be "linear" or "log"')
         if self.scale == "log" and self.lower <= 0.0:
             self._refuse("a logarithmic scale needs a lower bound greater than zero")
+        if self.prior is not None and not self.lower <= self.prior.value <= self.upper:
+            self._refuse(f"the prior's value {self.prior.value:g} lies outside the bounds; widen them or correct it")
 
     def position(self, value: float) -> float:
         """Place of a value between the bounds: 0 at the lower, 1 at the upper."""
@@ -116,6 +125,11 @@ class Parameter:
         """True for a value that has ended at a bound."""
         position = self.position(value)
         return bool(min(position, 1.0 - position) < NEAR)
+
+    @property
+    def _takes_any_sign(self) -> bool:
+        quantity = parameter_quantities().get(self.name)
+        return quantity is not None and quantity.domain is Domain.ANY
 
     def _refuse(self, why: str) -> None:
         raise ConfigurationError(
