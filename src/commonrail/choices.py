@@ -2,7 +2,7 @@
 
 from enum import Enum
 
-__all__ = ["Body", "Boundary", "Drive", "Engine", "Precision"]
+__all__ = ["Body", "Boundary", "Drive", "Engine", "Laws", "Precision"]
 
 
 class Body(Enum):
@@ -26,6 +26,18 @@ class Drive(Enum):
     PWM = "pwm"
     VOLTAGE = "voltage trace"
     CURRENT = "current trace"
+    FREE_WHEEL = "free-wheel"
+
+
+class Laws(Enum):
+    """Set of laws that a kernel computes.
+
+    EXTENDED adds to the paper's laws the shape of the nozzle's discharge, the laminar length of the valve's gap and
+    the friction of the guides. Where all of these are zero both give the same injection, and PAPER is faster.
+    """
+
+    PAPER = "paper"
+    EXTENDED = "extended"
 
 
 class Engine(Enum):

@@ -29,7 +29,7 @@ def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Fl
         Time step [s].
     """
     prepared = plan.prepare(injector, [point], dt)
-    _, trace = lanes.run(plan.make_job(prepared, prepared.row[None], False), injector.variant, traced=True)
+    _, trace = lanes.run(plan.make_job(prepared, prepared.row[None], False), injector.wired(), traced=True)
     rows = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T.copy(), strict=True))
     return rows | {"time": point.start + dt * np.arange(trace.shape[1])}
 

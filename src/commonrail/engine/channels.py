@@ -13,7 +13,7 @@ from commonrail.engine.plan import coefficients_at
 from commonrail.injector.definition import Injector
 from commonrail.injector.model import Coefficients
 from commonrail.injector.variants import Variant, wiring
-from commonrail.parts import nozzle, solenoid
+from commonrail.parts import solenoid
 
 Floats = NDArray[np.float64]
 States = Mapping[str, Floats]
@@ -42,7 +42,7 @@ def read_channels(injector: Injector, point: OperatingPoint, time: Floats, state
         "rail_pressure": rail,
         "return_pressure": states["return_line.pressure"],
     }
-    return all_channels(coefficients_at(injector, point, 1e-6), injector.variant, states, pressures)
+    return all_channels(coefficients_at(injector, point, 1e-6), injector.wired(), states, pressures)
 
 
 def all_channels(c: Coefficients, variant: Variant, states: States, pressures: States) -> dict[str, Floats]:
@@ -54,7 +54,8 @@ def all_channels(c: Coefficients, variant: Variant, states: States, pressures: S
     variant : Variant
     states, pressures : mapping of str to (samples,)
     """
-    body = wiring(variant).body
+    wired = wiring(variant)
+    body, discharge = wired.body, wired.laws.discharge
     magnet = solenoid.circuit(c.solenoid, states["solenoid.flux"], c.valve.lift - states["valve.lift"])  # type: ignore[arg-type]
     return {
         "needle_lift": states[f"body.{body.TIP}"],
@@ -63,5 +64,5 @@ def all_channels(c: Coefficients, variant: Variant, states: States, pressures: S
         **pressures,
         "coil_current": np.asarray(magnet.current),
         "magnetic_force": np.asarray(solenoid.pull(c.solenoid, states["solenoid.pulling_flux"])),  # type: ignore[arg-type]
-        "discharge_coefficient": np.array([nozzle.discharge(c.nozzle, z) for z in states["nozzle.lift_reached"]]),
+        "discharge_coefficient": np.array([discharge(c.nozzle, z) for z in states["nozzle.lift_reached"]]),
     }

@@ -74,7 +74,7 @@ class Feed(NamedTuple):
 
 
 @physics
-def drain_flow(c: Coefficients, pressure: float, density: float, lift: float, wave: float) -> Drain:
+def drain_flow(c: Coefficients, pressure: float, density: float, gap: float, wave: float) -> Drain:
     """Flow through A-hole and valve into a return line whose arriving wave is known, by Newton's iteration.
 
     Parameters
@@ -82,15 +82,15 @@ def drain_flow(c: Coefficients, pressure: float, density: float, lift: float, wa
     c : Coefficients
     pressure, density : float
         In the control chamber [Pa], [kg/m³].
-    lift : float
-        Of the valve [m].
+    gap : float
+        (c_d A)² of the valve's gap [m⁴].
     wave : float
         [Pa].
     """
     behind = wave
     flow = 0.0
     for _ in range(4):
-        d = joints.drain_drive(c, pressure, behind, lift)
+        d = joints.drain_drive(c, pressure, behind, gap)
         out = jet(d.drive, density, c.control_chamber.a_offset)
         line = density * d.line_gain
         flow = (out.mass_flow * out.root + line * (behind - wave)) / (out.root + c.return_line.impedance * line)
@@ -189,6 +189,12 @@ def regulated(c: Coefficients, outside: Outside, supply: drive.Supply, now: sole
 
 
 @physics
+def free_wheeling(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
+    """Ideal regulator with a free-wheel diode."""
+    return drive.free_wheel(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate
+
+
+@physics
 def switched(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
     """PWM whose transistor is set by the solver's events; after the end −boost until the current is gone."""
     live = drive.applied(c.solenoid, drive.pwm_voltage(c.drive, outside.conducting), now).flux_rate
@@ -236,4 +242,5 @@ def coil_law(variant: Variant) -> Callable[..., float]:
         Drive.PWM: switched,
         Drive.VOLTAGE: by_voltage,
         Drive.CURRENT: by_current,
+        Drive.FREE_WHEEL: free_wheeling,
     }[variant.drive]

@@ -136,7 +136,7 @@ def make_rates(variant: Variant) -> Callable[..., None]:
     load, store_core, load_outside = wired.coefficients.load, CORE.store, OUTSIDE.load
     load_fuel, load_coil, load_valve = (layout_of(kind).load for kind in (Masses, solenoid.State, valve.State))
     load_masses, store_masses = wired.positions.load, wired.positions.store
-    accelerations = wired.body.accelerations
+    accelerations, discharge, gap_drive = wired.accelerations, wired.laws.discharge, wired.laws.gap_drive
     store_accelerations = store_rubbed if variant.body is Body.FLEXIBLE else store_rigid
     inlet, coil = inlet_law(variant), coil_law(variant)
     row = ROW
@@ -151,11 +151,11 @@ def make_rates(variant: Variant) -> Callable[..., None]:
         )
         gain = needle_seat.gap_drive(c.needle_seat, lifts.tip)
         seat = jet(gain * (store.pressure - sac.pressure), store.density, c.needle_seat.offset).mass_flow
-        spray_drive, _ = joints.nozzle_drive(c, sac.pressure, outside.cylinder, reached)
+        spray_drive, _ = joints.nozzle_drive(c, sac.pressure, outside.cylinder, discharge(c.nozzle, reached))
         spray = jet(spray_drive, sac.density, c.nozzle.offset).mass_flow
 
         wave = y[line] - c.return_line.impedance * y[line + 1] if cells[1] > 0 else outside.low
-        drain = drain_flow(c, chamber.pressure, chamber.density, y[core + row.valve.lift], wave)
+        drain = drain_flow(c, chamber.pressure, chamber.density, gap_drive(c.valve, y[core + row.valve.lift]), wave)
 
         tap = c.control_chamber.z_from_inlet
         supply = Inlet(outside.rail, y[core + row.rail_mass], y[0])
@@ -165,7 +165,7 @@ def make_rates(variant: Variant) -> Callable[..., None]:
         needle_leak = joints.guide_leak(c, guides.needle_leak, store.pressure, outside.low).mass_flow
 
         magnet, moving = load_coil(y, core + row.solenoid.flux, 1), load_valve(y, core + row.valve.lift, 1)
-        pressing = joints.seat_pressure(c, valve.gap_drive(c.valve, moving.lift), chamber.pressure, drain.behind)
+        pressing = joints.seat_pressure(c, gap_drive(c.valve, moving.lift), chamber.pressure, drain.behind)
         supplied = y[0] + tap * entry.z_flow
         slopes = Core(
             solenoid=coil_rates(c, outside, coil, magnet, valve.air_gap(c.valve, moving)),
@@ -240,6 +240,7 @@ def make_sac_rate(variant: Variant) -> Callable[..., float]:
     """
     hydraulics, frame = make_hydraulics(variant), make_frame(variant)
     load_core, load_masses = CORE.load, wiring(variant).positions.load
+    discharge = wiring(variant).laws.discharge
 
     @physics
     def sac_rate(c: Coefficients, y: Any, cells: Any, cylinder: float) -> float:
@@ -248,7 +249,7 @@ def make_sac_rate(variant: Variant) -> Callable[..., float]:
         h = hydraulics(c, s.fuel, s.nozzle.lift_reached, load_masses(y, at.body, 2))
         gain = needle_seat.gap_drive(c.needle_seat, h.lifts.tip)
         seat = orifice(gain * (h.store.pressure - h.sac.pressure), gain, h.store.density, c.needle_seat.offset)
-        drive_, gain_ = joints.nozzle_drive(c, h.sac.pressure, cylinder, h.reached)
+        drive_, gain_ = joints.nozzle_drive(c, h.sac.pressure, cylinder, discharge(c.nozzle, h.reached))
         spray = orifice(drive_, gain_, h.sac.density, c.nozzle.offset)
         return (seat.slope + spray.slope) * h.sac.stiffness / h.room.sac
 

@@ -123,7 +123,7 @@ class Model:
     ) -> None:
         check_point(injector, point)
         self.injector, self.point, self.resolution = injector, point, resolution
-        variant = injector.variant
+        variant = injector.wired()
         at = Setting(*point.initial_pressures(), 1e-6)
         self.c = coefficients_at(injector, point, at.dt)
         wired = wiring(variant)

@@ -36,7 +36,7 @@ def sampled_rates(
     """
     theta = candidate_matrix(injector, names, values)
     job = plan.make_job(plan.prepare(injector, [point], time_step), theta, False)
-    outcome, trace = lanes.run(job, injector.variant, traced=True)
+    outcome, trace = lanes.run(job, injector.wired(names), traced=True)
     row = lanes.trace_paths(injector.variant).index("nozzle.injected")
     injected = np.moveaxis(trace[:, :, row, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
     time = point.start + time_step * np.arange(trace.shape[1])

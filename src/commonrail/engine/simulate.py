@@ -28,6 +28,7 @@ from commonrail.engine.status import OK, STILL_INJECTING, Status, which_failed
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
+from commonrail.injector.variants import Variant
 
 Floats = NDArray[np.float64]
 
@@ -122,7 +123,7 @@ def simulate(
         from commonrail.engine.reference import simulate_reference
 
         return simulate_reference(injector, point, sample_interval or 3e-6)
-    how = _How(plan.prepare(injector, [point], time_step), None, False, real, engine, True)
+    how = _How(plan.prepare(injector, [point], time_step), injector.wired(), None, False, real, engine, True)
     theta = how.prepared.row[None]
     outcome, trace = _run(theta, how, how.prepared.densities)
     stride = max(round((sample_interval or time_step) / time_step), 1)
@@ -206,6 +207,7 @@ def simulate_batch(
             instance(given, kind, what)
     how = _How(
         prepared or plan.prepare(injector, points, time_step),
+        injector.wired(names),
         misfit,
         flag(stop_when_closed, "stop_when_closed") and misfit is None,
         chosen(precision, Precision, "precision"),
@@ -237,6 +239,7 @@ def _batch_engine(name: Engine | str) -> Engine:
 
 class _How(NamedTuple):
     prepared: Prepared
+    variant: Variant
     misfit: Misfit | None
     stop_when_closed: bool
     precision: Precision
@@ -246,14 +249,14 @@ class _How(NamedTuple):
 
 
 def _run(theta: Floats, how: _How, densities: Floats) -> tuple[Outcome, Floats]:
-    misfit, variant = how.misfit and how.misfit.own_where_open(densities), how.prepared.injector.variant
+    misfit = how.misfit and how.misfit.own_where_open(densities)
     if how.engine is Engine.CUDA:
         from commonrail.engine import cuda
 
         job = plan.make_job(how.prepared, theta, how.stop_when_closed, 1)
-        return cuda.run(job, variant, misfit, how.precision, how.traced)
+        return cuda.run(job, how.variant, misfit, how.precision, how.traced)
     job = plan.make_job(how.prepared, theta, how.stop_when_closed, VECTORS[how.precision].lanes)
-    return lanes.run(job, variant, misfit, how.precision, how.traced, how.threads)
+    return lanes.run(job, how.variant, misfit, how.precision, how.traced, how.threads)
 
 
 def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 from commonrail.arguments import Quantity, instance, mapping, number, plain_text, settle
+from commonrail.choices import Laws
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.layout import field_paths
 from commonrail.injector.model import Parameters
-from commonrail.injector.variants import Variant
+from commonrail.injector.variants import EXTENDING, Variant
 from commonrail.parts.furniture import Domain, Q, describe
 
 FUEL_TEMPERATURE = "fuel.temperature"
@@ -106,6 +107,17 @@ class Injector:
         flat = iter([self.values[path] for path in parameter_paths()])
         rooms = get_type_hints(Parameters)
         return Parameters(**{room: _take(kind, flat) for room, kind in rooms.items()})
+
+    def wired(self, names: Iterable[str] = ()) -> Variant:
+        """Variant that computes this injector: with the extended laws if a value or a varying name needs them.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Dotted names of the parameters that vary.
+        """
+        needed = set(EXTENDING).intersection(names) or any(self.values[name] != 0.0 for name in EXTENDING)
+        return self.variant._replace(laws=Laws.EXTENDED) if needed else self.variant
 
     def with_values(self, values: Mapping[str, Quantity]) -> Injector:
         """The same injector with some values changed.

@@ -10,7 +10,7 @@ from commonrail.flow.orifice import Flow, choked, series
 from commonrail.fuel import kernel as fuel
 from commonrail.injector.model import Coefficients
 from commonrail.injector.setup import accumulation_volume, control_volume
-from commonrail.parts import nozzle, sac, valve
+from commonrail.parts import sac
 from commonrail.parts.plunger_needle import Motion
 
 # A seated needle whose SAC has come this near to cylinder pressure has ended its injection [Pa].
@@ -66,9 +66,8 @@ def make_room(c: Coefficients, lifts: Motion) -> Room:
 
 
 @physics
-def nozzle_drive(c: Coefficients, pressure: float, cylinder: float, reached: float) -> tuple[float, float]:
-    """Drive and gain of the nozzle's outflow at a greatest lift `reached`, cavitation included."""
-    discharge = nozzle.discharge(c.nozzle, reached)
+def nozzle_drive(c: Coefficients, pressure: float, cylinder: float, discharge: float) -> tuple[float, float]:
+    """Drive and gain of the nozzle's outflow at a discharge coefficient, cavitation included."""
     holes = c.nozzle.area_squared * discharge * discharge
     vapour = c.nozzle.choked * (pressure - c.fuel.vapour_pressure)
     return choked(holes * (pressure - cylinder), holes, vapour, c.nozzle.choked)
@@ -82,10 +81,10 @@ def guide_leak(c: Coefficients, conductance: float, pressure: float, low: float)
 
 
 @physics
-def drain_drive(c: Coefficients, pressure: float, behind: float, lift: float) -> Drain:
-    """Drive of the flow through A-hole and valve in series, cavitation in the A-hole included."""
+def drain_drive(c: Coefficients, pressure: float, behind: float, gap: float) -> Drain:
+    """Drive of the flow through A-hole and the valve's gap in series, cavitation in the A-hole included."""
     hole = c.control_chamber
-    gain = series(hole.a_drive, valve.gap_drive(c.valve, lift))
+    gain = series(hole.a_drive, gap)
     free = gain * (pressure - behind)
     drive_, gain_ = choked(free, gain, hole.a_choked * (pressure - c.fuel.vapour_pressure), hole.a_choked)
     return Drain(drive_, gain_, gain if drive_ == free else 0.0)

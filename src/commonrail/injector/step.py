@@ -47,13 +47,13 @@ Law = Callable[..., Any]
 
 
 class Moves(NamedTuple):
-    """Lifts and volumes at both ends of the step, the valve's lift at mid-step [m], and the step's length [s]."""
+    """Lifts and volumes at both ends of the step, the valve's gap (c_d A)² at mid-step [m⁴], and the step [s]."""
 
     old: Motion
     new: Motion
     before: Room
     after: Room
-    valve: float
+    gap: float
     dt: float
 
 
@@ -97,9 +97,18 @@ def body_loads(c: Coefficients, s: State, low: float) -> Loads:
 
 
 @physics
-def move_valve(c: Coefficients, s: State, dt: float) -> valve.State:
-    """Armature and shutter after the step."""
-    gap = valve.gap_drive(c.valve, s.valve.lift)
+def move_valve(c: Coefficients, s: State, gap: float, dt: float) -> valve.State:
+    """Armature and shutter after the step.
+
+    Parameters
+    ----------
+    c, s
+        Coefficients and state.
+    gap : float
+        (c_d A)² of the seat's gap at its start [m⁴].
+    dt : float
+        Step [s].
+    """
     pressure = seat_pressure(c, gap, s.control_chamber.fuel.pressure, s.return_line.pressure)
     return valve.advance(c.valve, s.valve, solenoid.pull(c.solenoid, s.solenoid.pulling_flux), pressure, dt)
 
@@ -131,7 +140,7 @@ def magnetise(
 
 
 @physics
-def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, reached: float, moves: Moves) -> SacFlows:
+def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, discharge: float, moves: Moves) -> SacFlows:
     """Mean flows through seat and nozzle over the step, and the SAC's mass after it.
 
     Parameters
@@ -140,8 +149,8 @@ def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, reached: flo
         Coefficients, state and inputs.
     upstream : float
         Pressure in the accumulation volume [Pa].
-    reached : float
-        Greatest lift of this injection so far [m].
+    discharge : float
+        Discharge coefficient of the nozzle [1].
     moves : Moves
     """
     dt = moves.dt
@@ -149,7 +158,7 @@ def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, reached: flo
     gain = needle_seat.gap_drive(c.needle_seat, tip)
     before, here = s.accumulation.fuel.density, s.sac
     seat = jet(gain * (upstream - here.pressure), before, c.needle_seat.offset)
-    out_drive, out_gain = nozzle_drive(c, here.pressure, u.cylinder, max(reached, tip))
+    out_drive, out_gain = nozzle_drive(c, here.pressure, u.cylinder, discharge)
     out = jet(out_drive, here.density, c.nozzle.offset)
     per_seat, per_out = reciprocals(seat.root, out.root)
     seat_slope, out_slope = before * gain * per_seat, here.density * out_gain * per_out
@@ -209,7 +218,7 @@ def fill_control_chamber(c: Coefficients, s: State, u: Inputs, feed: float, back
     in_drive, in_gain = z_hole_drive(c, feed, here.pressure)
     inlet = jet(in_drive, density, hole.z_offset)
     behind = s.return_line.pressure
-    drain = drain_drive(c, here.pressure, behind, moves.valve)
+    drain = drain_drive(c, here.pressure, behind, moves.gap)
     out = jet(drain.drive, here.density, hole.a_offset)
     line = here.density * drain.line_gain
     # slopes in, out; the line's answer divides the outflow by 1 + Z ρ gain/root
@@ -262,24 +271,40 @@ def fill_accumulation(c: Coefficients, s: State, u: Inputs, wave: float, outflow
     return StoreFlows(here.pressure + departure, pipe_flow, l_flow, here.mass + dt * (pipe_flow - outflow - l_flow))
 
 
-def make_step(body: Any, drive_law: Law, inlet_law: Law, draw: Law) -> Law:
-    """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves).
+class StepLaws(NamedTuple):
+    """Laws in which variants differ.
 
-    Parameters
+    Attributes
     ----------
-    body : module
-        `plunger_needle` or `rigid_body`.
-    drive_law : law
+    advance, lifts : law
+        Motion of plunger and needle, and its lifts.
+    drive : law
         Flux rate of the solenoid's drive.
-    inlet_law, draw : law
+    inlet, draw : law
         Boundary at the rail, and what it takes from the rail.
+    discharge : law
+        Discharge coefficient of the nozzle.
+    gap_drive : law
+        Flow section of the valve's seat.
     """
-    advance, lifts = body.advance, body.lifts
+
+    advance: Law
+    lifts: Law
+    drive: Law
+    inlet: Law
+    draw: Law
+    discharge: Law
+    gap_drive: Law
+
+
+def make_step(laws: StepLaws) -> Law:
+    """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves)."""
+    advance, lifts, drive_law, inlet_law, draw, discharge, gap_drive = laws
 
     @physics
     def step(c: Coefficients, s: State, u: Inputs, arriving: Waves, dt: float) -> tuple[State, Waves]:
         """State at t_n + dt, and the waves that leave."""
-        moved_valve = move_valve(c, s, dt)
+        moved_valve = move_valve(c, s, gap_drive(c.valve, s.valve.lift), dt)
         lift = middle(s.valve.lift, moved_valve.lift)
         magnet, conducting = magnetise(c, s, u, lift, drive_law, dt)
 
@@ -290,8 +315,9 @@ def make_step(body: Any, drive_law: Law, inlet_law: Law, draw: Law) -> Law:
         upstream = store.pressure + 0.5 * (store.pressure - s.accumulation.pressure_before)
         at_rest = old.tip <= 0.0 and s.sac.pressure - u.cylinder < RELAXED
         reached = 0.0 if at_rest else s.nozzle.lift_reached
-        moves = Moves(old, new, make_room(c, old), make_room(c, new), lift, dt)
-        out = fill_sac(c, s, u, upstream, reached, moves)
+        moves = Moves(old, new, make_room(c, old), make_room(c, new), gap_drive(c.valve, lift), dt)
+        passing = discharge(c.nozzle, max(reached, middle(old.tip, new.tip)))
+        out = fill_sac(c, s, u, upstream, passing, moves)
 
         rubbed = feed_pipe.middle_loss(c.feed_pipe, s.feed_pipe, arriving.down, arriving.up)
         wave = arriving.up + rubbed + feed_pipe.end_loss(c.feed_pipe, s.feed_pipe.inlet_flow)

@@ -1,4 +1,4 @@
-"""Drive of the solenoid: boost, peak, hold and off, by an ideal regulator or by PWM, or a measured trace.
+"""Drive of the solenoid: boost, peak, hold and off, by an ideal regulator, PWM or free-wheel, or a measured trace.
 
 Each law returns the mean over a step of the coil's flux rate, N dφ/dt = v − R i (Eq. 11). A phase that holds for a
 share of the step relaxes over that share alone: what ends inside a step does not damp what begins there.
@@ -48,6 +48,10 @@ class Parameters(NamedTuple):
     regulator_gain: Annotated[
         float, Q("V/A", "gain of the ideal regulator and of a measured current", Domain.POSITIVE, 100.0)
     ]
+    diode_voltage: Annotated[
+        float,
+        Q("V", "forward voltage of the free-wheel diode", Domain.NON_NEGATIVE, 0.7, usual=(0.1, 5.0)),
+    ]
 
 
 class State(NamedTuple):
@@ -76,6 +80,13 @@ class Change(NamedTuple):
 
     flux_rate: float
     conducting: float
+
+
+class Backward(NamedTuple):
+    """Voltages that reduce the current while energising goes on, and after its end [V]."""
+
+    falling: float
+    off: float
 
 
 class Supply(NamedTuple):
@@ -218,16 +229,48 @@ def regulated(
     dt : float
         Step [s].
     """
+    return _held(p, c, Backward(p.quench_voltage, p.boost_voltage), supply, now, dt)
+
+
+@physics
+def free_wheel(
+    p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
+) -> Change:
+    """Ideal regulator without a voltage backwards: a current that must fall decays through a diode.
+
+    It does so from the peak to the hold current and after the end of energising: N dφ/dt = −R i − V_d until i = 0.
+
+    Parameters
+    ----------
+    p, c, s, supply, now, dt
+        As in `regulated`.
+    """
+    return _held(p, c, Backward(p.diode_voltage, p.diode_voltage), supply, now, dt)
+
+
+@physics
+def _held(
+    p: Parameters, c: solenoid.Coefficients, backward: Backward, supply: Supply, now: solenoid.Circuit, dt: float
+) -> Change:
+    """Mean flux rate of an ideal regulator with given voltages backwards.
+
+    Parameters
+    ----------
+    p, c, supply, now, dt
+        As in `regulated`.
+    backward : Backward
+        Voltages that reduce the current.
+    """
     plan = supply.schedule
-    peak = _towards(c, p.peak_current, p.regulator_gain, -p.quench_voltage, p.boost_voltage, now)
-    hold = _towards(c, p.hold_current, p.regulator_gain, -p.quench_voltage, p.boost_voltage, now)
+    peak = _towards(c, p.peak_current, p.regulator_gain, -backward.falling, p.boost_voltage, now)
+    hold = _towards(c, p.hold_current, p.regulator_gain, -backward.falling, p.boost_voltage, now)
     held = plan.on - plan.peak
     live = Rate(
         plan.peak * peak.flux_rate + held * hold.flux_rate,
         plan.peak * peak.at_end + held * hold.at_end,
         plan.peak * peak.decay + held * hold.decay,
     )
-    off = during(1.0 - plan.on, switched_off(p, c, now))
+    off = during(1.0 - plan.on, _towards(c, 0.0, p.regulator_gain, -backward.off, 0.0, now))
     per_live, per_off = reciprocals(damped(live, dt), damped(off, dt))
     return Change(risen(live, dt) * per_live + risen(off, dt) * per_off, 1.0)
 

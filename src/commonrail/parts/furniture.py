@@ -17,6 +17,7 @@ class Domain(Enum):
     NON_NEGATIVE = "zero or greater"
     UNIT = "between 0 and 1"
     COEFFICIENT = "greater than zero and at most 1"
+    CHANGE = "greater than -1"
     CONE = "greater than zero and less than pi rad (180 deg)"
     ANY = "any finite number"
 
@@ -30,6 +31,8 @@ class Domain(Enum):
             return (value >= 0.0) & (value <= 1.0)
         if self is Domain.COEFFICIENT:
             return (value > 0.0) & (value <= 1.0)
+        if self is Domain.CHANGE:
+            return value > -1.0
         if self is Domain.CONE:
             return (value > 0.0) & (value < math.pi)
         return value == value

@@ -1,4 +1,4 @@
-"""Nozzle: holes from the SAC to the cylinder, with the lift-dependent discharge coefficient, Eq. (9)."""
+"""Nozzle: holes from the SAC to the cylinder, with the lift-dependent discharge coefficient, Eq. (9), and its shape."""
 
 from __future__ import annotations
 
@@ -14,9 +14,16 @@ from commonrail.parts.furniture import Annotated, Domain, Q
 # open as at this lift, far below z0.
 RESIDUAL_LIFT = 1e-6
 
+# Rail pressure at which c_d(zM) has the value of `discharge_maximum` [Pa]: catalogue flows are measured there.
+CATALOGUE_PRESSURE = 10e6
+
+
+_KNOT, _SHAPE = "lift of knot", "relative change of c_d(z) of Eq. (9) at knot"
+_USUAL_KNOT, _USUAL_SHAPE = (2e-6, 2e-3), (-0.6, 0.6)  # [m], [1]: see `furniture.Q`
+
 
 class Parameters(NamedTuple):
-    """Drawing of the nozzle and the constants of Eq. (9)."""
+    """Drawing of the nozzle, the constants of Eq. (9), and the change of its c_d(z) at up to eight lifts."""
 
     holes: Annotated[float, Q("1", "number of nozzle holes")]
     hole_diameter: Annotated[float, Q("m", "diameter of a nozzle hole", usual=(0.03e-3, 1.5e-3))]
@@ -30,10 +37,50 @@ class Parameters(NamedTuple):
     transition_reynolds: Annotated[
         float, Q("1", "Reynolds number at which viscous and inertial loss are equal", Domain.POSITIVE, 10.0)
     ]
+    discharge_growth: Annotated[
+        float, Q("1/Pa", "growth of c_d(zM) with rail pressure above 10 MPa", Domain.ANY, 0.0, usual=(-3e-9, 3e-9))
+    ]
+    knot_1: Annotated[float, Q("m", f"{_KNOT} 1", Domain.NON_NEGATIVE, 40e-6, usual=_USUAL_KNOT)]
+    knot_2: Annotated[float, Q("m", f"{_KNOT} 2 (0: none)", Domain.NON_NEGATIVE, 90e-6, usual=_USUAL_KNOT)]
+    knot_3: Annotated[float, Q("m", f"{_KNOT} 3 (0: none)", Domain.NON_NEGATIVE, 150e-6, usual=_USUAL_KNOT)]
+    knot_4: Annotated[float, Q("m", f"{_KNOT} 4 (0: none)", Domain.NON_NEGATIVE, 230e-6, usual=_USUAL_KNOT)]
+    knot_5: Annotated[float, Q("m", f"{_KNOT} 5 (0: none)", Domain.NON_NEGATIVE, 340e-6, usual=_USUAL_KNOT)]
+    knot_6: Annotated[float, Q("m", f"{_KNOT} 6 (0: none)", Domain.NON_NEGATIVE, 0.0, usual=_USUAL_KNOT)]
+    knot_7: Annotated[float, Q("m", f"{_KNOT} 7 (0: none)", Domain.NON_NEGATIVE, 0.0, usual=_USUAL_KNOT)]
+    knot_8: Annotated[float, Q("m", f"{_KNOT} 8 (0: none)", Domain.NON_NEGATIVE, 0.0, usual=_USUAL_KNOT)]
+    shape_1: Annotated[float, Q("1", f"{_SHAPE} 1", Domain.CHANGE, 0.0, usual=_USUAL_SHAPE)]
+    shape_2: Annotated[float, Q("1", f"{_SHAPE} 2", Domain.CHANGE, 0.0, usual=_USUAL_SHAPE)]
+    shape_3: Annotated[float, Q("1", f"{_SHAPE} 3", Domain.CHANGE, 0.0, usual=_USUAL_SHAPE)]
+    shape_4: Annotated[float, Q("1", f"{_SHAPE} 4", Domain.CHANGE, 0.0, usual=_USUAL_SHAPE)]
+    shape_5: Annotated[float, Q("1", f"{_SHAPE} 5", Domain.CHANGE, 0.0, usual=_USUAL_SHAPE)]
+    shape_6: Annotated[float, Q("1", f"{_SHAPE} 6", Domain.CHANGE, 0.0, usual=_USUAL_SHAPE)]
+    shape_7: Annotated[float, Q("1", f"{_SHAPE} 7", Domain.CHANGE, 0.0, usual=_USUAL_SHAPE)]
+    shape_8: Annotated[float, Q("1", f"{_SHAPE} 8", Domain.CHANGE, 0.0, usual=_USUAL_SHAPE)]
+
+
+class Eight(NamedTuple):
+    """One value for each of the eight knots."""
+
+    i1: float
+    i2: float
+    i3: float
+    i4: float
+    i5: float
+    i6: float
+    i7: float
+    i8: float
+
+
+class Shape(NamedTuple):
+    """Relative change of c_d(z): value up to the first knot [1], knots [m], and change of slope at each [1/m]."""
+
+    first: float
+    knots: Eight
+    bends: Eight
 
 
 class Coefficients(NamedTuple):
-    """Hole area A² [m⁴], (C_c A)² [m⁴], laminar offset [kg/s], and Eq. (9) with z0, zM worked out."""
+    """Hole area A² [m⁴], (C_c A)² [m⁴], laminar offset [kg/s], Eq. (9) with z0, zM worked out, and its shape."""
 
     area_squared: float
     choked: float
@@ -43,6 +90,7 @@ class Coefficients(NamedTuple):
     lift_maximum: float
     per_lift_transition: float
     discharge_slope: float
+    shape: Shape
 
 
 class State(NamedTuple):
@@ -69,6 +117,7 @@ def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) 
     # K1…K4 may have any sign: keep 0 < z0 < zM, whatever a search proposes
     knee = max(p.lift_transition_slope * rail_pressure + p.lift_transition_offset, RESIDUAL_LIFT)
     top = max(p.lift_maximum_slope * rail_pressure + p.lift_maximum_offset, knee + RESIDUAL_LIFT)
+    greatest = max(p.discharge_maximum + p.discharge_growth * (rail_pressure - CATALOGUE_PRESSURE), 0.0)
     return Coefficients(
         area * area,
         square(p.contraction * area),
@@ -77,7 +126,45 @@ def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) 
         knee,
         top,
         1.0 / knee,
-        (p.discharge_maximum - p.discharge_transition) / (top - knee),
+        (greatest - p.discharge_transition) / (top - knee),
+        shape(p),
+    )
+
+
+@physics
+def shape(p: Parameters) -> Shape:
+    """Piecewise linear change of c_d(z): value before the first knot [1], knots [m], bends [1/m].
+
+    A knot of lift zero behind the first is none: the value of the knot before it holds on. Knots that do not rise are
+    moved apart, whatever a search proposes.
+
+    Parameters
+    ----------
+    p : Parameters
+        Knots and values.
+    """
+    s1 = p.shape_1
+    s2 = p.shape_2 if p.knot_2 > 0.0 else s1
+    s3 = p.shape_3 if p.knot_3 > 0.0 else s2
+    s4 = p.shape_4 if p.knot_4 > 0.0 else s3
+    s5 = p.shape_5 if p.knot_5 > 0.0 else s4
+    s6 = p.shape_6 if p.knot_6 > 0.0 else s5
+    s7 = p.shape_7 if p.knot_7 > 0.0 else s6
+    s8 = p.shape_8 if p.knot_8 > 0.0 else s7
+    z1 = p.knot_1
+    z2 = max(p.knot_2, z1 + RESIDUAL_LIFT)
+    z3 = max(p.knot_3, z2 + RESIDUAL_LIFT)
+    z4 = max(p.knot_4, z3 + RESIDUAL_LIFT)
+    z5 = max(p.knot_5, z4 + RESIDUAL_LIFT)
+    z6 = max(p.knot_6, z5 + RESIDUAL_LIFT)
+    z7 = max(p.knot_7, z6 + RESIDUAL_LIFT)
+    z8 = max(p.knot_8, z7 + RESIDUAL_LIFT)
+    m1, m2, m3 = (s2 - s1) / (z2 - z1), (s3 - s2) / (z3 - z2), (s4 - s3) / (z4 - z3)
+    m4, m5, m6, m7 = (s5 - s4) / (z5 - z4), (s6 - s5) / (z6 - z5), (s7 - s6) / (z7 - z6), (s8 - s7) / (z8 - z7)
+    return Shape(
+        s1,
+        Eight(z1, z2, z3, z4, z5, z6, z7, z8),
+        Eight(m1, m2 - m1, m3 - m2, m4 - m3, m5 - m4, m6 - m5, m7 - m6, -m7),
     )
 
 
@@ -114,3 +201,36 @@ def discharge(c: Coefficients, lift_reached: float) -> float:
     rising = quarter_sine(min(z * c.per_lift_transition, 1.0))
     beyond = min(max(z, c.lift_transition), c.lift_maximum) - c.lift_transition
     return c.discharge_transition * rising + c.discharge_slope * beyond
+
+
+@physics
+def change(s: Shape, lift_reached: float) -> float:
+    """Relative change of c_d [1]: linear between the knots, constant before the first and behind the last.
+
+    Parameters
+    ----------
+    s : Shape
+        Of this nozzle.
+    lift_reached : float
+        As in `discharge` [m].
+    """
+    z, at, bend = lift_reached, s.knots, s.bends
+    low = bend.i1 * max(z - at.i1, 0.0) + bend.i2 * max(z - at.i2, 0.0)
+    low = low + bend.i3 * max(z - at.i3, 0.0) + bend.i4 * max(z - at.i4, 0.0)
+    high = bend.i5 * max(z - at.i5, 0.0) + bend.i6 * max(z - at.i6, 0.0)
+    high = high + bend.i7 * max(z - at.i7, 0.0) + bend.i8 * max(z - at.i8, 0.0)
+    return s.first + low + high
+
+
+@physics
+def shaped_discharge(c: Coefficients, lift_reached: float) -> float:
+    """Discharge coefficient c_d of Eq. (9) times 1 + its change over lift [1].
+
+    Eq. (9) rises as a sine and then as a ramp; measured quantity maps show a finer shape.
+
+    Parameters
+    ----------
+    c, lift_reached
+        As in `discharge`.
+    """
+    return discharge(c, lift_reached) * (1.0 + change(c.shape, lift_reached))

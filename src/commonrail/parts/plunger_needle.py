@@ -4,7 +4,7 @@ Masses 1…6 are the plunger's five cylinders (springs k1…k5), masses 7…9 th
 inner mass takes half of each neighbouring cylinder, an end mass half of its one. Positions are measured
 from the unloaded, touching chain with the tip on its seat, positive when the needle opens. Eq. (10) as printed
 ties mass 1 to the ground; here k1 acts between masses 1 and 2, as mass 2's line demands. Between 6 and 7
-there is only contact: the plunger can leave its needle. Guide friction is not modelled.
+there is only contact: the plunger can leave its needle. Friction of the guides: `guide_friction`.
 """
 
 from __future__ import annotations
@@ -61,10 +61,24 @@ class Parameters(NamedTuple):
     stop_lift: Annotated[float, Q("m", "distance from the unloaded plunger top to the upper stop", usual=(20e-6, 5e-3))]
     stop_stiffness: Annotated[float, Q("N/m", "stiffness of the upper stop", Domain.POSITIVE, 1.5e8, usual=(1e6, 1e10))]
     stop_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of the upper stop", Domain.NON_NEGATIVE, 0.2)]
+    viscous: Annotated[
+        float,
+        Q(
+            "N s/m",
+            "viscous friction of plunger and needle, each guide",
+            Domain.NON_NEGATIVE,
+            0.0,
+            usual=(0.05, 200.0),
+        ),
+    ]
+    friction: Annotated[
+        float,
+        Q("N", "dry friction of plunger and needle, each guide", Domain.NON_NEGATIVE, 0.0, usual=(0.05, 100.0)),
+    ]
 
 
 class Guides(NamedTuple):
-    """Pressure areas [m²], gap conductances of Eq. (5) [m³], needle spring and upper stop."""
+    """Pressure areas [m²], gap conductances of Eq. (5) [m³], needle spring, upper stop, friction of each guide."""
 
     plunger_area: float
     guide_area: float
@@ -76,6 +90,8 @@ class Guides(NamedTuple):
     stop_lift: float
     stop_stiffness: float
     stop_damping: float
+    viscous: float
+    friction: float
 
 
 class Coefficients(NamedTuple):
@@ -200,6 +216,8 @@ def coefficients(p: Parameters, dt: float) -> Coefficients:
         stop_lift=p.stop_lift,
         stop_stiffness=p.stop_stiffness,
         stop_damping=p.stop_damping,
+        viscous=p.viscous,
+        friction=p.friction,
     )
     return Coefficients(
         k=k,

@@ -29,10 +29,23 @@ class Parameters(NamedTuple):
     seat_discharge: Annotated[float, Q("1", "discharge coefficient of the valve seat", Domain.COEFFICIENT, 0.8)]
     contact_stiffness: Annotated[float, Q("N/m", "stiffness of seat and stop", Domain.POSITIVE, 4e7, usual=(1e6, 1e10))]
     contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of seat and stop", Domain.NON_NEGATIVE, 1.0)]
+    laminar_gap: Annotated[
+        float,
+        Q(
+            "m",
+            "lift at which friction halves the seat's discharge coefficient (0: none)",
+            Domain.NON_NEGATIVE,
+            0.0,
+            usual=(0.05e-6, 50e-6),
+        ),
+    ]
 
 
 class Coefficients(NamedTuple):
-    """Inverse mass [1/kg], lift [m], spring and damper, seat area [m²], c_d times gap area per lift [m], contact."""
+    """Inverse mass [1/kg], lift [m], spring and damper, seat area [m²], c_d times gap area per lift [m], contact, h_l.
+
+    h_l is the lift at which friction halves the seat's discharge coefficient [m].
+    """
 
     per_mass: float
     lift: float
@@ -43,6 +56,7 @@ class Coefficients(NamedTuple):
     gap_slope: float
     contact_stiffness: float
     contact_damping: float
+    laminar_gap: float
 
 
 class State(NamedTuple):
@@ -52,6 +66,7 @@ class State(NamedTuple):
     velocity: float
 
 
+TINY_GAP = 1e-12  # a shut seat without laminar length passes nothing, rather than 0/0 [m]
 TYPICAL = State(1e-5, 1e-1)  # sizes for a solver's absolute tolerances
 
 
@@ -68,6 +83,7 @@ def coefficients(p: Parameters) -> Coefficients:
         gap_slope=p.seat_discharge * pi * p.seat_diameter * math.sin(p.seat_angle),
         contact_stiffness=p.contact_stiffness,
         contact_damping=p.contact_damping,
+        laminar_gap=p.laminar_gap,
     )
 
 
@@ -207,4 +223,20 @@ def gap_drive(c: Coefficients, lift: float) -> float:
         Lift [m], small against the seat's diameter; shut at zero and below.
     """
     effective = c.gap_slope * max(lift, 0.0)
+    return effective * effective
+
+
+@physics
+def laminar_gap_drive(c: Coefficients, lift: float) -> float:
+    """(c_d A)² of the seat gap [m⁴], its discharge coefficient times h/(h + h_l).
+
+    In a small gap h friction limits the flow: c_d A grows as h² far below the laminar length h_l, and as h above it.
+
+    Parameters
+    ----------
+    c, lift
+        As in `gap_drive`.
+    """
+    h = max(lift, 0.0)
+    effective = c.gap_slope * h * (h / max(h + c.laminar_gap, TINY_GAP))
     return effective * effective

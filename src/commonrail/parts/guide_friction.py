@@ -1,0 +1,128 @@
+"""Friction of plunger and needle in their guides: F = −v (c_v + F_c/(|v| + v_0)), on mass 1 and on mass 7.
+
+The viscous part stands for the oil film, the dry part for lateral forces; v_0 rounds the dry part at standstill, so
+that a needle at rest is not held. The rigid body carries both. The paper neglects it.
+"""
+
+from __future__ import annotations
+
+from commonrail.compile import physics, reciprocals
+from commonrail.parts import plunger_needle, rigid_body
+from commonrail.parts.chain import Nine
+from commonrail.parts.plunger_needle import Coefficients, Guides, Loads, SeatContact
+
+ROUNDED = 0.01  # v_0: half of the dry friction acts at this speed [m/s]
+
+
+@physics
+def guide_damping(g: Guides, per_speed: float) -> float:
+    """Damping coefficient of one guide c_v + F_c/(|v| + v_0) [N s/m].
+
+    Parameters
+    ----------
+    g : Guides
+        Of plunger and needle.
+    per_speed : float
+        1/(|v| + v_0) [s/m].
+    """
+    return g.viscous + g.friction * per_speed
+
+
+@physics
+def speed_at_step(v: float, v_before: float) -> float:
+    """|v| + v_0 at t_n [m/s], extrapolated.
+
+    Parameters
+    ----------
+    v, v_before : float
+        Velocities at t_n − dt/2 and t_n − 3dt/2 [m/s].
+    """
+    return abs(1.5 * v - 0.5 * v_before) + ROUNDED
+
+
+@physics
+def advance_chain(
+    c: Coefficients, seat: SeatContact, s: plunger_needle.State, load: Loads, dt: float
+) -> plunger_needle.State:
+    """State of the chain after one leapfrog step, friction implicit: it never makes the step unstable.
+
+    The damping coefficient is that of the speed at t_n; the force is it times the mean of the velocities half a step
+    before and after.
+
+    Parameters
+    ----------
+    c, seat, s, load, dt
+        As in `plunger_needle.advance`.
+    """
+    after, m = plunger_needle.advance(c, seat, s, load, dt), c.impulse
+    per1, per7 = reciprocals(speed_at_step(s.v.i1, s.v_before.i1), speed_at_step(s.v.i7, s.v_before.i7))
+    half1, half7 = 0.5 * m.i1 * guide_damping(c.guides, per1), 0.5 * m.i7 * guide_damping(c.guides, per7)
+    stopped = 1.0 + 0.5 * m.i1 * plunger_needle.at_stop(c.guides, s.z.i1).damping
+    slow1, slow7 = reciprocals(stopped + half1, 1.0 + half7)
+    v1 = (stopped * after.v.i1 - half1 * s.v.i1) * slow1
+    v7 = (after.v.i7 - half7 * s.v.i7) * slow7
+    return plunger_needle.State(
+        with_guided(after.z, s.z.i1 + dt * v1, s.z.i7 + dt * v7), with_guided(after.v, v1, v7), s.v
+    )
+
+
+@physics
+def with_guided(x: Nine, top: float, head: float) -> Nine:
+    """The same values with those of the guided masses 1 and 7 replaced, in their unit.
+
+    Parameters
+    ----------
+    x : Nine
+        Velocities [m/s].
+    top, head : float
+        Of mass 1 and of mass 7 [m/s].
+    """
+    return Nine(top, x.i2, x.i3, x.i4, x.i5, x.i6, head, x.i8, x.i9)
+
+
+@physics
+def accelerate_chain(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load: Loads) -> Nine:
+    """Right-hand side of Eq. (10) [m/s²] with seat, stop and friction, for a solver that has z and v at one time.
+
+    Parameters
+    ----------
+    c, seat, z, v, load
+        As in `plunger_needle.accelerations`.
+    """
+    a = plunger_needle.accelerations(c, seat, z, v, load)
+    top = guide_damping(c.guides, 1.0 / (abs(v.i1) + ROUNDED)) * v.i1
+    head = guide_damping(c.guides, 1.0 / (abs(v.i7) + ROUNDED)) * v.i7
+    return with_guided(a, a.i1 - c.per_mass.i1 * top, a.i7 - c.per_mass.i7 * head)
+
+
+@physics
+def advance_body(c: Coefficients, seat: SeatContact, s: rigid_body.State, load: Loads, dt: float) -> rigid_body.State:
+    """State of the rigid body after one leapfrog step, friction of both guides implicit.
+
+    The damping coefficient is that of the mean of the velocities before and after a step without friction.
+
+    Parameters
+    ----------
+    c, seat, s, load, dt
+        As in `rigid_body.advance`.
+    """
+    after = rigid_body.advance(c, seat, s, load, dt)
+    half_impulse = 0.5 * dt / c.total_mass
+    both = 2.0 * half_impulse * guide_damping(c.guides, 1.0 / (abs(0.5 * (s.v + after.v)) + ROUNDED))
+    held = plunger_needle.at_stop(c.guides, s.z).damping + plunger_needle.on_seat(seat, s.z).damping
+    touching = 1.0 + half_impulse * held
+    v = (touching * after.v - both * s.v) / (touching + both)
+    return rigid_body.State(s.z + dt * v, v)
+
+
+@physics
+def accelerate_body(c: Coefficients, seat: SeatContact, z: float, v: float, load: Loads) -> float:
+    """Acceleration of the rigid body with seat, stop and friction of both guides [m/s²].
+
+    Parameters
+    ----------
+    c, seat, z, v, load
+        As in `rigid_body.accelerations`.
+    """
+    both = 2.0 * guide_damping(c.guides, 1.0 / (abs(v) + ROUNDED)) * v
+    return rigid_body.accelerations(c, seat, z, v, load) - both / c.total_mass
