@@ -9,7 +9,6 @@ from typing import Literal
 from commonrail.calibration.prior import Prior
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import parameter_quantities
-from commonrail.parts.furniture import Domain
 
 __all__ = ["Mark", "Parameter", "Scale", "percent_bounds"]
 
@@ -106,7 +105,7 @@ class Parameter:
             self._refuse("the lower bound lies above the upper; exchange them")
         if self.lower == self.upper:
             self._refuse("the lower bound must be less than the upper; fix the value instead")
-        if self.lower < 0.0 < self.reference and not self._takes_any_sign:
+        if self.lower < 0.0 < self.reference and not self._may_be_negative:
             self._refuse("the lower bound of a positive quantity must not be negative")
         if self.mark not in ("M", "C", "F", "E"):
             self._refuse(f'mark "{self.mark}" must be M, C, F or E')
@@ -127,9 +126,9 @@ class Parameter:
         return bool(min(position, 1.0 - position) < NEAR)
 
     @property
-    def _takes_any_sign(self) -> bool:
+    def _may_be_negative(self) -> bool:
         quantity = parameter_quantities().get(self.name)
-        return quantity is not None and quantity.domain is Domain.ANY
+        return quantity is not None and quantity.domain.admits(self.lower)
 
     def _refuse(self, why: str) -> None:
         raise ConfigurationError(
