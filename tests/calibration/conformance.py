@@ -58,7 +58,7 @@ def costs(x: np.ndarray) -> np.ndarray:
 
 def answer(trials: Trials) -> np.ndarray:
     """Usual answers; those for trials that are not simulated would win if they counted."""
-    if trials.wanted is Wanted.RESIDUALS:
+    if trials.wanted in (Wanted.RESIDUALS, Wanted.SCREENED):
         return residuals(trials.x)
     return np.where(trials.simulate, costs(trials.x), -1.0)
 

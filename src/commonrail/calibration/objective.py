@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.calibration.goal import PLAIN, Goal, Loss
 from commonrail.choices import Precision
 from commonrail.engine.status import OK, Status
 from commonrail.injector.definition import Injector
@@ -38,7 +39,9 @@ class Scores(NamedTuple):
 
 
 class Objective:
-    """Objective of a set of data: Σ weight · J over the data sets, J as their kinds define it.
+    """Objective of a set of data: Σ weight · J over the data sets, and the squared pulls of the priors.
+
+    J is as the kinds of data define it, or the sum of the squared residuals.
 
     Parameters
     ----------
@@ -52,6 +55,8 @@ class Objective:
     threads : int or None
     precision : Precision
         Of the costs; the residuals for least squares, which are differences of small changes, are f64 always.
+    goal : Goal
+        Loss, priors of the parameters that vary, and how candidates are screened.
     """
 
     def __init__(
@@ -62,10 +67,14 @@ class Objective:
         time_step: float,
         threads: int | None = None,
         precision: Precision = Precision.F64,
+        *,
+        goal: Goal = PLAIN,
     ) -> None:
         self.injector, self.names, self.time_step = injector, tuple(names), time_step
-        self.data, self.precision = in_order(data), precision
+        self.data, self.precision, self.goal = in_order(data), precision, goal
         self.simulator = Simulator(injector, names, time_step, threads)
+        coarse = goal.screening_step or time_step
+        self._screening = Simulator(injector, names, coarse, threads, Precision.F32)
         groups = ((kind, [d for d in self.data if d.kind == name]) for name, kind in KINDS.items())
         self._terms = [term for kind, group in groups if group for term in kind.terms(group, time_step)]
 
@@ -81,7 +90,7 @@ class Objective:
     @property
     def injections(self) -> int:
         """Single injections that a candidate takes."""
-        return sum(len(data.points) for data in self.data)
+        return sum(data.injections for data in self.data)
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""
@@ -89,8 +98,11 @@ class Objective:
         statuses = np.zeros(len(values), np.int8)
         for term in self._terms:
             batch = self.simulator.batch(term.points, values, self.precision, term.misfit)
-            total += np.sum(term.misfits(batch) * term.weights, axis=1)
+            losses = term.squares if self.goal.loss is Loss.SQUARES else term.misfits
+            total += np.sum(losses(batch) * term.weights, axis=1)
             _note_failures(statuses, batch.status, term.failed(batch.status))
+        if len(self.goal.priors):
+            total += self.goal.priors.costs(values)
         finite = np.isfinite(total)
         if not finite.all():
             statuses[~finite & (statuses == OK)] = Status.NOT_FINITE
@@ -103,8 +115,20 @@ class Objective:
         return np.concatenate([term.misfits(batch) for term, batch in batches], axis=1)
 
     def residuals(self, values: Floats) -> Floats:
-        """Residuals for least squares (n, all samples and points), each set scaled by the root of its weight."""
-        return np.concatenate([d.residuals(d.simulated(self.simulator, values)) for d in self.data], axis=1)
+        """Residuals for least squares (n, all samples and points, then priors).
+
+        Those of a data set are scaled by the root of its weight.
+        """
+        return self._residuals(self.simulator, values)
+
+    def screened(self, values: Floats) -> Floats:
+        """Residuals as `residuals` returns them, in f32 and at the time step of the screening."""
+        return self._residuals(self._screening, values)
+
+    def _residuals(self, simulator: Simulator, values: Floats) -> Floats:
+        simulator.threads = self.threads
+        found = [d.residuals(d.simulated(simulator, values)) for d in self.data]
+        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
 
 
 def _note_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]], failed: NDArray[np.bool_]) -> None:

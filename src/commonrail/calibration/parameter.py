@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from math import isfinite
 from typing import Literal
 
+from commonrail.calibration.prior import Prior
 from commonrail.errors import ConfigurationError
+from commonrail.injector.definition import parameter_quantities
 
 __all__ = ["Mark", "Parameter", "Scale", "percent_bounds"]
 
@@ -74,12 +76,15 @@ class Parameter:
         Source of the reference and the bounds.
     scale : {"linear", "log"}
         Scale on which the optimiser moves.
+    prior : Prior, optional
+        Knowledge of the parameter besides the data; its value lies within the bounds.
 
     Raises
     ------
     ConfigurationError
-        If a number is not finite, the bounds are crossed, or a positive quantity is given a
-        negative bound (or a logarithmic scale one that is not positive).
+        If a number is not finite, the bounds are crossed, a positive quantity is given a
+        negative bound (or a logarithmic scale one that is not positive), or the prior's value
+        lies outside the bounds.
     """
 
     name: str
@@ -91,6 +96,7 @@ class Parameter:
     mark: Mark
     source: str
     scale: Scale = "linear"
+    prior: Prior | None = field(default=None, metadata={"later": True})
 
     def __post_init__(self) -> None:
         if not all(map(isfinite, (self.reference, self.lower, self.upper))):
@@ -99,7 +105,7 @@ class Parameter:
             self._refuse("the lower bound lies above the upper; exchange them")
         if self.lower == self.upper:
             self._refuse("the lower bound must be less than the upper; fix the value instead")
-        if self.lower < 0.0 < self.reference:
+        if self.lower < 0.0 < self.reference and not self._may_be_negative:
             self._refuse("the lower bound of a positive quantity must not be negative")
         if self.mark not in ("M", "C", "F", "E"):
             self._refuse(f'mark "{self.mark}" must be M, C, F or E')
@@ -107,6 +113,8 @@ class Parameter:
             self._refuse(f'scale "{self.scale}" must be "linear" or "log"')
         if self.scale == "log" and self.lower <= 0.0:
             self._refuse("a logarithmic scale needs a lower bound greater than zero")
+        if self.prior is not None and not self.lower <= self.prior.value <= self.upper:
+            self._refuse(f"the prior's value {self.prior.value:g} lies outside the bounds; widen them or correct it")
 
     def position(self, value: float) -> float:
         """Place of a value between the bounds: 0 at the lower, 1 at the upper."""
@@ -116,6 +124,11 @@ class Parameter:
         """True for a value that has ended at a bound."""
         position = self.position(value)
         return bool(min(position, 1.0 - position) < NEAR)
+
+    @property
+    def _may_be_negative(self) -> bool:
+        quantity = parameter_quantities().get(self.name)
+        return quantity is not None and quantity.domain.admits(self.lower)
 
     def _refuse(self, why: str) -> None:
         raise ConfigurationError(

@@ -11,7 +11,7 @@ from commonrail.calibration.constraints import LinearConstraints, Polytope, deep
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
 
-__all__ = ["reference_start", "sample_feasible", "sample_uniform"]
+__all__ = ["reference_start", "sample_feasible", "sample_priors", "sample_uniform"]
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -83,6 +83,47 @@ def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> FloatArra
             unit = _step(walk, unit, rng)
     x = space.from_unit(np.clip(unit, 0.0, 1.0))
     return np.where(space.satisfies(x)[:, None], x, space.centre)
+
+
+def sample_priors(space: Space, n: int, rng: np.random.Generator) -> FloatArray:
+    """Draw points from the priors of the parameters, as a Latin hypercube; the first one is the reference.
+
+    A prior is cut at the bounds; a parameter without one is uniform on its scale. A point that breaks a constraint is
+    pulled towards the centre of the space. Without any prior, but with constraints, draws are those of
+    `sample_feasible`.
+
+    Parameters
+    ----------
+    space : Space
+        The d parameters and their constraints.
+    n : int
+        Number of points.
+    rng : numpy.random.Generator
+        Source of the draws.
+
+    Returns
+    -------
+    (n, d) array
+        Points, SI, each of which satisfies `space`.
+    """
+    from scipy.special import ndtr, ndtri  # slow to import
+
+    priors = [parameter.prior for parameter in space.parameters]
+    if len(space.rows) and not any(priors):
+        x = sample_feasible(space, n, rng)
+    else:
+        ranks = np.argsort(rng.random((n, space.dimension)), axis=0)
+        shares = (ranks + rng.random((n, space.dimension))) / n
+        x = space.from_unit(shares)
+        for column, prior in enumerate(priors):
+            if prior is not None:
+                low, high = (ndtr(prior.pull(float(bound[column]))) for bound in (space.lower, space.upper))
+                x[:, column] = prior.value + prior.sigma * ndtri(low + shares[:, column] * (high - low))
+        x = np.clip(x, space.lower, space.upper)
+        x = space.pull_back(np.tile(space.centre, (n, 1)), x)
+    if space.satisfies(space.reference):
+        x[0] = space.reference
+    return x
 
 
 def reference_start(space: Space) -> FloatArray:

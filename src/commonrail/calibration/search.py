@@ -20,20 +20,26 @@ from commonrail.calibration.checkpoint import (
     Stage,
     Step,
 )
+from commonrail.calibration.goal import Goal
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Best, Counts, Optimiser, Trials, Wanted
 from commonrail.calibration.optimisers.registry import row
+from commonrail.calibration.prior import Priors
 from commonrail.calibration.spread import SpreadObjective
 from commonrail.calibration.study import Study
+from commonrail.calibration.time_step import longest_for_all
 from commonrail.engine.status import Status
+from commonrail.engine.time_step import nice_step
 from commonrail.errors import ConfigurationError, StudyError
 from commonrail.kinds import Role, of_role
 from commonrail.workers.interrupt import Wish
 from commonrail.workers.workers import Workers
 
-__all__ = ["Listeners", "Progress", "Search", "steps"]
+__all__ = ["Listeners", "Progress", "Search", "goal_of", "steps"]
 
 Floats = NDArray[np.float64]
+
+COARSEST_SCREENING = 1.5e-6  # time step [s] at which candidates are screened, if the stiffest of them bears it
 
 
 class Progress(NamedTuple):
@@ -61,8 +67,9 @@ def steps(optimiser: Optimiser, objective: Objective) -> Iterator[Step]:
     simulations = 0
     while not optimiser.finished:
         done, trials = optimiser.steps, optimiser.ask()
-        if trials.wanted is Wanted.RESIDUALS:
-            optimiser.tell(objective.residuals(trials.x))
+        if trials.wanted in (Wanted.RESIDUALS, Wanted.SCREENED):
+            screening = trials.wanted is Wanted.SCREENED
+            optimiser.tell(objective.screened(trials.x) if screening else objective.residuals(trials.x))
             simulations += len(trials.x) * objective.injections
             continue
         step = _costs(trials, objective)
@@ -84,6 +91,12 @@ def _costs(trials: Trials, objective: Objective) -> Step:
         scores = objective.costs(trials.x[trials.simulate])
         costs[trials.simulate], statuses[trials.simulate], simulations = scores
     return Step(trials.x, costs, statuses, simulations)
+
+
+def goal_of(study: Study) -> Goal:
+    """Goal of a study's search."""
+    step = min(max(COARSEST_SCREENING, study.time_step), nice_step(longest_for_all(study.injector, study.space)))
+    return Goal(study.loss, Priors.of(study.space.parameters), max(step, study.time_step))
 
 
 class Search:
@@ -118,7 +131,9 @@ class Search:
         fit = of_role(study.data, Role.FIT)
         if not fit:
             raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
-        objective = Objective(study.injector, study.space.names, fit, study.time_step, threads, study.precision)
+        objective = Objective(
+            study.injector, study.space.names, fit, study.time_step, threads, study.precision, goal=goal_of(study)
+        )
         self.objective = objective if workers is None else SpreadObjective(objective, workers)
         self.history: list[Generation] = []
         self.simulations = 0

@@ -55,9 +55,9 @@ class Evaluation:
         self.objective.threads = 1
 
     def __call__(self, argument: tuple[str, Floats]) -> Any:
-        """Result of "costs" or "residuals" of candidates (n, names)."""
+        """Result of "costs", "residuals" or "screened" of candidates (n, names)."""
         method, values = argument
-        return self.objective.costs(values) if method == "costs" else self.objective.residuals(values)
+        return getattr(self.objective, method)(values)
 
     def probe(self) -> bytes:
         """Bits of the objective of the injector's own values."""
@@ -88,7 +88,7 @@ class SpreadObjective(Objective):
         start = time.perf_counter()
         work.probe()
         seconds = time.perf_counter() - start
-        self._seconds = {"costs": seconds, "residuals": seconds}  # of a block, the latest known
+        self._seconds = dict.fromkeys(("costs", "residuals", "screened"), seconds)  # of a block, the latest known
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""
@@ -99,6 +99,10 @@ class SpreadObjective(Objective):
     def residuals(self, values: Floats) -> Floats:
         """Residuals for least squares (n, all samples and points)."""
         return np.concatenate(self._results("residuals", values))
+
+    def screened(self, values: Floats) -> Floats:
+        """Residuals (n, all samples and points) that screen candidates."""
+        return np.concatenate(self._results("screened", values))
 
     def _results(self, method: str, values: Floats) -> list[Any]:
         """Results of all pieces, in the order of the candidates."""

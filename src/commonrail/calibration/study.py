@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from commonrail.arguments import chosen, instance, instances, plain_text, settle, whole
+from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers import EvolutionSettings, Settings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.space import Space
@@ -70,6 +71,8 @@ class Study:
         Free text for the report.
     precision : Precision
         Of the search. The scores of its result are simulated in f64.
+    loss : Loss
+        Loss on the data that the search makes small.
     files : mapping of Path to str
         SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
 
@@ -90,6 +93,7 @@ class Study:
     text: str = ""
     note: str = ""
     precision: Precision = Precision.F64
+    loss: Loss = Loss.KINDS
     files: Mapping[Path, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -110,6 +114,7 @@ class Study:
             seed=whole(self.seed, "seed"),
             time_step=check_step(self.time_step),
             precision=chosen(self.precision, Precision, "precision"),
+            loss=chosen(self.loss, Loss, "loss"),
         )
 
     @property

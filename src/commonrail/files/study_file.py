@@ -8,6 +8,7 @@ from pathlib import Path
 
 from commonrail.arguments import file_path
 from commonrail.calibration.parameter import Parameter, percent_bounds
+from commonrail.calibration.prior import Prior
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.time_step import step_for_all
@@ -15,7 +16,7 @@ from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError
 from commonrail.files.injector_file import load_injector
 from commonrail.files.study_models import MOST_CONSTRAINTS, ConstraintsModel, Optimisers, ParameterModel, StudyModel
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.kinds import KINDS, DataSet
 from commonrail.kinds.reading import Context, DataModel
 from commonrail.parts.furniture import Q
@@ -25,7 +26,7 @@ from commonrail.reading.guarded_file import noting_files
 from commonrail.reading.place import Place, located
 from commonrail.reading.reach import Reach
 from commonrail.reading.toml_file import read_toml
-from commonrail.units import to_text
+from commonrail.units import parse, to_text
 
 __all__ = ["load_study"]
 
@@ -66,7 +67,7 @@ def _study(file: Path) -> Study:
     at = Place(str(file))
     model = read_model(StudyModel, document, at)
     reach = Reach(file, model.allow_outside)
-    injector = _injector(model.injector, reach, at / "injector")
+    injector = _started(_injector(model.injector, reach, at / "injector"), model, at)
     space = _space(model.parameter, model.constraints, injector, at)
     with located(at / "time_step"):
         time_step = step_for_all(injector, space) if model.time_step is None else check_step(model.time_step)
@@ -82,6 +83,7 @@ def _study(file: Path) -> Study:
         text,
         model.note,
         model.precision,
+        model.loss,
     )
 
 
@@ -90,6 +92,54 @@ def _injector(text: str, reach: Reach, at: Place) -> Injector:
         return load_injector(reach.path(reach.file.parent, text, at), reach)
     with located(at):
         return load_injector(text, reach)
+
+
+def _started(injector: Injector, model: StudyModel, at: Place) -> Injector:
+    """The injector with the values that the study fixes, and with start values of its own."""
+    values, sources = {}, {}
+    free = {parameter.name for parameter in model.parameter}
+    for i, fixed in enumerate(model.fixed):
+        place = (at / "fixed")[i]
+        if fixed.name in free or fixed.name in values:
+            raise (place / "name").error(f"{fixed.name} is given a second time; keep one of both")
+        values[fixed.name], sources[fixed.name] = fixed.value, Source(fixed.mark, fixed.source)
+        _check_domain(fixed.name, fixed.value, "value", place)
+    for i, parameter in enumerate(model.parameter):
+        place = (at / "parameter")[i]
+        start = _start(parameter, place)
+        if start is not None:
+            _check_domain(parameter.name, start, "start value", place)
+            values[parameter.name] = start
+            sources[parameter.name] = _origin(parameter, injector.sources.get(parameter.name, UNSTATED))
+    if not values:
+        return injector
+    return replace(injector.with_values(values), sources={**injector.sources, **sources})
+
+
+def _start(model: ParameterModel, at: Place) -> float | None:
+    """Start value that a study itself gives, by default its prior's; None for that of the injector."""
+    prior = _prior(model, at)
+    return prior.value if model.start is None and prior is not None else model.start
+
+
+def _prior(model: ParameterModel, at: Place) -> Prior | None:
+    """The prior that a study states, in SI."""
+    if model.prior is None:
+        return None
+    unit = parameter_quantities()[model.name].unit
+    with located(at / "prior" / "value"):
+        value = parse(model.prior.value, unit)
+    with located(at / "prior" / "sigma"):
+        sigma = parse(model.prior.sigma, unit)
+    with located(at / "prior"):
+        return Prior(value, sigma, model.prior.source)
+
+
+def _origin(model: ParameterModel, own: Source) -> Source:
+    """Mark and source of a start value; of a prior the mark F, unless one is stated."""
+    if model.prior is not None:
+        own = Source("F", model.prior.source)
+    return Source(model.mark or own.mark, model.source or own.text)
 
 
 def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[DataSet, ...]:
@@ -136,9 +186,12 @@ def _space(models: list[ParameterModel], constraints: ConstraintsModel, injector
 
 def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Parameter:
     quantity = parameter_quantities()[model.name]
+    prior = _prior(model, at)
+    if model.reference is not None and (prior is not None or model.start is not None):
+        raise (at / "reference").error("reference and start (or prior) both say where the search starts; keep one")
     reference = injector.values[model.name] if model.reference is None else model.reference
     lower, upper = _bounds(model, reference, at)
-    source = injector.sources.get(model.name, UNSTATED)
+    source = _origin(model, injector.sources.get(model.name, UNSTATED))
     with located(at):
         parameter = Parameter(
             model.name,
@@ -146,9 +199,10 @@ def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Paramete
             lower,
             upper,
             quantity.unit,
-            mark=model.mark or source.mark,  # type: ignore[arg-type]  # a mark of the injector is one
-            source=model.source or source.text,
+            mark=source.mark,  # type: ignore[arg-type]  # a mark of the injector is one
+            source=source.text,
             scale=model.scale,
+            prior=prior,
         )
     _check_bounds(parameter, quantity, at)
     if model.name == FUEL_TEMPERATURE:
@@ -181,6 +235,15 @@ def _check_bounds(p: Parameter, q: Q, at: Place) -> None:
             f"{at}: the start value of {p.name}, {to_text(p.reference, q.unit)}, lies outside its bounds "
             f"{to_text(p.lower, q.unit)} to {to_text(p.upper, q.unit)}; widen them or give a reference "
             "inside."
+        )
+
+
+def _check_domain(name: str, value: float, what: str, at: Place) -> None:
+    quantity = parameter_quantities()[name]
+    if not quantity.domain.admits(value):
+        raise at.error(
+            f"the {what} of {name} is {to_text(value, quantity.unit)}, and the {quantity.meaning} must be "
+            f"{quantity.domain.value}"
         )
 
 

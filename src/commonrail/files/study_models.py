@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, ge
 
 from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, create_model
 
+from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.registry import Registered
 from commonrail.choices import Precision
@@ -18,11 +19,12 @@ from commonrail.errors import nearest
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import KINDS
 from commonrail.kinds.reading import DataModel, Name
-from commonrail.reading.fields import FileModel, Mark, OneOf, Unit, fault
+from commonrail.reading.fields import UNSTATED, FileModel, Mark, OneOf, Text, Unit, fault
 
 __all__ = [
     "ConstraintsModel",
     "Optimisers",
+    "FixedModel",
     "ParameterModel",
     "StudyModel",
     "read_optimisers",
@@ -63,10 +65,29 @@ _Value = Annotated[float, PlainValidator(_in_its_unit)]
 _Percent = Annotated[float, PlainValidator(_percent)]
 
 
+class PriorModel(FileModel):
+    """Knowledge of a parameter besides the data: value and standard deviation, each with its unit, and their source."""
+
+    value: str | float
+    sigma: str | float
+    source: Text
+
+
+class FixedModel(FileModel):
+    """A value of the injector that the study changes and does not calibrate."""
+
+    name: Annotated[str, AfterValidator(_parameter)]
+    value: _Value
+    mark: Mark = "E"
+    source: str = UNSTATED.text
+
+
 class ParameterModel(FileModel):
     """A parameter to be calibrated: bounds around a reference in percent, Eq. (16), or outright."""
 
     name: Annotated[str, AfterValidator(_parameter)]
+    start: _Value | None = None
+    prior: PriorModel | None = None
     reference: _Value | None = None
     below: _Percent | None = None
     above: _Percent | None = None
@@ -146,6 +167,8 @@ class StudyModel(FileModel):
     seed: int = Field(default=1, ge=0)
     time_step: Annotated[float | None, PlainValidator(_step)] = None  # "auto": short enough for every candidate
     precision: Precision = Field(default=Precision.F64, strict=False)
+    loss: Loss = Field(default=Loss.KINDS, strict=False)
+    fixed: list[FixedModel] = Field(default=[], max_length=MOST_PARAMETERS)
     data: list[Annotated[DataModel, _BLOCK]] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()

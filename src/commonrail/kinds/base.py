@@ -52,6 +52,8 @@ class Term(NamedTuple):
     weights : (data sets,)
     misfits : function of Batch
         J of each data set, (candidates, data sets); not finite for a failed simulation.
+    squares : function of Batch
+        Sum of the squared residuals of each data set without its weight, in the same shape.
     failed : function of (candidates, points) statuses
         Which simulations count as failed.
     misfit : Misfit or None
@@ -61,6 +63,7 @@ class Term(NamedTuple):
     points: Sequence[OperatingPoint]
     weights: Floats
     misfits: Callable[[Batch], Floats]
+    squares: Callable[[Batch], Floats]
     failed: Callable[[NDArray[np.int64]], Bools]
     misfit: Misfit | None = None
 
@@ -186,6 +189,11 @@ class DataSet(ABC):
         ConfigurationError
             If values contradict one another, or the data do not fit the injector.
         """
+
+    @property
+    def injections(self) -> int:
+        """Single injections that a candidate takes in a search."""
+        return len(self.points)
 
     @classmethod
     @abstractmethod

@@ -35,10 +35,20 @@ class Simulator:
         [s].
     threads : int, optional
         All usable processors by default.
+    precision : Precision
+        Of batches that ask for none themselves.
     """
 
-    def __init__(self, injector: Injector, names: Sequence[str], time_step: float, threads: int | None = None) -> None:
+    def __init__(
+        self,
+        injector: Injector,
+        names: Sequence[str],
+        time_step: float,
+        threads: int | None = None,
+        precision: Precision = Precision.F64,
+    ) -> None:
         self.injector, self.names, self.time_step, self.threads = injector, tuple(names), time_step, threads
+        self.precision = precision
         self._prepared: dict[int, Prepared] = {}  # by the identity of their points, which they hold
 
     def __getstate__(self) -> dict[str, Any]:
@@ -49,7 +59,7 @@ class Simulator:
         self,
         points: Sequence[OperatingPoint],
         values: Floats,
-        precision: Precision = Precision.F64,
+        precision: Precision | None = None,
         misfit: Misfit | None = None,
     ) -> Batch:
         """Figures of candidates at operating points.
@@ -60,7 +70,7 @@ class Simulator:
             What they share with other candidates is prepared once for the same sequence.
         values : (candidates, names)
             [SI].
-        precision : Precision
+        precision : Precision, optional
         misfit : Misfit, optional
             Samples to compare with.
         """
@@ -75,7 +85,7 @@ class Simulator:
             time_step=self.time_step,
             threads=self.threads,
             misfit=misfit,
-            precision=precision,
+            precision=precision or self.precision,
             prepared=self._prepared[id(points)],
         )
 

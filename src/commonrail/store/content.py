@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.calibration.goal import Loss
 from commonrail.calibration.study import Study
 from commonrail.choices import Precision
 from commonrail.files.injector_writer import injector_text
@@ -34,6 +35,13 @@ def content_of(study: Study) -> str:
     )
     # what earlier versions did not have is left out where it decides nothing
     more: tuple[Any, ...] = () if study.precision is Precision.F64 else (study.precision,)
+    if study.loss is not Loss.KINDS:
+        more += (study.loss,)
+    if any(parameter.prior for parameter in study.space.parameters):
+        more += (tuple(parameter.prior for parameter in study.space.parameters),)
+    tolerances = tuple(getattr(data, "dead_time_tolerance", None) for data in study.data)
+    if any(tolerances):
+        more += (tolerances,)
     if FUEL_TEMPERATURE in study.space.names:
         densities = [np.asarray(data.mass_density, float) for data in study.data]
         more += tuple(density for density in densities if not np.isnan(density).all())

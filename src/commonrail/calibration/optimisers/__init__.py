@@ -12,6 +12,8 @@ from commonrail.calibration.optimisers.least_squares import (
     diverse_members,
 )
 from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
+from commonrail.calibration.optimisers.staged import StagedLeastSquares
+from commonrail.calibration.optimisers.staged_settings import StagedSettings
 from commonrail.calibration.optimisers.treatments import Treatment
 
 __all__ = [
@@ -27,6 +29,8 @@ __all__ = [
     "Refinement",
     "RefinementSettings",
     "Settings",
+    "StagedLeastSquares",
+    "StagedSettings",
     "Treatment",
     "Trials",
     "Wanted",

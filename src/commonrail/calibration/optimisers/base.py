@@ -27,6 +27,7 @@ class Wanted(Enum):
 
     COSTS = "costs"  # one for each trial (n,)
     RESIDUALS = "residuals"  # one row for each trial (n, m)
+    SCREENED = "screened"  # residuals from simulations that are coarser and cheaper
     COSTS_AGAIN = "costs again"  # of points whose residuals were told before: their simulations are not counted twice
 
 
@@ -245,7 +246,7 @@ class Optimiser(ABC):
 def _checked(answers: ArrayLike, trials: Trials) -> FloatArray:
     """Residuals (n, m) as they are; costs (n,) with +inf for trials not simulated and those that are not finite."""
     told = np.asarray(answers, dtype=float)
-    residuals = trials.wanted is Wanted.RESIDUALS
+    residuals = trials.wanted in (Wanted.RESIDUALS, Wanted.SCREENED)
     if told.ndim != 1 + residuals or len(told) != len(trials.x):
         what, one = ("residuals", "row") if residuals else ("costs", "cost")
         raise StudyError(

@@ -12,6 +12,8 @@ from commonrail.calibration.optimisers.base import Optimiser
 from commonrail.calibration.optimisers.differential_evolution import DifferentialEvolution
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, check_initial
 from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
+from commonrail.calibration.optimisers.staged import StagedLeastSquares
+from commonrail.calibration.optimisers.staged_settings import StagedSettings
 from commonrail.calibration.space import Space
 
 if TYPE_CHECKING:
@@ -47,7 +49,10 @@ class Registered(NamedTuple):
 
 
 # The first one is what a study without the key `method` means.
-REGISTERED = (Registered(DifferentialEvolution, EvolutionSettings, {"initial": check_initial}),)
+REGISTERED = (
+    Registered(DifferentialEvolution, EvolutionSettings, {"initial": check_initial}),
+    Registered(StagedLeastSquares, StagedSettings),
+)
 
 
 def registered(settings: object) -> Registered | None:

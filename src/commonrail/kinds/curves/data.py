@@ -121,7 +121,7 @@ class RateData(DataSet):
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term: all curves are simulated in one batch, which adds up their errors itself."""
         weights = np.array([d.weight for d in group])
-        return [Term([d.point for d in group], weights, _j_of, which_failed, _samples(group, time_step))]
+        return [Term([d.point for d in group], weights, _j_of, _squares_of, which_failed, _samples(group, time_step))]
 
     @property
     def measured(self) -> Floats:
@@ -192,6 +192,10 @@ class RateData(DataSet):
 
 def _j_of(batch: Batch) -> Floats:
     return batch.absolute_error * MM3_PER_MS
+
+
+def _squares_of(batch: Batch) -> Floats:
+    return batch.squared_error * MM3_PER_MS**2
 
 
 def _samples(curves: Sequence[RateData], dt: float) -> Misfit:

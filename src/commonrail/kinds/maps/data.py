@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,7 @@ from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
-from commonrail.kinds.maps.dead_times import NO_DEAD_TIME, NOT_REACHED, find_dead_times
+from commonrail.kinds.maps.dead_times import NO_DEAD_TIME, NOT_REACHED, crossing_times, find_dead_times, neighbours
 from commonrail.kinds.maps.reading import QuantitiesModel, read_map
 from commonrail.kinds.maps.view import MapView
 from commonrail.kinds.reading import Context
@@ -32,6 +32,7 @@ Bools = NDArray[np.bool_]
 
 SMALL_QUANTITY = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
 TOLERANCES = Limits(1e-18, 1.0, (1e-12, 1e-6), ("mm3",))  # of a quantity per stroke [m3]
+TIME_TOLERANCES = Limits(1e-12, 1.0, (1e-8, 1e-3), ("us",))  # of a dead time [s]
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,9 @@ class QuantityData(DataSet):
     source, synthetic : str
     mass_density : float or (n,)
         As in `RateData`, of each quantity.
+    dead_time_tolerance : float or None
+        Tolerance [s] against which dead times are judged as times; None compares the quantity that is injected at the
+        measured dead time, whose derivative vanishes where nothing is injected.
 
     Raises
     ------
@@ -103,8 +107,15 @@ class QuantityData(DataSet):
     source: str
     synthetic: str
     mass_density: Floats | float = field(default=math.nan, metadata=LATER)
+    dead_time_tolerance: float | None = field(default=None, metadata=LATER)
 
     bounds = None
+
+    if TYPE_CHECKING:  # noted by `_settle_targets`
+        _timed: ClassVar[NDArray[np.intp]]
+        _simulated_points: ClassVar[tuple[OperatingPoint, ...]]
+        _target: ClassVar[Floats]
+        _tolerance: ClassVar[Floats]
 
     def __post_init__(self) -> None:
         self._settle_labels()
@@ -124,6 +135,28 @@ class QuantityData(DataSet):
             relative=amount(self.relative, "1", "relative tolerance", Limits(0.0, 1e6)),
             dead_time=dead_time,
         )
+        if self.dead_time_tolerance is not None:
+            tolerance = amount(self.dead_time_tolerance, "s", "dead_time_tolerance", TIME_TOLERANCES)
+            settle(self, dead_time_tolerance=tolerance)
+        self._settle_targets()
+
+    def _settle_targets(self) -> None:
+        """Note what each row is compared with, within which tolerance, and all points that are simulated.
+
+        `_timed` are the rows that are judged as times; the points around each of them follow those of the rows.
+        """
+        judged_as_times = self.dead_time & (self.dead_time_tolerance is not None)
+        timed = np.flatnonzero(judged_as_times)
+        durations = [point.pulses[0].duration if point.pulses else 0.0 for point in self.points]
+        settle(
+            self,
+            _timed=timed,
+            _simulated_points=self.points + tuple(p for row in timed for p in neighbours(self.points[row])),
+            _target=np.where(judged_as_times, durations, self.quantity),
+            _tolerance=np.where(
+                judged_as_times, self.dead_time_tolerance or 1.0, self.absolute + self.relative * self.quantity
+            ),
+        )
 
     @classmethod
     def read(cls, model: QuantitiesModel, context: Context) -> Self:
@@ -131,12 +164,14 @@ class QuantityData(DataSet):
         rows = read_map(model, context)
         labels = model.weight, model.source, model.synthetic
         values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
-        return cls(model.name, Role(model.role), rows.points, *values, *labels, rows.mass_density)
+        more = rows.mass_density, rows.dead_time_tolerance
+        return cls(model.name, Role(model.role), rows.points, *values, *labels, *more)
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term for each map."""
-        return [Term(d.points, np.array([d.weight]), d._j_of, partial(np.not_equal, OK)) for d in group]
+        failed = partial(np.not_equal, OK)
+        return [Term(d._simulated_points, np.array([d.weight]), d._j_of, d._squares_of, failed) for d in group]
 
     @staticmethod
     def mass_of(batch: Batch) -> Floats:
@@ -145,17 +180,37 @@ class QuantityData(DataSet):
 
     @property
     def measured(self) -> Floats:
-        """Measured quantities [m³]."""
-        return self.quantity
+        """Measured quantities [m³]; dead times [s] where they are judged as times."""
+        return self._target
 
     @property
     def judged(self) -> Bools:
         """Rows that are no dead times."""
         return ~self.dead_time
 
+    @property
+    def injections(self) -> int:
+        """Single injections of a candidate; a dead time that is judged as a time takes three."""
+        return len(self._simulated_points)
+
     def simulated(self, simulator: Simulator, values: Floats) -> Floats:
-        """Quantities (candidates, points) [m³]; NaN for a failed simulation or a needle that never closes."""
-        return self.volumes(simulator.batch(self.points, values), self.mass_density)
+        """Quantities (candidates, points) [m³], times [s] as `measured`; NaN for a failed simulation.
+
+        A needle that never closes is a failure too.
+        """
+        return self._values_of(simulator.batch(self._simulated_points, values))
+
+    def _values_of(self, batch: Batch) -> Floats:
+        """Values (candidates, points), in the units of `measured`, of a batch at `_simulated_points`."""
+        rows = np.concatenate([np.arange(len(self.points)), np.repeat(self._timed, 2)])
+        found = self.volumes(batch, np.broadcast_to(self.mass_density, self.quantity.shape)[rows])
+        values = found[:, : len(self.points)]
+        if not len(self._timed):
+            return values
+        around = found[:, len(self.points) :].reshape(len(found), -1, 2)
+        three = np.stack([around[..., 0], values[:, self._timed], around[..., 1]], axis=-1)
+        values[:, self._timed] = crossing_times(self._target[self._timed], three, self.quantity[self._timed])
+        return values
 
     def volumes(self, batch: Batch, mass_density: ArrayLike) -> Floats:
         """Volumes (candidates, points) of a batch [m³], at the data's density or the candidates' own."""
@@ -163,8 +218,11 @@ class QuantityData(DataSet):
         return np.where(batch.status == OK, self.mass_of(batch) / density, np.nan)
 
     def errors(self, values: Floats) -> Floats:
-        """(Q − Q_measured)/(absolute + relative · Q_measured) of simulated quantities (…, points)."""
-        return np.asarray((values - self.quantity) / (self.absolute + self.relative * self.quantity))
+        """(Q − Q_measured)/(absolute + relative · Q_measured) of simulated quantities (…, points).
+
+        Dead times that are judged as times: (t − t_measured)/tolerance.
+        """
+        return np.asarray((values - self._target) / self._tolerance)
 
     def misfit(self, values: Floats) -> Floats:
         """J of simulated quantities: the soft-L1 sum of `errors`."""
@@ -229,7 +287,10 @@ class QuantityData(DataSet):
         return {"rows": rows, "figures": figures}
 
     def _j_of(self, batch: Batch) -> Floats:
-        return self.misfit(self.volumes(batch, self.mass_density))[:, None]
+        return self.misfit(self._values_of(batch))[:, None]
+
+    def _squares_of(self, batch: Batch) -> Floats:
+        return np.asarray(np.sum(self.errors(self._values_of(batch)) ** 2, axis=1)[:, None])
 
 
 def soft_l1(residuals: Floats) -> Floats:

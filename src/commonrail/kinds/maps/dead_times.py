@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +34,18 @@ __all__ = [
     "NOT_REACHED",
     "NO_DEAD_TIME",
     "compared_dead_times",
+    "crossing_times",
     "dead_time_figure",
     "dead_time_table",
     "dead_times_of",
     "find_dead_times",
+    "neighbours",
 ]
 
 Floats = NDArray[np.float64]
+
+AROUND = 50e-6  # distance of the energising times between which a dead time is interpolated [s]
+FLATTEST = 200e-6  # time in which the quantity is taken to grow from zero at the slowest [s]
 
 _SEARCHED = np.linspace(120e-6, 480e-6, 37)  # energising times [s]
 _STEPS = (10.0, 20.0)  # [us]
@@ -68,6 +73,44 @@ def find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
             share = (data.quantity[row] - quantity[k - 1]) / (quantity[k] - quantity[k - 1])
             found[i] = _SEARCHED[k - 1] + share * (_SEARCHED[k] - _SEARCHED[k - 1])
     return found
+
+
+def neighbours(point: OperatingPoint) -> list[OperatingPoint]:
+    """Points energised shorter and longer than a dead time, between which `crossing_times` interpolates."""
+    duration = point.pulses[0].duration
+    return [_energised(point, duration - _before(duration)), _energised(point, duration + AROUND)]
+
+
+def crossing_times(duration: Floats, quantity: Floats, threshold: Floats) -> Floats:
+    """Energising times at which a quantity is reached, by linear interpolation between three of them.
+
+    Beyond the outer ones the nearest segment is extrapolated. Its slope is at least that of a quantity that grows by
+    the threshold within `FLATTEST`, so that an injector that injects nothing still has a finite dead time.
+
+    Parameters
+    ----------
+    duration : (rows,)
+        Energising times of the middle ones [s].
+    quantity : (candidates, rows, 3)
+        Quantities at the `neighbours` and, between them, at the point itself [m³]; NaN where a simulation failed.
+    threshold : (rows,)
+        Quantity to be reached [m³].
+
+    Returns
+    -------
+    (candidates, rows)
+        Times [s]; NaN where a simulation failed.
+    """
+    low, middle, high = np.moveaxis(quantity, -1, 0)
+    later = middle < threshold
+    width = np.where(later, AROUND, _before(duration))
+    slope = np.where(later, high - middle, middle - low) / width
+    share = (threshold - middle) / np.maximum(slope, threshold / FLATTEST)
+    return np.where(np.isfinite(low + high), duration + share, np.nan)
+
+
+def _before(duration: Any) -> Any:
+    return np.minimum(AROUND, 0.5 * duration)
 
 
 def _energised(point: OperatingPoint, duration: float) -> OperatingPoint:

@@ -46,6 +46,7 @@ class DeadTimesModel(FileModel):
 
     file: str
     quantity: Annotated[tuple[float, str], PlainValidator(_quantity)]
+    tolerance: Annotated[float, Unit("s")] | None = None
     rail_pressure_unit: str | None = None
     energising_time_unit: str | None = None
 
@@ -84,7 +85,10 @@ class _Row(NamedTuple):
 
 
 class ReadMap(NamedTuple):
-    """Content of a map's files: points, volumes [m³], tolerances, dead times, density that made volumes of masses."""
+    """Content of a map's files: points, volumes [m³], tolerances, dead times, density that made volumes of masses.
+
+    `dead_time_tolerance` [s] is None where dead times are judged by their quantity.
+    """
 
     points: tuple[OperatingPoint, ...]
     quantity: Floats
@@ -92,6 +96,7 @@ class ReadMap(NamedTuple):
     relative: float
     dead_time: NDArray[np.bool_]
     mass_density: Floats | float
+    dead_time_tolerance: float | None
 
 
 def read_map(model: QuantitiesModel, context: Context) -> ReadMap:
@@ -105,6 +110,8 @@ def read_map(model: QuantitiesModel, context: Context) -> ReadMap:
     rows = _map_rows(model, context, at) + _dead_time_rows(model, context, at)
     if not (model.absolute > 0.0 and model.relative >= 0.0):
         raise at.error("absolute must be greater than zero and relative zero or greater")
+    if model.dead_times is not None and model.dead_times.tolerance is not None and not model.dead_times.tolerance > 0.0:
+        raise (at / "dead_times" / "tolerance").error("the tolerance must be greater than zero")
     density = np.array([mass_density(injector, row.unit, row.point) for row in rows])
     by_volume = np.isnan(density)
     quantity = np.array([row.quantity for row in rows])
@@ -115,6 +122,7 @@ def read_map(model: QuantitiesModel, context: Context) -> ReadMap:
         model.relative,
         np.array([row.dead_time for row in rows]),
         math.nan if by_volume.all() else density,
+        None if model.dead_times is None else model.dead_times.tolerance,
     )
 
 

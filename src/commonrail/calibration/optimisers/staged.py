@@ -1,0 +1,229 @@
+"""Least squares in stages, for objectives with cliffs: screening, evolution if wanted, descents side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.optimisers.base import Best, Counts, Optimiser, Trials, Wanted
+from commonrail.calibration.optimisers.descent import DIFFERENCES, Descents, iterate
+from commonrail.calibration.optimisers.least_squares import diverse_members
+from commonrail.calibration.optimisers.operators import crossover, draw, mutate
+from commonrail.calibration.optimisers.staged_settings import StagedSettings
+from commonrail.calibration.optimisers.treatments import Treatment, treat, wins
+from commonrail.calibration.sampling import sample_priors
+from commonrail.calibration.space import Space
+from commonrail.errors import ConfigurationError
+
+__all__ = ["StagedLeastSquares"]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+Work = Generator[Trials, FloatArray, None]
+
+SCREENING_CAP = 12.0  # a residual beyond it counts as much: a candidate must not lose by one point alone
+EVOLUTION_CAP = 36.0  # that of residuals with three times the tolerance
+POOL = 60  # best screened candidates that evolve
+FACTOR, CROSSOVER = (0.4, 1.0), 0.8  # the paper's, Eq. (18), (19)
+HOP = 0.06  # standard deviation of a hop from the best, as a share of each range
+
+
+class StagedLeastSquares(Optimiser):
+    """Damped least squares whose difference steps shrink in stages, from the best of many screened candidates.
+
+    The first step screens draws from the priors, or from the bounds where a parameter has none, with coarser
+    simulations. Then these evolve, if the settings say so. The other steps are iterations: at first of several
+    descents, after `trial_iterations` of the best ones only, through all stages. When all have ended, a new descent
+    starts from a point near the best.
+
+    Parameters
+    ----------
+    space : Space
+    rng : numpy.random.Generator
+        Source of every draw.
+    settings : StagedSettings, optional
+    """
+
+    method, phase = "staged least squares", "staged least squares"
+
+    def __init__(self, space: Space, rng: np.random.Generator, settings: StagedSettings | None = None) -> None:
+        super().__init__(space, rng)
+        self.settings = settings or StagedSettings()
+        empty = np.empty((0, space.dimension))
+        self._pool, self._pool_costs = empty, np.empty(0)
+        self._descents = Descents.begin(empty)
+        self._costs = np.empty(0)
+        self._stages = len(DIFFERENCES)
+        self._best = Best(space.centre.copy(), np.inf)
+        self._work: Work | None = None
+
+    @property
+    def total(self) -> int:
+        """Steps wanted, the screening included."""
+        return 1 + self.settings.generations
+
+    @property
+    def _ended(self) -> str:
+        return f"all {self.settings.generations} steps after the screening are done"
+
+    @property
+    def best(self) -> Best:
+        """The best point whose cost is known; the centre of the space, at +inf, until one has succeeded."""
+        return self._best
+
+    @property
+    def population(self) -> FloatArray:
+        """Points (n, d) of the descents, SI."""
+        return self.space.from_unit(self._descents.unit)
+
+    @property
+    def costs(self) -> FloatArray:
+        """Costs (n,) of those points."""
+        return self._costs.copy()
+
+    def _propose(self) -> Trials:
+        """First question of a step."""
+        if self.steps == 0:
+            self._work = self._screen()
+        elif self.steps <= self.settings.evolution:
+            self._work = self._evolve()
+        else:
+            self._work = self._descend()
+        return next(self._work)
+
+    def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
+        """Next question of the step, if it has one; what it has found is kept at its end."""
+        assert self._work is not None
+        try:
+            following = self._work.send(told)
+        except StopIteration:
+            self._work = None
+            following = None
+        if trials.wanted in (Wanted.RESIDUALS, Wanted.SCREENED):
+            failed = int((~np.isfinite(told).all(axis=1)).sum())
+            more = self.counts
+            self.counts = Counts(more.slots + len(told), more.simulated + len(told), more.failed + failed)
+        return following
+
+    def _screen(self) -> Work:
+        """Screen draws, and choose where descents start."""
+        x = sample_priors(self.space, self.settings.members, self._rng)
+        costs = capped(SCREENING_CAP, (yield _asked(x, Wanted.SCREENED)))
+        order = np.argsort(costs, kind="stable")[: max(POOL, self.settings.starts)]
+        starts = x[order[: self.settings.starts]]
+        told = yield _asked(starts, Wanted.COSTS)
+        self._pool, self._pool_costs = self.space.to_unit(x[order]), costs[order]
+        self._begin(self.space.to_unit(starts), told)
+
+    def _evolve(self) -> Work:
+        """One generation of the pool; after the last one descents start from members that lie apart."""
+        n, d = self._pool.shape
+        members = np.arange(n)
+
+        def trials(chosen: IntArray) -> FloatArray:
+            draws = draw(self._rng, chosen, (n, d), FACTOR)
+            return crossover(self._pool[chosen], mutate(self._pool, draws), draws, CROSSOVER)
+
+        trial = treat(Treatment.REPAIR, self.space, self._pool, trials(members), lambda few: trials(few)[:, None])
+        costs = capped(EVOLUTION_CAP, (yield _asked(trial.x, Wanted.SCREENED)))
+        better = wins((costs, np.zeros(n)), (self._pool_costs, np.zeros(n)))
+        pool = np.where(better[:, None], trial.unit, self._pool)
+        costs = np.where(better, costs, self._pool_costs)
+        if self.steps == self.settings.evolution:
+            chosen = diverse_members(pool, costs, self.settings.starts)
+            starts = pool[chosen] if len(chosen) else pool[: self.settings.starts]
+        else:
+            starts = pool[[int(np.argmin(costs))]]
+        told = yield _asked(self.space.from_unit(starts), Wanted.COSTS)
+        self._pool, self._pool_costs = pool, costs
+        self._begin(starts, told)
+
+    def _descend(self) -> Work:
+        """One iteration of the descents, or the start of a new one."""
+        descents, stages = self._descents, self._stages
+        if stages == 1 and not descents.running(stages).any():
+            descents, stages = self._finalists(), len(DIFFERENCES)
+        if not descents.running(stages).any():
+            unit = self._near_best()[None, :]
+            told = yield _asked(self.space.from_unit(unit), Wanted.COSTS)
+            self._begin(unit, told, len(DIFFERENCES))
+            return
+        most = self.settings.trial_iterations if stages == 1 else self.settings.stage_iterations
+        after = yield from iterate(self.space, descents, stages, most)
+        x = self.space.from_unit(after.unit)
+        costs = yield _asked(x, Wanted.COSTS_AGAIN)
+        self._descents, self._costs, self._stages = after, costs, stages
+        self._offer(x, costs)
+
+    def _begin(self, unit: FloatArray, costs: FloatArray, stages: int | None = None) -> None:
+        """Begin descents from points (k, d) with their costs (k,); those that cannot be simulated end at once."""
+        tried = self.settings.trial_iterations > 0 and len(unit) > self.settings.finalists
+        self._stages = stages or (1 if tried else len(DIFFERENCES))
+        self._descents, self._costs = Descents.begin(unit).ended(~np.isfinite(costs)), costs
+        self._offer(self.space.from_unit(unit), costs)
+
+    def _finalists(self) -> Descents:
+        """The best descents, at the beginning of the first stage."""
+        best = np.argsort(self._costs, kind="stable")[: self.settings.finalists]
+        return self._descents.of(best).restarted().ended(~np.isfinite(self._costs[best]))
+
+    def _offer(self, x: FloatArray, costs: FloatArray) -> None:
+        winner = int(np.argmin(costs))
+        if costs[winner] < self._best.cost:
+            self._best = Best(x[winner].copy(), float(costs[winner]))
+
+    def _near_best(self) -> FloatArray:
+        """A feasible point (d,) near the best, or anywhere if there is none yet; unit coordinates."""
+        space = self.space
+        if not np.isfinite(self._best.cost):
+            return space.to_unit(sample_priors(space, 1, self._rng)[0])
+        hop = self._rng.normal(0.0, HOP, space.dimension)
+        there = space.from_unit(np.clip(space.to_unit(self._best.x) + hop, 0.0, 1.0))
+        inside = space.pull_back(self._best.x[None, :], there[None, :])[0]
+        return np.clip(space.to_unit(inside), 0.0, 1.0)
+
+    def _origin(self) -> dict[str, Any]:
+        settings = asdict(self.settings)
+        del settings["generations"]  # more may be wanted of the search that resumes
+        return super()._origin() | {"settings": [str(value) for value in settings.values()]}
+
+    def _kept(self) -> dict[str, Any]:
+        return {
+            "pool": self._pool.copy(),
+            "pool_costs": self._pool_costs.copy(),
+            **{name: values.copy() for name, values in self._descents._asdict().items()},
+            "costs": self._costs.copy(),
+            "stages": self._stages,
+            "best": self._best.x.copy(),
+            "cost": self._best.cost,
+        }
+
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        d = self.space.dimension
+        pool, unit, best = (np.array(state[name], dtype=float) for name in ("pool", "unit", "best"))
+        pool_costs, costs, damping = (np.array(state[name], dtype=float) for name in ("pool_costs", "costs", "damping"))
+        stage, iteration = (np.array(state[name], dtype=np.int64) for name in ("stage", "iteration"))
+        shapes = [pool.shape, unit.shape, best.shape] + [a.shape for a in (costs, damping, stage, iteration)]
+        if shapes != [(len(pool_costs), d), (len(costs), d), (d,)] + [(len(costs),)] * 4:
+            raise ConfigurationError("state: its descents are not whole; take a whole state")
+        inside = all(np.all(np.abs(points - 0.5) <= 0.5 + 1e-9) for points in (pool, unit, self.space.to_unit(best)))
+        if not inside or np.isnan(costs).any():  # to unit coordinates and back rounds
+            raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
+        self._pool, self._pool_costs, self._costs = pool, pool_costs, costs
+        self._descents = Descents(unit, damping, stage, iteration)
+        self._stages, self._best, self._work = int(state["stages"]), Best(best, float(state["cost"])), None
+
+
+def capped(cap: float, residuals: FloatArray) -> FloatArray:
+    """Sum of squares (n,) of residuals (n, m), each at most `cap` in size; +inf where one is not finite."""
+    finite = np.isfinite(residuals)
+    size = np.minimum(np.abs(np.where(finite, residuals, 0.0)), cap)
+    return np.where(np.all(finite, axis=1), np.sum(size**2, axis=1), np.inf)
+
+
+def _asked(x: FloatArray, wanted: Wanted) -> Trials:
+    return Trials(x, np.ones(len(x), bool), wanted)
