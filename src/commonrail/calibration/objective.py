@@ -52,6 +52,8 @@ class Objective:
     threads : int or None
     precision : Precision
         Of the costs; the residuals for least squares, which are differences of small changes, are f64 always.
+    same_bits : bool
+        As in `Simulator`.
     """
 
     def __init__(
@@ -62,10 +64,11 @@ class Objective:
         time_step: float,
         threads: int | None = None,
         precision: Precision = Precision.F64,
+        same_bits: bool = False,
     ) -> None:
         self.injector, self.names, self.time_step = injector, tuple(names), time_step
         self.data, self.precision = in_order(data), precision
-        self.simulator = Simulator(injector, names, time_step, threads)
+        self.simulator = Simulator(injector, names, time_step, threads, same_bits)
         groups = ((kind, [d for d in self.data if d.kind == name]) for name, kind in KINDS.items())
         self._terms = [term for kind, group in groups if group for term in kind.terms(group, time_step)]
 

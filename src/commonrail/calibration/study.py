@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from commonrail.arguments import chosen, instance, instances, plain_text, settle, whole
+from commonrail.arguments import chosen, flag, instance, instances, plain_text, settle, whole
 from commonrail.calibration.optimisers import EvolutionSettings, Settings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.space import Space
@@ -70,6 +70,8 @@ class Study:
         Free text for the report.
     precision : Precision
         Of the search. The scores of its result are simulated in f64.
+    same_bits : bool
+        Give the same result, bit for bit, on every x86-64 processor with AVX2 and FMA; at some cost of speed.
     files : mapping of Path to str
         SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
 
@@ -91,6 +93,7 @@ class Study:
     note: str = ""
     precision: Precision = Precision.F64
     files: Mapping[Path, str] = field(default_factory=dict)
+    same_bits: bool = False
 
     def __post_init__(self) -> None:
         for what in ("title", "text", "note"):
@@ -110,6 +113,7 @@ class Study:
             seed=whole(self.seed, "seed"),
             time_step=check_step(self.time_step),
             precision=chosen(self.precision, Precision, "precision"),
+            same_bits=flag(self.same_bits, "same_bits"),
         )
 
     @property

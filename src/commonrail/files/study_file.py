@@ -82,6 +82,7 @@ def _study(file: Path) -> Study:
         text,
         model.note,
         model.precision,
+        same_bits=model.same_bits,
     )
 
 

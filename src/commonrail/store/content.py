@@ -34,6 +34,7 @@ def content_of(study: Study) -> str:
     )
     # what earlier versions did not have is left out where it decides nothing
     more: tuple[Any, ...] = () if study.precision is Precision.F64 else (study.precision,)
+    more += ("same bits",) if study.same_bits else ()
     if FUEL_TEMPERATURE in study.space.names:
         densities = [np.asarray(data.mass_density, float) for data in study.data]
         more += tuple(density for density in densities if not np.isnan(density).all())
