@@ -25,7 +25,7 @@ from commonrail.kernel_cache import KernelCache
 
 # No "nnan"/"ninf": a candidate that blows up must be seen to be non-finite.
 _FASTMATH = {"nsz", "arcp", "contract", "reassoc"}
-_INLINED = {
+INLINED = {
     "forceinline": True,
     "fastmath": _FASTMATH,
     "error_model": "numpy",
@@ -36,7 +36,7 @@ _INLINED = {
 
 _Law = TypeVar("_Law", bound=Callable[..., Any])
 _LAWS: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
-_MACHINES: list[Callable[..., Any]] = [functools.partial(overload, jit_options=_INLINED, strict=False, target="cpu")]
+_MACHINES: list[Callable[..., Any]] = [functools.partial(overload, jit_options=INLINED, strict=False, target="cpu")]
 
 
 def physics(law: _Law) -> _Law:
@@ -47,7 +47,7 @@ def physics(law: _Law) -> _Law:
     """
 
     def choose(*arguments: Any, **named: Any) -> Callable[..., Any]:
-        return in_single(law) if any(map(_is_single, (*arguments, *named.values()))) else law
+        return in_single(law) if any(map(is_single, (*arguments, *named.values()))) else law
 
     _LAWS.append((law, choose))
     for offer in _MACHINES:
@@ -68,9 +68,9 @@ def offer_laws(offer: Callable[..., Any]) -> None:
         offer(law)(choose)
 
 
-def _is_single(kind: Any) -> bool:
+def is_single(kind: Any) -> bool:
     if isinstance(kind, types.BaseTuple):  # type: ignore[attr-defined]
-        return any(map(_is_single, kind))
+        return any(map(is_single, kind))
     return (kind.dtype if isinstance(kind, types.Array) else kind) == types.float32
 
 
@@ -191,6 +191,7 @@ def kernel(
     name: str,
     laws: tuple[Callable[..., Any], ...] = (),
     real: type = np.float64,
+    target: str = "cpu",
 ) -> Any:
     """Compile an outer loop, releasing the GIL, with its machine code cached on disk.
 
@@ -204,18 +205,20 @@ def kernel(
         Functions from outside the package that `loop` calls: their source joins the cache stamp.
     real : type
         `numpy.float32` for a loop that computes in single precision.
+    target : str
+        Numba's name of the processor to compile for: this machine's own, or that of `fixed_target`.
     """
     if numba.config.DISABLE_JIT:
         return loop
     source = loop if real is np.float64 else in_single(loop)
-    compiled = numba.njit(source, nogil=True, fastmath=_FASTMATH, error_model="numpy")
+    compiled = numba.njit(source, nogil=True, fastmath=_FASTMATH, error_model="numpy", _target=target)
     compiled._cache = KernelCache(name, laws)
 
     @functools.wraps(loop)
     def run(*arguments: Any) -> Any:
         if compiled.signatures:
             return compiled(*arguments)
-        with _FIRST_CALL, compiler_choices(), contextlib.ExitStack() as waiting:
+        with _FIRST_CALL, compiler_choices(target), contextlib.ExitStack() as waiting:
             compiled._cache.waiting = waiting
             return compiled(*arguments)
 
@@ -227,7 +230,7 @@ _FIRST_CALL = threading.Lock()
 
 
 @contextlib.contextmanager
-def compiler_choices() -> Iterator[None]:
+def compiler_choices(target: str = "cpu") -> Iterator[None]:
     """Have the compiler order instructions so that few registers are needed at once.
 
     A step is a thousand instructions in one piece, and most of what the usual scheduler does to them ends on the
@@ -237,7 +240,7 @@ def compiler_choices() -> Iterator[None]:
     """
     import llvmlite.binding as llvm
 
-    plenty = has_registers_of_512_bits()
+    plenty = target == "cpu" and has_registers_of_512_bits()
     if plenty:
         llvm.set_option("", "-enable-misched=0")
         llvm.set_option("", "-pre-RA-sched=list-ilp")

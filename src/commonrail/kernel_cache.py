@@ -248,7 +248,9 @@ def _objection(found: os.stat_result, is_kind: Callable[[int], bool], kind: str)
 def _physics_stamp() -> str:
     root = Path(__file__).parent
     digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {platform.python_version()}".encode())
-    sources = [root / "compile.py"] + [p for r in _PHYSICS_ROOMS for p in sorted((root / r).glob("*.py"))]
+    sources = [root / "compile.py", root / "fixed_target.py"] + [
+        p for r in _PHYSICS_ROOMS for p in sorted((root / r).glob("*.py"))
+    ]
     for source in sources:
         digest.update(source.name.encode() + source.read_bytes())
     return digest.hexdigest()

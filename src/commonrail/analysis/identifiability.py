@@ -11,7 +11,9 @@ from commonrail.arguments import array, instance
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
+from commonrail.elementary import norm, product
 from commonrail.kinds import Role, of_role
+from commonrail.linear import least_squares
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +24,8 @@ WIDE = 0.05  # a standard error above this share of the range does not pin a par
 def identify(calibration: Calibration, threads: int | None = None) -> dict[str, dict[str, Any]]:
     """Effect, standard error and verdict of each free parameter on the fitted data; see `identify_at`."""
     study = calibration.study
-    objective = Objective(study.injector, study.space.names, of_role(study.data, Role.FIT), study.time_step, threads)
+    fit, exact = of_role(study.data, Role.FIT), study.same_bits
+    objective = Objective(study.injector, study.space.names, fit, study.time_step, threads, same_bits=exact)
     return identify_at(study.space, objective, np.array([calibration.best[name] for name in study.space.names]))
 
 
@@ -81,8 +84,8 @@ def _leverage(jacobian: Floats, usable: NDArray[np.bool_], i: int) -> tuple[floa
         return 0.0, 0.0
     column = jacobian[:, i]
     others = jacobian[:, usable & (np.arange(jacobian.shape[1]) != i)]
-    imitation = others @ np.linalg.lstsq(others, column, rcond=None)[0] if others.shape[1] else 0.0
-    return float(np.linalg.norm(column)), float(np.linalg.norm(column - imitation))
+    imitation = product(others, least_squares(others, column)[:, None])[:, 0] if others.shape[1] else 0.0
+    return norm(column), norm(column - imitation)
 
 
 def _verdict(spread: float, alone: float, joint: float) -> str:

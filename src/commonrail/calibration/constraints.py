@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from commonrail.elementary import product
 from commonrail.errors import ConfigurationError
 
 __all__ = ["LinearConstraints", "Polytope", "conflicting_rows", "deepest_point"]
@@ -86,7 +87,7 @@ class LinearConstraints:
     def magnitude(self, lower: FloatArray, upper: FloatArray) -> FloatArray:
         """Largest magnitude (m,) that each row's terms take within the bounds, for tolerances."""
         largest = np.maximum(np.abs(lower), np.abs(upper))
-        return np.asarray(np.abs(self.matrix) @ largest + np.abs(self.lower))
+        return product(largest, np.abs(self.matrix).T) + np.abs(self.lower)
 
     def floor(self, lower: FloatArray, upper: FloatArray) -> FloatArray:
         """Least value (m,) of each row with the margin of the strict rows added."""
@@ -127,7 +128,7 @@ class Polytope(NamedTuple):
     def of(cls, constraints: LinearConstraints, lower: FloatArray, upper: FloatArray) -> Polytope:
         """Scale constraints to the bounds (d,), (d,) and append the bounds as rows."""
         rows = constraints.matrix * (upper - lower)
-        floor = constraints.floor(lower, upper) - constraints.matrix @ lower
+        floor = constraints.floor(lower, upper) - product(lower, constraints.matrix.T)
         length = np.linalg.norm(rows, axis=1)
         box = np.eye(len(lower))
         return cls(

@@ -57,6 +57,8 @@ class Objective:
         Of the costs; the residuals for least squares, which are differences of small changes, are f64 always.
     goal : Goal
         Loss, priors of the parameters that vary, and how candidates are screened.
+    same_bits : bool
+        As in `Simulator`.
     """
 
     def __init__(
@@ -69,12 +71,13 @@ class Objective:
         precision: Precision = Precision.F64,
         *,
         goal: Goal = PLAIN,
+        same_bits: bool = False,
     ) -> None:
         self.injector, self.names, self.time_step = injector, tuple(names), time_step
         self.data, self.precision, self.goal = in_order(data), precision, goal
-        self.simulator = Simulator(injector, names, time_step, threads)
+        self.simulator = Simulator(injector, names, time_step, threads, same_bits=same_bits)
         coarse = goal.screening_step or time_step
-        self._screening = Simulator(injector, names, coarse, threads, Precision.F32)
+        self._screening = Simulator(injector, names, coarse, threads, precision=Precision.F32, same_bits=same_bits)
         groups = ((kind, [d for d in self.data if d.kind == name]) for name, kind in KINDS.items())
         self._terms = [term for kind, group in groups if group for term in kind.terms(group, time_step)]
 

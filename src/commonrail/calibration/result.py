@@ -44,6 +44,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         "seed": study.seed,
         "time_step": study.time_step,
         "precision": study.precision.value,
+        "same_bits": study.same_bits,
         "status": calibration.status,
         "reason": calibration.reason,
         "injector": {
@@ -104,7 +105,7 @@ def validate(study: Study, injector: Injector, threads: int | None = None) -> li
     instance(study, Study, "study")
     instance(injector, Injector, "injector")
     threads = thread_count(threads)
-    return data_records(study.data, {"best": score_all(study.data, injector, study.time_step, threads)})
+    return data_records(study.data, {"best": score_all(study, injector, threads)})
 
 
 def data_records(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]]) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from commonrail.choices import Body
 from commonrail.engine.status import Status
 from commonrail.errors import SimulationError, StudyError
 from commonrail.injector.definition import Injector
-from commonrail.kinds import DataSet, Score
+from commonrail.kinds import Score
 from commonrail.kinds.simulator import Simulator
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
@@ -158,7 +158,7 @@ def _start(
     by_itself = of_settings(study)
     _tell(by_itself, warn)
     _refuse(by_itself, strict)
-    start = score_all(study.data, study.injector, study.time_step, threads)
+    start = score_all(study, study.injector, threads)
     simulated = of_start(study, start)
     _tell(simulated, warn)
     _refuse(simulated, strict)
@@ -247,24 +247,21 @@ def scores_of(
     if with_rigid and study.injector.variant.body is Body.FLEXIBLE and traces:
         rigid = study.injector.variant._replace(body=Body.RIGID)
         injectors["rigid"] = replace(study.injector, variant=rigid)
-    known = {"start": start or score_all(study.data, study.injector, study.time_step, threads)}
-    return known | {
-        label: score_all(study.data, injector, study.time_step, threads) for label, injector in injectors.items()
-    }
+    known = {"start": start or score_all(study, study.injector, threads)}
+    return known | {label: score_all(study, injector, threads) for label, injector in injectors.items()}
 
 
-def score_all(
-    data: Sequence[DataSet], injector: Injector, time_step: float, threads: int | None = None
-) -> tuple[Score, ...]:
-    """Score of one injector on each data set.
+def score_all(study: Study, injector: Injector, threads: int | None = None) -> tuple[Score, ...]:
+    """Score of one injector on each data set of a study.
 
     Parameters
     ----------
-    data : sequence of DataSet
+    study : Study
+        Gives data, time step and bits.
     injector : Injector
-    time_step : float
-        [s].
     threads : int, optional
         All usable processors by default.
     """
-    return tuple(d.score(Simulator(injector, (), time_step, threads)) for d in data)
+    return tuple(
+        d.score(Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits)) for d in study.data
+    )

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from commonrail.calibration.constraints import LinearConstraints, Polytope, deepest_point
 from commonrail.calibration.space import Space
+from commonrail.elementary import log, product
 from commonrail.errors import ConfigurationError
+from commonrail.linear import cholesky, inverse_of_lower, solve_lower, solve_upper
 
 __all__ = ["reference_start", "sample_feasible", "sample_priors", "sample_uniform"]
 
@@ -155,9 +157,9 @@ class _Walk(NamedTuple):
 def _plan(space: Space) -> _Walk:
     """Straighten what can be straightened and find the shape of the polytope."""
     straight, constraints = _straighten(space)
-    log = space.logarithmic
-    lower = np.where(log, np.log(np.where(log, space.lower, 1.0)), space.lower)
-    upper = np.where(log, np.log(np.where(log, space.upper, 1.0)), space.upper)
+    bent = space.logarithmic
+    lower = np.where(bent, log(np.where(bent, space.lower, 1.0)), space.lower)
+    upper = np.where(bent, log(np.where(bent, space.upper, 1.0)), space.upper)
     polytope = Polytope.of(constraints, lower, upper)
     centre, shape = _barrier(polytope)
     curved = not bool(straight.all())
@@ -179,7 +181,7 @@ def _straighten(space: Space) -> tuple[BoolArray, LinearConstraints]:
         pair = len(columns) == 2 and signs.sum() == 0.0 and lower[row] == 0.0
         if pair and space.logarithmic[columns].all():
             straight[row] = True
-            lower[row] = -float(signs @ np.log(np.abs(matrix[row, columns])))
+            lower[row] = -float(np.sum(signs * log(np.abs(matrix[row, columns]))))
             matrix[row, columns] = signs
     return straight, LinearConstraints(matrix[straight], lower[straight])
 
@@ -189,18 +191,18 @@ def _barrier(polytope: Polytope) -> tuple[FloatArray, FloatArray]:
     rows, floor = polytope
     point, _ = deepest_point(polytope)
     for _ in range(_NEWTON_STEPS):
-        inverse = 1.0 / (rows @ point - floor)
-        gradient = rows.T @ inverse
-        hessian = (rows * inverse[:, None] ** 2).T @ rows
-        newton = np.linalg.solve(hessian, gradient)
+        inverse = 1.0 / (product(point, rows.T) - floor)
+        gradient = product(inverse, rows)
+        root = cholesky(product((rows * inverse[:, None] ** 2).T, rows))
+        newton = solve_upper(root.T, solve_lower(root, gradient))
         # The damped step of a self-concordant barrier never leaves the polytope.
-        point = point + newton / (1.0 + np.sqrt(gradient @ newton))
-    return point, np.asarray(np.linalg.inv(np.linalg.cholesky(hessian)))
+        point = point + newton / (1.0 + np.sqrt(np.sum(gradient * newton)))
+    return point, inverse_of_lower(root)
 
 
 def _step(walk: _Walk, unit: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Move every chain (n, d) along a random chord."""
-    direction = rng.standard_normal(unit.shape) @ walk.shape
+    direction = product(rng.standard_normal(unit.shape), walk.shape)
     first, last = _chord(walk.polytope, unit, direction)
     step = first + (last - first) * rng.random(len(unit))
     if walk.curved:
@@ -211,17 +213,23 @@ def _step(walk: _Walk, unit: FloatArray, rng: np.random.Generator) -> FloatArray
 def _chord(polytope: Polytope, unit: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Least and greatest step (n,), (n,) along `direction` (n, d) inside the polytope."""
     rows, floor = polytope
-    reach = unit @ rows.T
+    reach = _along(rows, unit)
     reach -= floor
     np.maximum(reach, 0.0, out=reach)
     reach *= -_CHORD_USED
-    rate = direction @ rows.T
+    rate = _along(rows, direction)
     reach /= rate
     # one row for each constraint: reductions along memory are faster
     reach, rate = np.ascontiguousarray(reach.T), np.ascontiguousarray(rate.T)
     first = np.where(rate > 0.0, reach, -np.inf).max(axis=0)
     last = np.where(rate < 0.0, reach, np.inf).min(axis=0)
     return first, last
+
+
+def _along(rows: FloatArray, points: FloatArray) -> FloatArray:
+    """Products (n, m + 2 d) of the rows of a `Polytope`, of which the last 2 d are its box, with points (n, d)."""
+    slanted = rows[: len(rows) - 2 * points.shape[1]]
+    return np.concatenate([product(points, slanted.T), points, -points], axis=1)
 
 
 def _shrink(

@@ -131,14 +131,15 @@ class Search:
         fit = of_role(study.data, Role.FIT)
         if not fit:
             raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
+        names, goal = study.space.names, goal_of(study)
         objective = Objective(
-            study.injector, study.space.names, fit, study.time_step, threads, study.precision, goal=goal_of(study)
+            study.injector, names, fit, study.time_step, threads, study.precision, goal=goal, same_bits=study.same_bits
         )
         self.objective = objective if workers is None else SpreadObjective(objective, workers)
         self.history: list[Generation] = []
         self.simulations = 0
         self.failures: Counter[str] = Counter()
-        self._row = row(study.method, study.space, study.seed)
+        self._row = row(study.method, study.space, study.seed, study.same_bits)
         self._begun = [self._row[0](None)]
         self._before: tuple[Stage, ...] = ()  # of the optimisers that have finished
         self._start = time.perf_counter()

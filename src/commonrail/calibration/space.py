@@ -18,6 +18,7 @@ from commonrail.calibration.constraints import (
     deepest_point,
 )
 from commonrail.calibration.parameter import Parameter, percent_bounds
+from commonrail.elementary import exp, log, product
 from commonrail.errors import ConfigurationError
 
 __all__ = ["Parameter", "Space", "percent_bounds"]
@@ -137,7 +138,7 @@ class Space:
         unit = (points - self.lower) / self._range
         if self._bent:
             ratio = np.maximum(points, np.finfo(float).tiny) / np.where(self.logarithmic, self.lower, 1.0)
-            unit = np.where(self.logarithmic, np.log(ratio) / self._log_span, unit)
+            unit = np.where(self.logarithmic, log(ratio) / self._log_span, unit)
             inside = (points >= self.lower) & (points <= self.upper)
             unit = np.where(inside, np.clip(unit, 0.0, 1.0), unit)
         return np.asarray(unit)
@@ -148,7 +149,7 @@ class Space:
         x = self.lower + z * self._range
         if self._bent:
             # The scale of linear columns is 0 here: their exponential is 1 and is not used.
-            x = np.where(self.logarithmic, self.lower * np.exp(z * self._log_scale), x)
+            x = np.where(self.logarithmic, self.lower * exp(z * self._log_scale), x)
         # Rounding must neither carry a point over its bound nor stop it short of it.
         within = np.minimum(np.maximum(x, self.lower), self.upper)
         if (np.abs(z - 0.5) >= 0.5).any():  # at a bound or beyond
@@ -169,7 +170,7 @@ class Space:
     def _log_scale(self) -> FloatArray:
         """ln(upper/lower) of logarithmic parameters, 0 of linear ones."""
         low = np.where(self.logarithmic, self.lower, 1.0)
-        return np.log(np.where(self.logarithmic, self.upper, 1.0) / low)
+        return log(np.where(self.logarithmic, self.upper, 1.0) / low)
 
     @cached_property
     def _log_span(self) -> FloatArray:
@@ -179,29 +180,23 @@ class Space:
     @cached_property
     def _span(self) -> FloatArray:
         """Range of each constraint (m,) within the bounds."""
-        return np.asarray(np.abs(self.rows.matrix) @ (self.upper - self.lower))
+        return product(self.upper - self.lower, np.abs(self.rows.matrix).T)
 
     @cached_property
-    def _half_spaces(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Rows, floors and tolerances of the constraints and then of the bounds, in SI."""
-        box, none = np.eye(self.dimension), np.zeros(2 * self.dimension)
-        floor = self.rows.floor(self.lower, self.upper)
-        tolerance = ROUNDING * self.rows.magnitude(self.lower, self.upper)
-        return (
-            np.vstack([self.rows.matrix, box, -box]),
-            np.concatenate([floor, self.lower, -self.upper]),
-            np.concatenate([tolerance, none]),
-        )
+    def _floor(self) -> FloatArray:
+        """Smallest value (m,) of each constraint's row, SI."""
+        return self.rows.floor(self.lower, self.upper)
 
     @cached_property
     def _least(self) -> FloatArray:
-        """Least `_distances` that count as inside."""
-        return -self._half_spaces[2]
+        """Smallest `_distances` that count as inside."""
+        tolerance = ROUNDING * self.rows.magnitude(self.lower, self.upper)
+        return -np.concatenate([tolerance, np.zeros(2 * self.dimension)])
 
     def _distances(self, x: FloatArray) -> FloatArray:
         """Distance (..., m + 2 d) of points inside each constraint and bound, SI."""
-        matrix, floor, _ = self._half_spaces
-        return np.asarray(x @ matrix.T - floor)
+        inside = product(x, self.rows.matrix.T) - self._floor
+        return np.concatenate([inside, x - self.lower, self.upper - x], axis=-1)
 
     def slack(self, x: ArrayLike) -> FloatArray:
         """Distance (..., m) of each constraint from its limit at points (..., d); SI, < 0: broken.
@@ -216,7 +211,6 @@ class Space:
 
     def satisfies(self, x: ArrayLike) -> BoolArray:
         """Return whether points (..., d) keep to bounds (exactly) and constraints (within rounding)."""
-        # A distance to a bound is exact: its row has a single coefficient, 1 or -1.
         distances = self._distances(np.asarray(x, dtype=float))
         return np.asarray((distances >= self._least).all(axis=-1))
 

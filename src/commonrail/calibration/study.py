@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from commonrail.arguments import chosen, instance, instances, plain_text, settle, whole
+from commonrail.arguments import chosen, flag, instance, instances, plain_text, settle, whole
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers import EvolutionSettings, Settings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
@@ -73,6 +73,8 @@ class Study:
         Of the search. The scores of its result are simulated in f64.
     loss : Loss
         Loss on the data that the search makes small.
+    same_bits : bool
+        Give the same result, bit for bit, on every x86-64 processor with AVX2 and FMA; at some cost of speed.
     files : mapping of Path to str
         SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
 
@@ -95,6 +97,7 @@ class Study:
     precision: Precision = Precision.F64
     loss: Loss = Loss.KINDS
     files: Mapping[Path, str] = field(default_factory=dict)
+    same_bits: bool = False
 
     def __post_init__(self) -> None:
         for what in ("title", "text", "note"):
@@ -115,6 +118,7 @@ class Study:
             time_step=check_step(self.time_step),
             precision=chosen(self.precision, Precision, "precision"),
             loss=chosen(self.loss, Loss, "loss"),
+            same_bits=flag(self.same_bits, "same_bits"),
         )
 
     @property

@@ -40,7 +40,7 @@ def validate(
     loaded = load_study(study)
     check_drive(chosen, loaded, chosen.name)
     say(SIMULATING)
-    scores = score_all(loaded.data, chosen, loaded.time_step)
+    scores = score_all(loaded, chosen)
     data = data_records(loaded.data, {"best": scores})
     warnings = of_model(loaded, chosen, scores, fitted=run is not None)
     for finding in warnings:

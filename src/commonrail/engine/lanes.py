@@ -13,6 +13,7 @@ import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -86,11 +87,29 @@ class Misfit(NamedTuple):
 
 
 @functools.cache
-def compiled(variant: Variant, precision: Precision) -> Callable[..., None]:
-    """The block loop of a variant, compiled (or loaded from the cache) at its first call."""
+def compiled(variant: Variant, precision: Precision, same_bits: bool = False) -> Callable[..., None]:
+    """The block loop of a variant, compiled (or loaded from the cache) at its first call.
+
+    Parameters
+    ----------
+    variant : Variant
+    precision : Precision
+    same_bits : bool
+        Compile for the fixed processor of `fixed_target` in place of this machine's.
+
+    Raises
+    ------
+    ConfigurationError
+        If this machine cannot run what is compiled for the fixed processor.
+    """
     vector = VECTORS[precision]
     name = f"{vector.lanes} lanes {precision.value}: {variant.label}"
-    return kernel(make_loop(variant, vector), name, real=vector.real)  # type: ignore[no-any-return]
+    loop = make_loop(variant, vector)
+    if not same_bits or numba.config.DISABLE_JIT:
+        return kernel(loop, name, real=vector.real)  # type: ignore[no-any-return]
+    from commonrail.fixed_target import open_target
+
+    return kernel(loop, name, real=vector.real, target=open_target())  # type: ignore[no-any-return]
 
 
 def trace_paths(variant: Variant) -> tuple[str, ...]:
@@ -105,6 +124,7 @@ def run(
     precision: Precision = Precision.F64,
     traced: bool = False,
     threads: int = 1,
+    same_bits: bool = False,
 ) -> tuple[Outcome, Floats]:
     """Run all blocks of a job.
 
@@ -119,6 +139,8 @@ def run(
         Keep the state after every step.
     threads : int
         The result does not depend on it.
+    same_bits : bool
+        As in `compiled`.
 
     Returns
     -------
@@ -127,7 +149,7 @@ def run(
         Of a block that there are not enough candidates for, only their lanes are kept.
     """
     n, lanes = len(job.blocks), job.blocks.shape[1] - 1
-    loop, steps = compiled(variant, precision), job.courses.steps
+    loop, steps = compiled(variant, precision, same_bits), job.courses.steps
     samples = (misfit or Misfit.none(len(steps))).samples(job.dt, steps)
     out, share = np.empty((n, lanes, len(Outcome._fields))), max(1, -(-n // threads))
     kept = (int(steps.max()) + 1, len(trace_paths(variant)), min(lanes, len(job.theta)))

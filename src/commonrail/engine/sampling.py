@@ -22,6 +22,7 @@ def sampled_rates(
     names: Sequence[str],
     values: Floats,
     time_step: float,
+    same_bits: bool = False,
 ) -> Floats:
     """Mean mass flow between time bounds [s] for each candidate: (candidates, bounds − 1) [kg/s].
 
@@ -29,14 +30,14 @@ def sampled_rates(
 
     Parameters
     ----------
-    injector, point, names, values, time_step
+    injector, point, names, values, time_step, same_bits
         As in `simulate_batch`.
     bounds : (n,)
         [s].
     """
     theta = candidate_matrix(injector, names, values)
     job = plan.make_job(plan.prepare(injector, [point], time_step), theta, False)
-    outcome, trace = lanes.run(job, injector.wired(names), traced=True)
+    outcome, trace = lanes.run(job, injector.wired(names), traced=True, same_bits=same_bits)
     row = lanes.trace_paths(injector.variant).index("nozzle.injected")
     injected = np.moveaxis(trace[:, :, row, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
     time = point.start + time_step * np.arange(trace.shape[1])

@@ -80,6 +80,7 @@ def simulate(
     time_step: Quantity = DEFAULT_STEP,
     sample_interval: Quantity | None = None,
     precision: Precision | str = Precision.F64,
+    same_bits: bool = False,
 ) -> Solution:
     """Simulate one injection.
 
@@ -96,6 +97,8 @@ def simulate(
         Spacing of the samples [s], or text; by default the fixed step, 3 us for the reference.
     precision : Precision or str
         "f64" or "f32", of the fast engines; the reference is f64 alone.
+    same_bits : bool
+        As in `simulate_batch`.
 
     Raises
     ------
@@ -117,13 +120,15 @@ def simulate(
                 f"not {sample_interval:g} s."
             )
     real = chosen(precision, Precision, "precision")
+    fixed = _fixed(same_bits, engine)
     if engine is Engine.REFERENCE:
         if real is not Precision.F64:
             raise ConfigurationError(f"The reference computes in f64 alone, not in {real.value}; use the lanes for it.")
         from commonrail.engine.reference import simulate_reference
 
         return simulate_reference(injector, point, sample_interval or 3e-6)
-    how = _How(plan.prepare(injector, [point], time_step), injector.wired(), None, False, real, engine, True)
+    prepared = plan.prepare(injector, [point], time_step)
+    how = _How(prepared, injector.wired(), None, False, real, engine, True, same_bits=fixed)
     theta = how.prepared.row[None]
     outcome, trace = _run(theta, how, how.prepared.densities)
     stride = max(round((sample_interval or time_step) / time_step), 1)
@@ -162,6 +167,7 @@ def simulate_batch(
     precision: Precision | str = Precision.F64,
     prepared: Prepared | None = None,
     engine: Engine | str = Engine.LANES,
+    same_bits: bool = False,
 ) -> Batch:
     """Simulate many candidates at many operating points.
 
@@ -188,6 +194,9 @@ def simulate_batch(
         `plan.prepare` of the same injector, points and time step: saves time where many batches follow each other.
     engine : Engine or str
         "lanes", or "cuda" for one simulation on each thread of an NVIDIA GPU; `threads` is then ignored.
+    same_bits : bool
+        Compute with machine code for one fixed processor, so that the result has the same bits on every x86-64
+        processor with AVX2 and FMA; of the lanes alone. docs/performance.md states the cost.
 
     Raises
     ------
@@ -213,6 +222,7 @@ def simulate_batch(
         chosen(precision, Precision, "precision"),
         _batch_engine(engine),
         threads=threads or usable_threads(),
+        same_bits=_fixed(same_bits, chosen(engine, Engine, "engine")),
     )
     many = max(AT_A_TIME[how.engine] // len(points), 1)
     parts = [_simulate(names, candidates[first : first + many], how) for first in range(0, len(candidates), many)]
@@ -237,6 +247,15 @@ def _batch_engine(name: Engine | str) -> Engine:
     return engine
 
 
+def _fixed(same_bits: bool, engine: Engine) -> bool:
+    if flag(same_bits, "same_bits") and engine is not Engine.LANES:
+        raise ConfigurationError(
+            f'The same bits on every processor are promised for the engine "lanes" alone, not for "{engine.value}"; '
+            "omit same_bits or take the lanes."
+        )
+    return same_bits
+
+
 class _How(NamedTuple):
     prepared: Prepared
     variant: Variant
@@ -246,6 +265,7 @@ class _How(NamedTuple):
     engine: Engine
     traced: bool = False
     threads: int = 1
+    same_bits: bool = False
 
 
 def _run(theta: Floats, how: _How, densities: Floats) -> tuple[Outcome, Floats]:
@@ -256,7 +276,7 @@ def _run(theta: Floats, how: _How, densities: Floats) -> tuple[Outcome, Floats]:
         job = plan.make_job(how.prepared, theta, how.stop_when_closed, 1)
         return cuda.run(job, how.variant, misfit, how.precision, how.traced)
     job = plan.make_job(how.prepared, theta, how.stop_when_closed, VECTORS[how.precision].lanes)
-    return lanes.run(job, how.variant, misfit, how.precision, how.traced, how.threads)
+    return lanes.run(job, how.variant, misfit, how.precision, how.traced, how.threads, how.same_bits)
 
 
 def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:

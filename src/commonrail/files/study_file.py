@@ -84,6 +84,7 @@ def _study(file: Path) -> Study:
         model.note,
         model.precision,
         model.loss,
+        same_bits=model.same_bits,
     )
 
 

@@ -169,6 +169,7 @@ class StudyModel(FileModel):
     precision: Precision = Field(default=Precision.F64, strict=False)
     loss: Loss = Field(default=Loss.KINDS, strict=False)
     fixed: list[FixedModel] = Field(default=[], max_length=MOST_PARAMETERS)
+    same_bits: bool = False
     data: list[Annotated[DataModel, _BLOCK]] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()

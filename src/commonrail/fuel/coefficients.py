@@ -16,10 +16,12 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
+from commonrail.elementary import cosine
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.fuel import Fuel
 from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.fuel.laws import Array
+from commonrail.linear import least_squares
 
 __all__ = ["PolynomialErrors", "fuel_coefficients", "polynomial_errors"]
 
@@ -123,7 +125,7 @@ def polynomial_errors(fuel: Fuel, temperature: float, coefficients: FuelCoeffici
 def _grid(fuel: Fuel) -> tuple[Array, NDArray[np.bool_]]:
     """Return Chebyshev-distributed pressures [Pa] from zero, and which lie inside the range."""
     top = fuel.pressure_range[1]
-    p = 0.5 * _BEYOND * top * (1.0 - np.cos(np.pi * np.arange(_POINTS) / (_POINTS - 1)))
+    p = 0.5 * _BEYOND * top * (1.0 - cosine(np.pi * np.arange(_POINTS) / (_POINTS - 1)))
     return p, p <= top
 
 
@@ -131,18 +133,25 @@ def _pressure_polynomial(x: Array, p: Array, modulus: Array, weight: Array) -> A
     """Fit p(x), zero at zero, to the pressures and, with equal weight, to the moduli."""
     scale = float(x[-1])
     power = np.arange(1, _DEGREE_PRESSURE + 1)
-    t = (x / scale)[:, None]
-    values = t**power / modulus[:, None]
-    slopes = power * t ** (power - 1) / scale * ((1.0 + x) / modulus)[:, None]
+    powers = _powers(x / scale, _DEGREE_PRESSURE)
+    values = powers[:, 1:] / modulus[:, None]
+    slopes = power * powers[:, :-1] / scale * ((1.0 + x) / modulus)[:, None]
     rows = np.concatenate((values, slopes)) * np.tile(weight, 2)[:, None]
     wanted = np.concatenate((p / modulus, np.ones_like(p))) * np.tile(weight, 2)
-    return np.asarray(np.linalg.lstsq(rows, wanted, rcond=None)[0] / scale**power)
+    return least_squares(rows, wanted) / _powers(np.array([scale]), _DEGREE_PRESSURE)[0, 1:]
 
 
 def _polynomial(s: Array, y: Array, degree: int, lowest: int, weight: Array) -> Array:
     """Fit y(s) by the powers `lowest` to `degree`, ascending."""
-    rows = s[:, None] ** np.arange(lowest, degree + 1) * weight[:, None]
-    return np.asarray(np.linalg.lstsq(rows, y * weight, rcond=None)[0])
+    return least_squares(_powers(s, degree)[:, lowest:] * weight[:, None], y * weight)
+
+
+def _powers(x: Array, degree: int) -> Array:
+    """Powers (n, degree + 1) of numbers (n,), by multiplication."""
+    columns = [np.ones_like(x)]
+    for _ in range(degree):
+        columns.append(columns[-1] * x)
+    return np.stack(columns, axis=1)
 
 
 def _refuse_if_poor(fuel: Fuel, temperature: float, coefficients: FuelCoefficients) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonrail.arguments import array
+from commonrail.elementary import exp
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.fuel import laws
 from commonrail.fuel.laws import Array
@@ -137,7 +138,7 @@ class Fuel:
             If a temperature lies outside `temperature_range` (so do all methods of this class).
         """
         held, tension, at = self._read(p, temperature)
-        stretch = np.exp(tension / self._modulus(held, at))
+        stretch = exp(tension / self._modulus(held, at))
         return np.asarray(self._density(held, at) * stretch)
 
     def bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Array:
@@ -164,13 +165,13 @@ class Fuel:
 
     def vapour_pressure(self, temperature: ArrayLike) -> Array:
         """Return the vapour pressure [Pa], the exponential of a polynomial in temperature."""
-        return np.asarray(np.exp(self.vapour_law.at(self._temperature(temperature))[0]))
+        return np.asarray(exp(self.vapour_law.at(self._temperature(temperature))[0]))
 
     def _density(self, held: Array, temperature: ArrayLike) -> Array:
         if self.bulk_modulus_law is None:
             return laws.saturating_law(held, *self.density_law.at(temperature))
         compression = laws.log_compression(held, *self.bulk_modulus_law.at(temperature))
-        return np.asarray(self.density_law.at(temperature)[0] * np.exp(compression))
+        return np.asarray(self.density_law.at(temperature)[0] * exp(compression))
 
     def _modulus(self, held: Array, temperature: ArrayLike) -> Array:
         """Isothermal modulus [MPa] at pressures inside the range [MPa]."""

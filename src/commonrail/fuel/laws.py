@@ -15,6 +15,8 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike, NDArray
 
+from commonrail.elementary import cosine, expm1, power
+
 Array = NDArray[np.float64]
 
 TEMPERATURE_ORIGIN = 353.15
@@ -23,8 +25,25 @@ TEMPERATURE_ORIGIN = 353.15
 TEMPERATURE_SCALE = 40.0
 """Temperature difference [K] that changes the scaled temperature by one."""
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
-_NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
+_GAUSS_POINTS = 48
+
+
+def _gauss_legendre(n: int) -> tuple[Array, Array]:
+    """Return nodes and weights from 0 to 1, by Newton's method on the Legendre polynomial.
+
+    NumPy's come from an eigenvalue solver of LAPACK, whose last bits depend on the processor.
+    """
+    x = cosine(np.pi * (np.arange(n) + 0.75) / (n + 0.5))
+    for _ in range(8):  # quadratic convergence from a guess of four digits
+        before, value = np.ones(n), x
+        for k in range(2, n + 1):
+            before, value = value, ((2 * k - 1) * x * value - (k - 1) * before) / k
+        slope = n * (before - x * value) / (1.0 - x * x)
+        x = x - value / slope
+    return 0.5 * (1.0 - x), 1.0 / ((1.0 - x * x) * slope * slope)
+
+
+_NODES, _WEIGHTS = _gauss_legendre(_GAUSS_POINTS)
 
 
 def scaled_temperature(temperature: ArrayLike) -> Array:
@@ -63,7 +82,7 @@ def saturating_slope(p: ArrayLike, k2: Array, k3: Array, k4: Array) -> Array:
     """
     p = np.asarray(p, dtype=np.float64)
     rise = (1.0 - _bracket(p, k2)) / np.where(k2 > 0.0, k2, np.inf)
-    return np.asarray(k3 * p**k4 * (rise + _bracket(p, k2) * k4 / p))
+    return np.asarray(k3 * power(p, k4) * (rise + _bracket(p, k2) * k4 / p))
 
 
 def power_law(p: ArrayLike, k1: Array, k2: Array, k3: Array) -> Array:
@@ -76,7 +95,7 @@ def power_law(p: ArrayLike, k1: Array, k2: Array, k3: Array) -> Array:
     k1, k2, k3 : arrays
         Coefficients at the wanted temperature.
     """
-    return np.asarray(k1 + k2 * np.asarray(p, dtype=np.float64) ** k3)
+    return np.asarray(k1 + k2 * power(p, k3))
 
 
 def log_compression(p: ArrayLike, k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
@@ -93,17 +112,17 @@ def log_compression(p: ArrayLike, k1: Array, k2: Array, k3: Array, k4: Array) ->
         Coefficients of the modulus, as in `saturating_law`.
     """
     p = np.asarray(p, dtype=np.float64)[..., None]
-    modulus = saturating_law(p * _NODES**3, *(np.asarray(k)[..., None] for k in (k1, k2, k3, k4)))
-    return np.asarray(np.sum(3.0 * _NODES**2 * _WEIGHTS * p / modulus, axis=-1))
+    modulus = saturating_law(p * _NODES * _NODES * _NODES, *(np.asarray(k)[..., None] for k in (k1, k2, k3, k4)))
+    return np.asarray(np.sum(3.0 * _NODES * _NODES * _WEIGHTS * p / modulus, axis=-1))
 
 
 def _bracket(p: Array, k2: Array) -> Array:
     """Return 1 - exp(-p/K2), 1 where K2 = 0."""
     absent = np.asarray(k2) <= 0.0
-    return np.where(absent, 1.0, -np.expm1(-p / np.where(absent, 1.0, k2)))
+    return np.where(absent, 1.0, -expm1(-p / np.where(absent, 1.0, k2)))
 
 
 def _power(p: Array, exponent: Array) -> Array:
     """Return p^K4, taken as 0 at p = 0: the bracket makes the product vanish there for K4 > -1."""
     positive = p > 0.0
-    return np.where(positive, np.where(positive, p, 1.0) ** exponent, 0.0)
+    return np.where(positive, power(np.where(positive, p, 1.0), exponent), 0.0)

@@ -37,6 +37,8 @@ class Simulator:
         All usable processors by default.
     precision : Precision
         Of batches that ask for none themselves.
+    same_bits : bool
+        Simulate to the same bits on every x86-64 processor with AVX2: see `simulate_batch`.
     """
 
     def __init__(
@@ -45,10 +47,12 @@ class Simulator:
         names: Sequence[str],
         time_step: float,
         threads: int | None = None,
+        *,
         precision: Precision = Precision.F64,
+        same_bits: bool = False,
     ) -> None:
         self.injector, self.names, self.time_step, self.threads = injector, tuple(names), time_step, threads
-        self.precision = precision
+        self.precision, self.same_bits = precision, same_bits
         self._prepared: dict[int, Prepared] = {}  # by the identity of their points, which they hold
 
     def __getstate__(self) -> dict[str, Any]:
@@ -87,8 +91,11 @@ class Simulator:
             misfit=misfit,
             precision=precision or self.precision,
             prepared=self._prepared[id(points)],
+            same_bits=self.same_bits,
         )
 
     def once(self, points: Sequence[OperatingPoint]) -> Batch:
         """Figures of the injector as it is at points that are not asked for again, (1, points)."""
-        return simulate_batch(self.injector, points, time_step=self.time_step, threads=self.threads)
+        return simulate_batch(
+            self.injector, points, time_step=self.time_step, threads=self.threads, same_bits=self.same_bits
+        )

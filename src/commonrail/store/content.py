@@ -42,6 +42,7 @@ def content_of(study: Study) -> str:
     tolerances = tuple(getattr(data, "dead_time_tolerance", None) for data in study.data)
     if any(tolerances):
         more += (tolerances,)
+    more += ("same bits",) if study.same_bits else ()
     if FUEL_TEMPERATURE in study.space.names:
         densities = [np.asarray(data.mass_density, float) for data in study.data]
         more += tuple(density for density in densities if not np.isnan(density).all())

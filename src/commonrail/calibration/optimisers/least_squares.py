@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from commonrail.calibration.optimisers.bounded_least_squares import Ended, Limits, within_unit_box
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
 
@@ -77,7 +78,7 @@ class Polished(NamedTuple):
 
 
 class LeastSquares:
-    """Trust-region reflective least squares within bounds, with soft-L1 loss (SciPy).
+    """Least squares within bounds, with soft-L1 loss: SciPy's trust-region reflective method, or `within_unit_box`.
 
     The search moves in unit coordinates. The Jacobian takes one batch of d simulations, forward
     differences that turn backward at an upper bound. Neighbours that fail are tried once on the
@@ -95,10 +96,18 @@ class LeastSquares:
         Residuals (n, m) of points (n, d), SI, as one batch; rows of failed simulations hold a
         value that is not finite.
     settings : LeastSquaresSettings, optional
+    same_bits : bool
+        Take the method whose bits do not depend on the processor.
     """
 
-    def __init__(self, space: Space, residuals: Residuals, settings: LeastSquaresSettings | None = None) -> None:
-        self.space = space
+    def __init__(
+        self,
+        space: Space,
+        residuals: Residuals,
+        settings: LeastSquaresSettings | None = None,
+        same_bits: bool = False,
+    ) -> None:
+        self.space, self.same_bits = space, same_bits
         self.residuals = residuals
         self.settings = settings or LeastSquaresSettings()
 
@@ -110,12 +119,23 @@ class LeastSquares:
         ConfigurationError
             If it does not satisfy the space.
         """
-        from scipy.optimize import least_squares  # slow to import
-
         if not self.space.satisfies(start):
             raise ConfigurationError("start: it breaks the bounds or a constraint, choose a feasible one")
         batch = _Batch(self.space, self.residuals, self.settings)
-        unit = self.space.to_unit(start)
+        found = (self._in_stated_order if self.same_bits else self._by_scipy)(batch, self.space.to_unit(start))
+        x = self.space.from_unit(np.clip(found.x, 0.0, 1.0))
+        inside = self.space.pull_back(start[None, :], x[None, :])[0]
+        pulled_back = not np.array_equal(inside, x)
+        choice, cost = self._better(batch, start, inside)
+        return Polished(choice, cost, pulled_back, str(found.message))
+
+    def _in_stated_order(self, batch: _Batch, unit: FloatArray) -> Ended:
+        s = self.settings
+        return within_unit_box(batch.values, batch.jacobian, unit, Limits(s.residual_scale, s.tolerance, s.iterations))
+
+    def _by_scipy(self, batch: _Batch, unit: FloatArray) -> Ended:
+        from scipy.optimize import least_squares  # slow to import
+
         found = least_squares(
             batch.values,
             unit,
@@ -129,11 +149,7 @@ class LeastSquares:
             xtol=self.settings.tolerance,
             max_nfev=self.settings.iterations,
         )
-        x = self.space.from_unit(np.clip(found.x, 0.0, 1.0))
-        inside = self.space.pull_back(start[None, :], x[None, :])[0]
-        pulled_back = not np.array_equal(inside, x)
-        choice, cost = self._better(batch, start, inside)
-        return Polished(choice, cost, pulled_back, str(found.message))
+        return Ended(found.x, str(found.message))
 
     def _better(self, batch: _Batch, start: FloatArray, end: FloatArray) -> tuple[FloatArray, float]:
         """The cheaper of start and end, both feasible, and its cost."""

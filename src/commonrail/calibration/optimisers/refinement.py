@@ -31,10 +31,11 @@ SOLVER = LeastSquaresSettings(step=1e-2)
 
 
 class RefinementSettings(NamedTuple):
-    """Number of refinements, and of Jacobians of each at most."""
+    """Number of refinements, of Jacobians of each at most, and whether their bits must not depend on the processor."""
 
     refinements: int
     iterations: int
+    same_bits: bool = False
 
 
 class Refinement(Optimiser):
@@ -94,7 +95,8 @@ class Refinement(Optimiser):
         """First points of a refinement."""
         settings = replace(SOLVER, iterations=self.settings.iterations)
         start = self._starts[self.steps] if self.steps < len(self._starts) else self._near_best()
-        self._solving = conversation(lambda call: LeastSquares(self.space, call, settings).run(start))
+        exact = self.settings.same_bits
+        self._solving = conversation(lambda call: LeastSquares(self.space, call, settings, exact).run(start))
         return _trials(next(self._solving), Wanted.RESIDUALS)
 
     def _take(self, trials: Trials, told: FloatArray) -> Trials | None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from commonrail.calibration.plausibility import limits
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.study import Study
+from commonrail.elementary import exp, log
 from commonrail.engine.plan import reference_density
 from commonrail.injector.definition import Injector
 from commonrail.kinds import DataSet, Role, Score
@@ -95,8 +96,8 @@ def best_shift(data: DataSet, score: Score) -> Change | None:
 
 def best_gain(data: DataSet, score: Score) -> Change:
     """Factor on the simulated values that makes J least; above 1: the data lie higher."""
-    low, high = np.log(limits.GAINS)
-    gains = np.exp(np.linspace(low, high, round((high - low) / limits.GAIN_STEP) + 1))
+    low, high = log(limits.GAINS)
+    gains = exp(np.linspace(low, high, round((high - low) / limits.GAIN_STEP) + 1))
     gain = data.best_gain(score, gains)
     before, after = map(float, data.misfit(data.scaled(score.values, np.array([1.0, gain]))))
     return Change(gain, before, after if abs(gain - 1.0) >= limits.LEAST_GAIN else before)

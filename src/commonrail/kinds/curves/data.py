@@ -139,7 +139,7 @@ class RateData(DataSet):
         """Simulated samples (candidates, samples) [m³/s]."""
         s, density = simulator, self.mass_density
         own = reference_densities(s.injector, [self.point], s.names, values) if math.isnan(density) else density
-        return sampled_rates(s.injector, self.point, self.bounds, s.names, values, s.time_step) / own
+        return sampled_rates(s.injector, self.point, self.bounds, s.names, values, s.time_step, s.same_bits) / own
 
     def misfit(self, values: Floats) -> Floats:
         """J of simulated samples: Σ |rate − measured rate| [mm³/ms], Sec. 4."""

@@ -1,0 +1,96 @@
+"""Elementary functions and sums of products whose bits do not depend on the processor.
+
+NumPy and the C library have several versions of exp, log, pow and sin and take one by processor; BLAS does the same
+with products of matrices. These here are additions, multiplications, divisions and roots of arrays in a stated order,
+each rounded once, and so are the same everywhere. They are exact to a few roundings.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["cosine", "exp", "expm1", "log", "norm", "power", "product"]
+
+Floats = NDArray[np.float64]
+
+# ln 2 in two parts; the first has so few digits that its product with the exponent of a number is exact
+_LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+_PER_LN2 = 1.44269504088896338700
+_EXP = tuple(1.0 / math.factorial(k) for k in range(15))  # Taylor: to ln 2/2 exact to rounding
+_EXPM1 = tuple(1.0 / math.factorial(k + 1) for k in range(19))  # to 1 exact to rounding
+_LOG = tuple(1.0 / (2 * k + 1) for k in range(13))  # area tangent, for mantissas from √½ to √2
+_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(13))
+_RANGE = 800.0  # beyond, an exponential is zero or infinite
+
+
+def _series(coefficients: tuple[float, ...], x: Floats) -> Floats:
+    """Polynomial of ascending coefficients, by Horner's scheme."""
+    total = np.full(x.shape, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        total = coefficient + x * total
+    return total
+
+
+def exp(x: ArrayLike) -> Floats:
+    """Return the exponential of an array."""
+    bounded = np.clip(np.asarray(x, dtype=np.float64), -_RANGE, _RANGE)
+    power_of_two = np.rint(bounded * _PER_LN2)
+    rest = (bounded - power_of_two * _LN2_HIGH) - power_of_two * _LN2_LOW
+    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+        return np.ldexp(_series(_EXP, rest), np.nan_to_num(power_of_two).astype(np.int32))
+
+
+def expm1(x: ArrayLike) -> Floats:
+    """Return exp(x) − 1 of an array, exact near zero too."""
+    at = np.asarray(x, dtype=np.float64)
+    small = np.clip(at, -1.0, 1.0)
+    return np.where(np.abs(at) < 0.7, small * _series(_EXPM1, small), exp(at) - 1.0)
+
+
+def log(x: ArrayLike) -> Floats:
+    """Return the natural logarithm of an array; −∞ at zero, NaN below it."""
+    at = np.asarray(x, dtype=np.float64)
+    mantissa, exponent = np.frexp(at)
+    low = mantissa < math.sqrt(0.5)
+    mantissa, exponent = np.where(low, 2.0 * mantissa, mantissa), exponent - low
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = (mantissa - 1.0) / (mantissa + 1.0)
+        found = exponent * _LN2_HIGH + (2.0 * ratio * _series(_LOG, ratio * ratio) + exponent * _LN2_LOW)
+        found = np.where(at > 0.0, found, np.where(at == 0.0, -np.inf, np.nan))
+    return np.where(at == np.inf, np.inf, found)
+
+
+def power(base: ArrayLike, exponent: ArrayLike) -> Floats:
+    """Return base to an exponent, base ≥ 0; an error of the exponent's product with the logarithm in roundings."""
+    b, e = np.asarray(base, dtype=np.float64), np.asarray(exponent, dtype=np.float64)
+    with np.errstate(invalid="ignore"):
+        found = exp(e * log(b))
+    return np.where(e == 0.0, 1.0, found)
+
+
+def cosine(x: ArrayLike) -> Floats:
+    """Return the cosine of angles from −π to π."""
+    y = 0.5 * math.pi - np.abs(np.asarray(x, dtype=np.float64))
+    return y * _series(_SINE, y * y)
+
+
+def product(left: Floats, right: Floats) -> Floats:
+    """Product (…, n) of an array (…, d) and a matrix (d, n), summed from the first of d to the last.
+
+    Parameters
+    ----------
+    left : (…, d)
+    right : (d, n)
+    """
+    total = np.zeros((*left.shape[:-1], right.shape[1]))
+    for k, row in enumerate(right):
+        total += left[..., k, None] * row
+    return total
+
+
+def norm(vector: Floats) -> float:
+    """Root of the sum of squares of a vector."""
+    return float(np.sqrt(np.sum(vector * vector)))
