@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 from commonrail.errors import OutputError
+from commonrail.reading.formulas import neutralised, neutralised_note
 
 __all__ = ["PART", "check_target", "replacing", "write_csv", "write_text", "writing"]
 
@@ -83,6 +84,9 @@ def write_text(path: Path, text: str) -> None:
 def write_csv(path: Path, notes: Iterable[str], header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Write a table, whole or not at all; `OutputError` as `replacing`.
 
+    This is where tables are written: a text that a spreadsheet would compute is neutralised, and `CsvFile` with `plain`
+    reads it back as it was.
+
     Parameters
     ----------
     path : Path
@@ -93,10 +97,10 @@ def write_csv(path: Path, notes: Iterable[str], header: Sequence[str], rows: Ite
     rows : iterable of sequences of str
     """
     with replacing(path) as stream:
-        stream.writelines(f"# {note}\n" for note in notes)
+        stream.writelines(f"# {neutralised_note(note)}\n" for note in notes)
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
+        writer.writerow(map(neutralised, header))
+        writer.writerows(map(neutralised, row) for row in rows)
 
 
 def check_target(path: Path) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from commonrail.files.atomic import replacing, write_text
+from commonrail.files.atomic import replacing, write_csv, write_text
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import Entry
 from commonrail.fleet.summary import fleet_record, units_of
@@ -46,13 +44,9 @@ def write_results(
     """
     record = fleet_record(fleet, entries, status, clock)
     columns = result_columns(fleet, entries)
-    stream = io.StringIO()
-    if record["synthetic"]:
-        stream.write(f"# SYNTHETIC: {' '.join(record['synthetic'].split())}\n")
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*(map(_text, column) for column in columns.values()), strict=True))
-    write_text(folder / RESULTS, stream.getvalue())
+    notes = [f"SYNTHETIC: {' '.join(record['synthetic'].split())}"] if record["synthetic"] else []
+    rows = zip(*(map(_text, column) for column in columns.values()), strict=True)
+    write_csv(folder / RESULTS, notes, list(columns), rows)
     _write_parquet(folder / RESULTS_PARQUET, columns, record["synthetic"])
     text = json.dumps(record, indent=1, allow_nan=False)
     write_text(folder / RECORD, text + "\n")

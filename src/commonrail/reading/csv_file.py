@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from commonrail.errors import InputError
+from commonrail.reading.formulas import restored, restored_note
 from commonrail.reading.guarded_file import LARGEST_FILE
 from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
 from commonrail.reading.text_file import read_lines
@@ -65,6 +66,8 @@ class CsvFile:
         if first is None:
             raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
         rows = _cells(path, chain((first,), lines), "," if plain else _delimiter(first[1]), plain)
+        if plain:
+            rows = ((line, [restored(cell) for cell in row]) for line, row in rows)
         _, header = next(rows)
         self.header = header if plain else [cell.strip() for cell in header]
         _check_header(path, self.header)
@@ -168,7 +171,8 @@ def _lines(path: Path, comments: list[str], plain: bool) -> Iterator[tuple[int, 
     for number, line in enumerate(read_lines(path, LARGEST_FILE), start=1):
         if line.lstrip().startswith("#") and not (plain and header):
             if len(comments) < MOST_COMMENTS:
-                comments.append(line.lstrip()[1:].strip())
+                comment = line.lstrip()[1:].strip()
+                comments.append(restored_note(comment) if plain else comment)
         elif line.strip():
             header = True
             yield number, line

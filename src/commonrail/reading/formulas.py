@@ -1,0 +1,48 @@
+"""Texts in tables that a spreadsheet would compute: neutralised where tables are written, restored where they are read.
+
+A text that would be taken for a formula gets an apostrophe in front, which makes it a text for every spreadsheet. The
+same text comes back: `restored(neutralised(text)) == text`, and texts that nobody would compute stay as they are.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+__all__ = ["neutralised", "neutralised_note", "restored", "restored_note"]
+
+MARK = "'"
+
+# Signs with which a formula begins, in full width too, behind spaces and quotes that a spreadsheet may drop.
+_FORMULA = re.compile(r"[\s'\"]*[=+\-@＝＋－＠]")
+_NUMBER = re.compile(r"[\s'\"]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
+_SEPARATORS = re.compile(r"([,;\t])")
+
+
+def neutralised(text: str) -> str:
+    """Cell of a table, which no spreadsheet computes; numbers stay numbers."""
+    return MARK + text if _is_computed(text) else text
+
+
+def restored(cell: str) -> str:
+    """Text of a cell that `neutralised` gave."""
+    return cell[1:] if cell.startswith(MARK) and _is_computed(cell[1:]) else cell
+
+
+def neutralised_note(line: str) -> str:
+    """Comment line, which a spreadsheet divides into cells at each separator; it begins with a sign of its own."""
+    return _behind_separators(line, neutralised)
+
+
+def restored_note(line: str) -> str:
+    """Comment line that `neutralised_note` gave."""
+    return _behind_separators(line, restored)
+
+
+def _behind_separators(line: str, change: Callable[[str], str]) -> str:
+    first, *others = _SEPARATORS.split(line)
+    return first + "".join(part if i % 2 == 0 else change(part) for i, part in enumerate(others))
+
+
+def _is_computed(text: str) -> bool:
+    return bool(_FORMULA.match(text)) and not _NUMBER.fullmatch(text)
