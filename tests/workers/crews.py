@@ -19,7 +19,7 @@ from commonrail.workers.pool import ProcessPool
 from commonrail.workers.task import Answer, Outcome, Package, Task
 from commonrail.workers.workers import Workers
 
-NO_DASK = "distributed is not installed: pip install 'commonrail[cluster]'"
+NO_DASK = "distributed or cryptography is not installed: pip install 'commonrail[cluster]'"
 LIMIT = 600.0  # no task of a test takes as long [s]
 
 
@@ -57,6 +57,8 @@ class Deeds:
             os.kill(os.getpid(), signal.SIGKILL)
         if what == "hang":
             os.kill(os.getpid(), signal.SIGSTOP)
+        if what == "lie":
+            return
         if what == "fail":
             raise MemoryError("no room for 8 GiB")
         raise ConfigurationError("This cannot be done.")
@@ -65,10 +67,22 @@ class Deeds:
         """Bits of a sine."""
         return np.sin(0.5).tobytes()
 
+    def bits(self, deed: Deed, result: bytes) -> bytes:
+        """The sine itself."""
+        if len(result) != len(self.probe()):
+            raise ValueError("not one number")
+        return bytes(result)
+
 
 def tasks(package: Package, deeds: Iterable[Deed], limit: float = LIMIT) -> list[Task]:
     """Task of each deed, called by its number."""
     return [Task(deed.number, package, deed, limit) for deed in deeds]
+
+
+def with_other(package: Package, name: str, value: str) -> tuple[tuple[str, str], ...]:
+    """Software of a package, but for one version or property of the compiler's target."""
+    assert name in dict(package.software)
+    return tuple((dict(package.software) | {name: value}).items())
 
 
 def sines(outcomes: Iterable[tuple[Task, Outcome]]) -> dict[object, bytes]:
@@ -93,7 +107,8 @@ def processes(count: int = 2, limits: Limits = USUAL) -> AbstractContextManager[
 
 def cluster(count: int = 2, limits: Limits = USUAL) -> AbstractContextManager[Workers]:
     """A Dask cluster on this machine; the test is skipped if Dask is not installed."""
-    pytest.importorskip("distributed", reason=NO_DASK)
+    for package in ("distributed", "cryptography"):
+        pytest.importorskip(package, reason=NO_DASK)
     return Workers.cluster("local", count, limits)
 
 
@@ -108,7 +123,7 @@ def pids_of(workers: Workers) -> list[int]:
     from commonrail.workers.cluster import Cluster
 
     assert isinstance(workers.backend, Cluster)
-    found: dict[str, int] = workers.backend._client.run(os.getpid)
+    found: dict[str, int] = workers.backend._link.client.run(os.getpid)
     return list(found.values())
 
 

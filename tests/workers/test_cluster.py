@@ -14,6 +14,7 @@ import pytest
 
 from commonrail.errors import InputError, StudyError
 from commonrail.workers import cluster as cluster_module
+from commonrail.workers import link as link_module
 from commonrail.workers.limits import Limits
 from commonrail.workers.task import pack
 from commonrail.workers.workers import Workers
@@ -100,7 +101,7 @@ def test_a_missing_package_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "foo://here"])
 def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
     pytest.importorskip("distributed", reason=NO_DASK)
-    monkeypatch.setattr(cluster_module, "CONNECT", 0.5)
+    monkeypatch.setattr(link_module, "CONNECT", 0.5)
     with pytest.raises(InputError, match=f"There is no Dask scheduler at {address} "):
         Workers.cluster(address)
 

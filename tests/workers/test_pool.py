@@ -65,6 +65,7 @@ def test_workers_have_one_thread_and_the_caller_keeps_its_own(monkeypatch: pytes
 
 SCRIPT = """
 import os
+from commonrail.workers.task import Task
 from commonrail.workers.workers import Workers
 
 def main():
@@ -101,7 +102,7 @@ def test_workers_end_with_their_caller(tmp_path: Path, then: str, wait_until_up:
 
 
 def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
-    then = 'next(workers.run(["any"]))'
+    then = 'next(workers.run([Task("any", None, None, 1.0)]))'
     _, err = run_script(tmp_path, then, "True").communicate(timeout=PATIENCE)
     assert "StudyError: A worker ended with exit code 1 before it had begun, 3 times in a row; in a script" in err
 

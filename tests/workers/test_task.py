@@ -8,7 +8,7 @@ import pytest
 
 from commonrail.errors import StudyError
 from commonrail.workers.task import failure, pack, unpack
-from tests.workers.crews import Deed, Deeds
+from tests.workers.crews import Deed, Deeds, with_other
 
 
 def test_work_that_is_unpacked_gives_the_same_answer(tmp_path: Path) -> None:
@@ -18,8 +18,13 @@ def test_work_that_is_unpacked_gives_the_same_answer(tmp_path: Path) -> None:
 
 def test_a_worker_with_other_software_or_other_bits_is_refused(tmp_path: Path) -> None:
     package = pack(Deeds(tmp_path))
-    with pytest.raises(StudyError, match=r"than this run \(numpy 0\.1\); install the same versions"):
-        unpack(package._replace(software=(*package.software[:1], ("numpy", "0.1"), *package.software[2:])))
+    for name, words in (("numpy", r"numpy [0-9.]+"), ("llvmlite", r"llvmlite [0-9.]+"), ("cpu", r"cpu [\w-]+")):
+        with pytest.raises(StudyError, match=rf"than this run: {words} in place of other; install the same versions"):
+            unpack(package._replace(software=with_other(package, name, "other")))
+    with pytest.raises(StudyError, match=r"than this run: instruction sets without sse0; install"):
+        unpack(
+            package._replace(software=with_other(package, "features", dict(package.software)["features"] + ",+sse0"))
+        )
     with pytest.raises(StudyError, match="another objective for the start values than this machine, bit for bit"):
         unpack(package._replace(probe=b"other"))
 

@@ -24,6 +24,7 @@ VOLUME, ROOM = 53.8e-9, 0.05
 BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
 EXTRAS = {
     "distributed": ("distributed", "to calibrate on a cluster", "pip install 'commonrail[cluster]'"),
+    "cryptography": ("cryptography", "for --cluster local", "pip install 'commonrail[cluster]'"),
     "pyarrow": ("pyarrow", "for Parquet tables of fleets", "pip install 'commonrail[fleet]'"),
     "matplotlib": ("matplotlib", "for figures for print", "pip install 'commonrail[plates]'"),
 }

@@ -99,11 +99,14 @@ def compare(
         for study in studies:
             check_drive(injector, study, label)
     data = _named_apart(studies)
-    settings = [(study.time_step, threads, study.same_bits) for study in studies for _ in study.data]
+    origins = [study for study in studies for _ in study.data]
     scores: dict[str, tuple[Score, ...]] = {}
     failures: dict[str, tuple[tuple[Failure, ...], ...]] = {}
     for label, injector in models.items():
-        judged = [_judged(label, Simulator(injector, (), *own), d) for d, own in zip(data, settings, strict=True)]
+        judged = [
+            _judged(label, Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits), d)
+            for d, study in zip(data, origins, strict=True)
+        ]
         scores[label], failures[label] = tuple(score for score, _ in judged), tuple(failed for _, failed in judged)
     return Comparison(dict(models), studies, data, scores, failures)
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.calibration.finished import Done, Finished
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.choices import Precision
 from commonrail.engine.lanes import VECTORS
@@ -64,6 +65,15 @@ class Evaluation:
         own = np.array([[self.objective.injector.values[name] for name in self.objective.names]])
         return self.objective.costs(own).costs.tobytes()
 
+    def bits(self, argument: tuple[str, Floats], result: Any) -> bytes:
+        """Bits of costs and statuses, or of residuals; ValueError if they are not of as many candidates."""
+        method, values = argument
+        found = [result.costs, result.statuses] if method == "costs" else [result]
+        if any(len(part) != len(values) or part.dtype.hasobject for part in found):
+            raise ValueError("not a result of these candidates")
+        simulations = result.simulations if method == "costs" else 0
+        return b"".join(part.tobytes() for part in found) + str(int(simulations)).encode()
+
 
 class SpreadObjective(Objective):
     """An `Objective` whose costs and residuals come from workers, to the same bits.
@@ -77,14 +87,14 @@ class SpreadObjective(Objective):
     Raises
     ------
     StudyError
-        From `costs` and `residuals`: if a piece was lost as often as the limits allow.
+        From `costs` and `residuals`: if a piece was lost as often as the limits allow, or a finished one was wrong.
     """
 
     def __init__(self, objective: Objective, workers: Workers) -> None:
         vars(self).update(vars(objective))  # the same injector, data and settings
         self._workers = workers
         work = Evaluation(objective)
-        self._package = pack(work)
+        self._package, self._finished = pack(work), Finished(work)
         start = time.perf_counter()
         work.probe()
         seconds = time.perf_counter() - start
@@ -115,21 +125,30 @@ class SpreadObjective(Objective):
 
         def halves(lost: Task) -> list[Task]:
             # if it is one candidate's fault, fewer are under suspicion each time
-            assert isinstance(lost.name, Piece)
-            return [task(half, lost.losses) for half in lost.name.halves()]
+            return [task(half, lost.losses) for half in _piece(lost).halves()]
 
-        found: dict[Any, Answer] = {}
-        pieces = cut(len(values), self._workers.backend.count, seconds)
-        for done, outcome in self._workers.run(map(task, pieces), halves):
-            if isinstance(outcome, Lost):
-                raise StudyError(self._what_failed(done, outcome, values))
-            found[done.name] = outcome
-        self._seconds[method] = sum(a.seconds for a in found.values()) / sum(piece.blocks for piece in found)
-        return [found[piece].result for piece in sorted(found)]
+        found: dict[int, Done] = {}
+        left = cut(len(values), self._workers.backend.count, seconds)
+        while left:
+            pieces, left = left, []
+            for done, outcome in self._workers.run(map(task, pieces), halves):
+                if isinstance(outcome, Lost):
+                    raise StudyError(self._what_failed(done, outcome, values))
+                if isinstance(outcome, Answer):
+                    found[done.number] = Done(done, outcome)
+                elif done.number in found:
+                    left.append(_piece(found.pop(done.number).task))
+                else:
+                    self._finished.confirm(done, outcome)
+        if self._workers.inspected:
+            self._finished.add(found)
+        ordered = sorted(found.values(), key=lambda one: _piece(one.task))
+        blocks = sum(_piece(one.task).blocks for one in ordered)
+        self._seconds[method] = sum(one.answer.seconds for one in ordered) / blocks
+        return [one.answer.result for one in ordered]
 
     def _what_failed(self, task: Task, lost: Lost, values: Floats) -> str:
-        assert isinstance(task.name, Piece)
-        piece, units = task.name, parameter_quantities()
+        piece, units = _piece(task), parameter_quantities()
         first = list(zip(self.names, values[piece.first], strict=True))
         shown = ", ".join(f"{name} = {value:.6g} {units[name].unit}".strip() for name, value in first[:3])
         more = ", …" if len(first) > 3 else ""
@@ -138,6 +157,11 @@ class SpreadObjective(Objective):
             f"{lost.reason}), the first of them {shown}{more}; narrow the bounds if it is these candidates, give a "
             "worker more memory or time if not, then go on with the run: what was finished is kept."
         )
+
+
+def _piece(task: Task) -> Piece:
+    assert isinstance(task.name, Piece)
+    return task.name
 
 
 def cut(candidates: int, workers: int, seconds: float) -> list[Piece]:

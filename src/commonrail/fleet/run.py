@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ from commonrail.fleet.results import write_results
 from commonrail.fleet.task import Attempt, Calibrations, failed
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.limits import Limits
-from commonrail.workers.task import Lost, Package, Task, pack
+from commonrail.workers.task import Lost, Outcome, Package, Task, Withdrawn, pack
 from commonrail.workers.workers import Workers
 
 __all__ = ["INJECTORS", "FleetProgress", "FleetRun", "run_fleet"]
@@ -169,16 +169,17 @@ class _Run:
         opened = Workers.processes(count, limits) if cluster is None else Workers.cluster(cluster, count, limits)
         with opened as workers:
             self.workers = workers.backend.count
-            for task, outcome in workers.run(self._tasks(package, workers.backend.shares_files), heed=heed):
-                if isinstance(outcome, Lost):
-                    reason = f"Each of {task.losses} attempts was lost; the last time the worker {outcome.reason}."
-                    self._keep(str(task.name), Attempt({}, reason, 0.0), task.losses)
-                else:
-                    self._keep(str(task.name), outcome.result, task.losses + 1)
+            left = self.pending
+            while left:
+                names, left = left, []
+                for task, outcome in workers.run(self._tasks(names, package, workers.backend.shares_files), heed=heed):
+                    self._keep(str(task.name), *_attempt(task, outcome))
+                    if isinstance(outcome, Withdrawn):
+                        left.append(str(task.name))
 
-    def _tasks(self, package: Package, shared: bool) -> Iterator[Task]:
+    def _tasks(self, names: Sequence[str], package: Package, shared: bool) -> Iterator[Task]:
         """Task of each injector, made when its turn comes; what workers cannot read themselves is read here."""
-        for name in self.pending:
+        for name in names:
             path = self._study(name)
             try:
                 given = path if shared else load_study(path)
@@ -196,8 +197,8 @@ class _Run:
         status = FAILED if attempt.reason else FINISHED
         entry = Entry(name, status, attempt.reason, attempts, inputs, attempt.record, attempt.seconds)
         self.journal.write(entry)
+        self.now += name not in self.entries
         self.entries[name] = entry
-        self.now += 1
         self.first = self.seconds if self.first is None else self.first
         self._tell(entry)
 
@@ -226,3 +227,13 @@ class _Run:
         if not self.entries:
             raise type(faults[0])(f"Not one of the first {len(faults)} injectors can be read; the first: {faults[0]}")
         return pack(Calibrations(None))
+
+
+def _attempt(task: Task, outcome: Outcome) -> tuple[Attempt, int]:
+    """Attempt at an injector as its journal keeps it, and the number of attempts."""
+    if isinstance(outcome, Lost):
+        reason = f"Each of {task.losses} attempts was lost; the last time the worker {outcome.reason}."
+        return Attempt({}, reason, 0.0), task.losses
+    if isinstance(outcome, Withdrawn):
+        return Attempt({}, f"The worker {outcome.worker} has answered wrongly.", 0.0), task.losses + 1
+    return outcome.result, task.losses + 1

@@ -74,6 +74,11 @@ class Calibrations:
         scores = scores_of(self.first, self.first.injector, 1)["best"]
         return json.dumps([_data(d, s, s) for d, s in zip(self.first.data, scores, strict=True)]).encode()
 
+    def bits(self, argument: Study | Path, result: Attempt) -> bytes:
+        """Text of an attempt, without the time that it took; an error if it is no attempt."""
+        float(result.seconds)
+        return json.dumps([result.record, result.reason], allow_nan=False).encode()
+
 
 def calibrate_study(study: Study) -> dict[str, Any]:
     """Calibrate the study of an injector on one thread.

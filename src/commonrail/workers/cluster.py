@@ -1,31 +1,37 @@
-"""A Dask cluster as the place where tasks are done; the only file that imports `distributed`."""
+"""A Dask cluster as the place where tasks are done."""
 
 from __future__ import annotations
 
-import logging
 import queue
-import re
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from importlib.metadata import version
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from commonrail.errors import CommonrailError, InputError, StudyError
-from commonrail.workers.limits import SLICE, check_count
-from commonrail.workers.process import blocked_signals
+from commonrail.errors import CommonrailError, StudyError
+from commonrail.notice import note
+from commonrail.workers.deadline import Late
+from commonrail.workers.greeting import differing
+from commonrail.workers.limits import SLICE, waited
+from commonrail.workers.link import ANSWER, CONNECT, LOCAL, Link
 from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failure, perform
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-_ADDRESS = re.compile(r"([a-z]+://.+|[^:/]+:[0-9]+)")  # what Dask takes at once to be an address
-CONNECT = 5.0  # how long to try to reach a scheduler [s]
 FETCH = 10.0  # how long to wait for a result that is said to be there [s]
 APPEAR = 30.0  # how long to wait for its first worker [s]
 REAPPEAR = 300.0  # how long to wait for another one when all are lost [s]
-FRESH = 1.0  # how long the number of workers is taken to be as it was [s]
+FRESH = 1.0  # how long the workers are taken to be as they were [s]
 AHEAD = 2  # tasks submitted for each thread, so that none waits for the next one
+
+
+class Sent(NamedTuple):
+    """A task that is out, and whether the work went with it."""
+
+    task: Task
+    complete: bool
 
 
 class Cluster:
@@ -35,55 +41,67 @@ class Cluster:
     A worker that hangs is not noticed by Dask: if nothing at all has come back for as long as a task may take, the
     workers that still have tasks are started anew, or left out if nobody can start them.
 
-    Parameters
-    ----------
-    address : str
-        "tcp://host:port", or "local" for a cluster of `count` processes on this machine.
-    count : int
-
-    Raises
-    ------
-    InputError
-        If distributed is not installed, or there is no cluster at the address.
-    StudyError
-        If the cluster has no workers, or they have no commonrail.
+    Parameters, errors: see `Workers.cluster`.
     """
 
     shares_files = False
 
     def __init__(self, address: str, count: int) -> None:
         self.address = address
-        self._shunned: set[str] = set()
-        self._open: dict[Future[Any], Task] = {}
+        self._left_out: set[str] = set()
+        self._dismissed = 0
+        self._greeted: set[str] = set()
+        self._open: dict[Future[Any], Sent] = {}
+        self._unsent: list[Task] = []  # for want of workers
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
         self._silence = self._alone = 0.0  # since something came back, since there was a worker [s]
-        self._seats, self._looked = 1, -FRESH
-        with ExitStack() as opened:
-            self._client = opened.enter_context(_local(count, opened) if address == "local" else _connect(address))
-            _greet(self._client, address)
-            self._opened = opened.pop_all()
+        self._threads: dict[str, int] = {}
+        self._looked = -FRESH
+        self._link = Link(address, count)
+        try:
+            self._meet()
+        except BaseException:
+            self.close()
+            raise
+
+    def _meet(self) -> None:
+        if not (self._link.ask(_has_workers, APPEAR + ANSWER) and self._known()):
+            raise self._without_workers(APPEAR)
 
     @property
     def count(self) -> int:
         """Threads of all workers that are used."""
-        self._seats, self._looked = max(sum(self._known().values()), 1), time.monotonic()
-        return self._seats
-
-    def _known(self) -> dict[str, int]:
-        """Threads of each worker that is used."""
-        with self._connection():
-            threads: dict[str, int] = self._client.nthreads()
-        return {name: n for name, n in threads.items() if name not in self._shunned}
+        return max(sum(self._known().values()), 1)
 
     @property
     def busy(self) -> bool:
         """Return whether tasks are out."""
-        return bool(self._open)
+        return bool(self._open or self._unsent)
 
     def close(self) -> None:
         """Leave the cluster; end it if it is "local"."""
-        with _quiet():
-            self._opened.close()
+        self._link.close()
+
+    def others(self, worker: str) -> bool:
+        """Return whether there are workers beside this one."""
+        return bool(self._lately().keys() - {worker})
+
+    def dismiss(self, worker: str) -> None:
+        """Use a worker no more; what is out is sent anew, to others.
+
+        Raises
+        ------
+        StudyError
+            If there is no other worker.
+        """
+        self._left_out.add(worker)
+        self._dismissed += 1
+        tasks = [*self._unsent, *(sent.task for sent in self._open.values())]
+        self.drop()
+        if not self._known():
+            raise self._without_workers(0.0)
+        for task in tasks:
+            self._send(task)
 
     def submit(self, task: Task) -> bool:
         """Hand a task to the cluster; false if it has enough.
@@ -93,56 +111,75 @@ class Cluster:
         StudyError
             If the scheduler has gone.
         """
-        seats = self._seats if time.monotonic() < self._looked + FRESH else self.count
-        if len(self._open) >= AHEAD * seats:
+        if len(self._open) + len(self._unsent) >= AHEAD * max(sum(self._lately().values()), 1):
             return False
         self._send(task)
         return True
 
-    def _send(self, task: Task, package: Package | None = None) -> None:
-        with self._connection():
-            allowed = (list(self._known()) if self._shunned else None) or None
-            future = self._client.submit(
-                perform_held, task.package.key, package, task.argument, pure=False, workers=allowed
-            )
-        self._silence = 0.0 if not self._open else self._silence
-        self._open[future] = task
-        future.add_done_callback(self._done.put)
-
     def listen(self) -> Iterator[tuple[Task, Outcome]]:
-        """Wait a while, and yield the tasks that are done or lost.
-
-        Raises
-        ------
-        CommonrailError
-            What the work raises, and StudyError if the scheduler has gone.
-        """
+        """Wait a while, and yield the tasks that are done or lost; StudyError if scheduler or workers have gone."""
         start = time.monotonic()
         try:
             future = self._done.get(timeout=SLICE)
         except queue.Empty:
-            # not what the clock says: where this process was halted too, nobody was late
-            passed = min(time.monotonic() - start, 2.0 * SLICE)
-            self._silence += passed
-            self._alone = 0.0 if self._known() else self._alone + passed
-            if self._alone > REAPPEAR:
-                raise _without_workers(self.address, REAPPEAR) from None
-            limit = max(task.limit for task in self._open.values())
-            if self._silence > limit:
-                yield from ((task, Lost(f"gave no answer within {limit:.6g} s")) for task in self._shake())
+            yield from self._after_silence(waited(start))
             return
         self._silence = 0.0
-        task = self._open.pop(future)
+        sent = self._open.pop(future)
+        giver = self._giver(future)
         outcome = _outcome(future)
-        if isinstance(outcome, Missing):
-            self._send(task, task.package)
+        if isinstance(outcome, Missing) and not sent.complete:
+            self._send(sent.task, complete=True)
+        elif isinstance(outcome, Answer) and giver in self._left_out:
+            self._send(sent.task)
+        elif isinstance(outcome, Answer) and giver:
+            yield sent.task, outcome._replace(worker=giver)
         else:
-            yield task, outcome
+            yield sent.task, outcome if isinstance(outcome, Lost) else Lost("left before its answer was there")
+
+    def _after_silence(self, passed: float) -> Iterator[tuple[Task, Outcome]]:
+        known = self._known()
+        self._silence += passed
+        self._alone = 0.0 if known else self._alone + passed
+        if self._alone > REAPPEAR:
+            raise self._without_workers(REAPPEAR)
+        if known and self._unsent:
+            tasks, self._unsent = self._unsent, []
+            for task in tasks:
+                self._send(task)
+        limit = max((sent.task.limit for sent in self._open.values()), default=self._silence)
+        if self._silence > limit:
+            yield from ((task, Lost(f"gave no answer within {limit:.6g} s")) for task in self._shake())
+
+    def drop(self) -> None:
+        """Forget the tasks that are out."""
+        futures = list(self._open)
+        if futures:  # a scheduler that has gone needs no telling
+            self._link.tell(lambda client: client.cancel(futures))
+        self._open, self._unsent, self._done = {}, [], queue.SimpleQueue()
+        self._silence = self._alone = 0.0
+
+    def _send(self, task: Task, *, complete: bool = False) -> None:
+        known = list(self._lately())
+        if not known:
+            self._unsent.append(task)
+            return
+        allowed = [name for name in known if name != task.avoid] or known
+        package = task.package if complete else None
+        restricted = allowed if self._left_out or task.avoid else None
+        future: Future[Any] = self._link.ask(
+            lambda client: client.submit(
+                perform_held, task.package.key, package, task.argument, pure=False, workers=restricted
+            )
+        )
+        self._silence = 0.0 if not self._open else self._silence
+        self._open[future] = Sent(task, complete)
+        future.add_done_callback(self._done.put)
 
     def _shake(self) -> list[Task]:
         """Start the workers anew that have our tasks; the tasks that they were at are lost, all others sent again."""
-        with self._connection():
-            threads, held = self._client.nthreads(), self._client.processing()
+        threads = self._link.ask(lambda client: client.nthreads())
+        held = self._link.ask(lambda client: client.processing())
         lost: set[Future[Any]] = set()
         stuck = []
         for name, keys in held.items():
@@ -150,39 +187,77 @@ class Cluster:
             if own:
                 stuck.append(name)
                 lost.update(own[: threads.get(name, 1)])  # the others had not begun
-        tasks = self._open
+        out = self._open
         self.drop()
         for name in stuck:
-            try:
-                with _quiet():
-                    self._client.restart_workers([name], timeout=CONNECT)
-            except Exception:  # not started by a nanny, or too stuck: no more for us
-                self._shunned.add(name)
-        for future, task in tasks.items():
+            if not self._link.tell(partial(_restart, name), 2.0 * CONNECT):
+                self._leave_out(name)  # not started by a nanny, or too stuck: no more for us
+        self._known()
+        for future, sent in out.items():
             if future not in lost:
-                self._send(task)
-        return [tasks[future] for future in lost]
+                self._send(sent.task)
+        return [out[future].task for future in lost]
 
-    def drop(self) -> None:
-        """Forget the tasks that are out."""
-        with suppress(Exception):  # a scheduler that has gone needs no telling
-            self._client.cancel(list(self._open))
-        self._open, self._done, self._silence, self._alone = {}, queue.SimpleQueue(), 0.0, 0.0
+    def _lately(self) -> dict[str, int]:
+        """Threads of each worker that is used, as they were when last looked."""
+        return self._threads if time.monotonic() < self._looked + FRESH else self._known()
 
-    @contextmanager
-    def _connection(self) -> Iterator[None]:
-        """Say so if the scheduler has gone."""
-        broken = StudyError(
-            f"The connection to the cluster {self.address} is broken; see whether its scheduler runs, then go on with "
-            "the run: what was finished is kept."
-        )
-        if self._client.status != "running":
-            raise broken
+    def _known(self) -> dict[str, int]:
+        """Threads of each worker that is used; new ones are asked for their software first."""
+        threads: dict[str, int] = dict(self._link.ask(lambda client: client.nthreads()))
+        new = [name for name in threads if name not in self._greeted | self._left_out]
+        if new:
+            self._greet(new)
+        self._threads = {name: n for name, n in threads.items() if name in self._greeted - self._left_out}
+        self._looked = time.monotonic()
+        return self._threads
+
+    def _greet(self, names: Sequence[str]) -> None:
         try:
-            with _quiet():
-                yield
-        except OSError:
-            raise broken from None
+            fault = self._link.ask_or_late(partial(differing, names), ANSWER)
+        except Late:
+            if len(names) > 1:  # one of them hangs
+                for name in names:
+                    self._greet([name])
+                return
+            self._leave_out(names[0])
+            return
+        for name, words in fault.items():
+            if words:
+                raise StudyError(f"The worker {name} of the cluster {self.address} has {words}")
+            self._greeted.add(name)
+
+    def _leave_out(self, name: str) -> None:
+        note(f"The worker {name} of the cluster {self.address} gives no answer: it is used no more.")
+        self._left_out.add(name)
+
+    def _giver(self, future: Future[Any]) -> str:
+        """Worker that has the answer, as the scheduler knows it; "" if none has it."""
+        if future.status != "finished":
+            return ""
+        found: dict[str, Sequence[str]] = self._link.ask(lambda client: client.who_has([future]))
+        return next((name for names in found.values() for name in names), "")
+
+    def _without_workers(self, seconds: float) -> StudyError:
+        cure = "see what they print" if self.address == LOCAL else f"start some with `dask worker {self.address}`"
+        if self._left_out:
+            return StudyError(
+                f"The cluster {self.address} has no worker left that can be used: {self._dismissed} have answered "
+                f"wrongly, {len(self._left_out) - self._dismissed} have given no answer; replace them, then resume the "
+                "run."
+            )
+        return StudyError(f"The cluster {self.address} has had no worker for {seconds:.0f} s; {cure}.")
+
+
+def _has_workers(client: Client) -> bool:
+    with suppress(TimeoutError):
+        client.wait_for_workers(1, timeout=APPEAR)
+        return True
+    return False
+
+
+def _restart(name: str, client: Client) -> None:
+    client.restart_workers([name], timeout=CONNECT)
 
 
 class Missing(NamedTuple):
@@ -216,81 +291,11 @@ def perform_held(key: str, package: Package | None, argument: Any) -> Answer | M
 
 def _outcome(future: Future[Any]) -> Outcome | Missing:
     try:
-        found: Answer | Missing = future.result(timeout=FETCH)
-        return found
+        found = future.result(timeout=FETCH)
     except CommonrailError:
         raise
     except TimeoutError:
         return Lost(f"did not hand over what it had found within {FETCH:.0f} s")
     except Exception as error:  # told in a sentence after some attempts
         return failure(error)
-
-
-def _distributed() -> Any:
-    try:
-        import distributed
-    except ImportError:
-        raise InputError(
-            "A cluster needs the package distributed, which is not installed; install it with "
-            "`pip install 'commonrail[cluster]'`, or use processes of this machine."
-        ) from None
-    return distributed
-
-
-def _connect(address: str) -> Client:
-    distributed = _distributed()
-    if not _ADDRESS.fullmatch(address):
-        raise InputError(f'"{address}" is no address of a scheduler; give one as "tcp://host:port", or "local".')
-    try:
-        with _quiet():
-            return distributed.Client(address, timeout=CONNECT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"There is no Dask scheduler at {address} ({error}); start one with `dask scheduler` and give its address "
-            'as "tcp://host:port".'
-        ) from None
-
-
-def _local(count: int, opened: ExitStack) -> Client:
-    distributed = _distributed()
-    check_count(count)
-    with blocked_signals(), _quiet():
-        cluster = distributed.LocalCluster(
-            n_workers=count,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=":0",
-            silence_logs=logging.CRITICAL,
-        )
-        opened.enter_context(cluster)
-        return distributed.Client(cluster, set_as_default=False)
-
-
-def _greet(client: Client, address: str) -> None:
-    """See that there are workers and that they know commonrail."""
-    try:
-        client.wait_for_workers(1, timeout=APPEAR)
-        client.run(version, "commonrail")
-    except TimeoutError:
-        raise _without_workers(address, APPEAR) from None
-    except Exception as error:
-        raise StudyError(
-            f"The workers of the cluster {address} have no commonrail ({error}); install there what is installed here."
-        ) from None
-
-
-def _without_workers(address: str, seconds: float) -> StudyError:
-    cure = "see what they print" if address == "local" else f"start some with `dask worker {address}`"
-    return StudyError(f"The cluster {address} has had no worker for {seconds:.0f} s; {cure}.")
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence of Dask's log: what went wrong is told in our own words."""
-    log = logging.getLogger("distributed")
-    level = log.level
-    log.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
+    return found if isinstance(found, Answer | Missing) else Lost("gave no answer but something else")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import NamedTuple
 
 from commonrail.arguments import LARGEST_WHOLE, whole
@@ -10,6 +11,14 @@ from commonrail.errors import ConfigurationError
 
 CROWD = 8  # workers for each processor; more would only take memory
 SLICE = 0.5  # how long to wait at a time [s]
+
+
+def waited(start: float) -> float:
+    """Time since `start`, on the clock of `time.monotonic`, that counts as waiting [s].
+
+    It is not what the clock says: where this process was halted too (Ctrl-Z, a lid), nobody was late.
+    """
+    return min(time.monotonic() - start, 2.0 * SLICE)
 
 
 class Limits(NamedTuple):
@@ -26,12 +35,18 @@ class Limits(NamedTuple):
     start : float
         Time that a worker may take to start, or to load the work [s]; where no kernel can be kept on disk, each
         worker compiles its own in this time.
+    check_one_in : int
+        One task of so many is done again by another worker, where workers are of others (a cluster); 0: none.
+    seed : int, optional
+        Determines the tasks that are; drawn anew each time by default, so that no worker can know them.
     """
 
     failures: int = 3
     patience: float = 20.0
     least: float = 60.0
     start: float = 300.0
+    check_one_in: int = 50
+    seed: int | None = None
 
 
 USUAL = Limits()

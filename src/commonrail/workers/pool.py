@@ -10,7 +10,7 @@ from multiprocessing.connection import wait
 from multiprocessing.util import Finalize
 
 from commonrail.errors import StudyError
-from commonrail.workers.limits import SLICE, Limits, check_count
+from commonrail.workers.limits import SLICE, Limits, check_count, waited
 from commonrail.workers.process import Refused, Reply, Up, serve, shielded
 from commonrail.workers.task import Lost, Outcome, Package, Task
 
@@ -125,17 +125,10 @@ class ProcessPool:
         return False
 
     def listen(self) -> Iterator[tuple[Task, Outcome]]:
-        """Wait a while, and yield the tasks that are done or lost.
-
-        Raises
-        ------
-        CommonrailError
-            What the work raises, and StudyError if workers do not start.
-        """
+        """Wait a while, and yield the tasks in hand that are done or lost; StudyError if workers do not start."""
         start = time.monotonic()
         ready = wait([worker.pipe for worker in self._workers], SLICE)
-        # not what the clock says: where this process was halted too (Ctrl-Z, a lid), nobody was late
-        passed = min(time.monotonic() - start, 2.0 * SLICE)
+        passed = waited(start)
         for i, worker in enumerate(self._workers):
             if worker.pipe in ready:
                 found = self._take(i, worker)

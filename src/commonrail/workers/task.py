@@ -7,10 +7,10 @@ import hashlib
 import pickle
 import platform
 import time
-from collections.abc import Hashable
-from importlib.metadata import version
+from collections.abc import Hashable, Mapping
 from typing import Any, NamedTuple, Protocol
 
+from commonrail.compile_target import describe, differences
 from commonrail.errors import StudyError
 
 
@@ -23,6 +23,9 @@ class Work(Protocol):
     def probe(self) -> bytes:
         """Bits of a result that the calling process and every worker find alike."""
 
+    def bits(self, argument: Any, result: Any, /) -> bytes:
+        """Bits of a result, which every worker finds alike; any error if it is no result of that argument."""
+
 
 class Package(NamedTuple):
     """Work on its way to a worker.
@@ -32,7 +35,7 @@ class Package(NamedTuple):
     key : str
         Digest of the content.
     software : tuple of (name, version)
-        Of the process that packed it; a worker with another one refuses it.
+        Of the process that packed it, and the target of its compiler: see `software`. A worker with others refuses it.
     content : bytes
         The work.
     probe : bytes
@@ -58,6 +61,10 @@ class Task(NamedTuple):
         Time after which its worker hangs [s].
     losses : int
         Workers that were lost with it.
+    number : int
+        How many tasks were taken before it, given by `Workers`.
+    avoid : str
+        Worker that should not do it; "" for none.
     """
 
     name: Hashable
@@ -65,13 +72,16 @@ class Task(NamedTuple):
     argument: Any
     limit: float
     losses: int = 0
+    number: int = -1
+    avoid: str = ""
 
 
 class Answer(NamedTuple):
-    """Result of a task and the seconds it took."""
+    """Result of a task, the seconds it took, and the worker that gave it, where workers are told apart."""
 
     result: Any
     seconds: float
+    worker: str = ""
 
 
 class Lost(NamedTuple):
@@ -80,7 +90,18 @@ class Lost(NamedTuple):
     reason: str
 
 
-Outcome = Answer | Lost
+class Withdrawn(NamedTuple):
+    """An answer that was yielded before and must not be used: its worker has given a wrong one since, or before.
+
+    Attributes
+    ----------
+    worker : str
+    """
+
+    worker: str
+
+
+Outcome = Answer | Lost | Withdrawn
 
 
 def pack(work: Work) -> Package:
@@ -98,13 +119,9 @@ def unpack(package: Package) -> Work:
     StudyError
         If this worker has other software, or finds other bits than the process that packed it.
     """
-    differing = [f"{name} {there}" for name, there in package.software if dict(software())[name] != there]
+    differing = unlike(dict(package.software), dict(software()))
     if differing:
-        here = ", ".join(" ".join(pair) for pair in software())
-        raise StudyError(
-            f"A worker on {platform.node()} has other software ({here}) than this run ({', '.join(differing)}); "
-            "install the same versions, for instance with constraints.txt."
-        )
+        raise StudyError(f"A worker on {platform.node()} has {differing}")
     work: Work = pickle.loads(package.content)
     if work.probe() != package.probe:
         raise StudyError(
@@ -115,8 +132,38 @@ def unpack(package: Package) -> Work:
 
 
 def software() -> tuple[tuple[str, str], ...]:
-    """Versions that decide over the bits of a result."""
-    return tuple((name, version(name)) for name in ("commonrail", "numpy", "scipy", "numba"))
+    """Versions and target of the compiler, which decide over the bits of a result."""
+    found = describe()
+    machine = {name: value for name, value in found.machine.items() if name != "processor"}  # its code is the target's
+    return tuple((dict(found.versions) | machine).items())
+
+
+def unlike(run: Mapping[str, str], worker: Mapping[str, str]) -> str:
+    """Difference between a run's software and a worker's: the end of a sentence that begins with "… has".
+
+    Parameters
+    ----------
+    run, worker : mapping of str to str
+        As `software`; what the worker's lacks is not installed.
+
+    Returns
+    -------
+    str
+        "" where they are equal.
+    """
+    found = [
+        differences({name: there}, {name: worker[name]}).replace(", now", "")
+        if name == "features" and name in worker
+        else f"{name} {worker.get(name) or 'missing'} in place of {there}"
+        for name, there in run.items()
+        if worker.get(name) != there
+    ]
+    if not found:
+        return ""
+    return (
+        f"other software than this run: {', '.join(found)}; install the same versions, for instance with "
+        "constraints.txt, on machines with the same processors."
+    )
 
 
 def perform(package: Package, argument: Any) -> Answer:

@@ -9,6 +9,7 @@ from typing import Protocol
 from commonrail.engine.simulate import usable_threads
 from commonrail.workers.limits import USUAL, Limits
 from commonrail.workers.pool import ProcessPool
+from commonrail.workers.spot_check import Inspected, Ruling, SpotChecks
 from commonrail.workers.task import Lost, Outcome, Task
 
 __all__ = ["Backend", "Workers"]
@@ -33,7 +34,13 @@ class Backend(Protocol):
         """Take a task in hand; false if there are enough for the moment."""
 
     def listen(self) -> Iterator[tuple[Task, Outcome]]:
-        """Wait a while, and yield the tasks in hand that are done or lost."""
+        """Wait a while, and yield the tasks in hand that are done or lost.
+
+        Raises
+        ------
+        CommonrailError
+            What the work raises, and StudyError if the workers are gone for good.
+        """
 
     def drop(self) -> None:
         """Forget the tasks in hand."""
@@ -57,6 +64,8 @@ class Workers:
 
     def __init__(self, backend: Backend, limits: Limits = USUAL) -> None:
         self.backend, self.limits = backend, limits
+        self._checks = SpotChecks(backend, limits) if isinstance(backend, Inspected) else None
+        self._taken = 0
 
     @classmethod
     def processes(cls, count: int | None = None, limits: Limits = USUAL) -> Workers:
@@ -85,7 +94,8 @@ class Workers:
         Parameters
         ----------
         address : str
-            Of its scheduler, "tcp://host:port"; "local" starts a cluster on this machine and ends it with the block.
+            Of its scheduler, "tls://host:port" or "tcp://host:port"; "local" starts a cluster on this machine, closed
+            to its other users, and ends it with the block.
         count : int, optional
             Workers of a "local" cluster; all usable processors by default.
         limits : Limits
@@ -94,13 +104,18 @@ class Workers:
         Raises
         ------
         InputError
-            If distributed is not installed, or there is no cluster at the address.
+            If distributed (for "local" cryptography, too) is not installed, or no cluster answers at the address.
         StudyError
-            If the cluster has no workers, or they have no commonrail.
+            If the cluster has no workers, or they have other software than this process.
         """
         from commonrail.workers.cluster import Cluster
 
         return cls(Cluster(address, usable_threads() if count is None else count), limits)
+
+    @property
+    def inspected(self) -> bool:
+        """Return whether answers may be withdrawn."""
+        return self._checks is not None
 
     def run(
         self,
@@ -109,6 +124,9 @@ class Workers:
         heed: Callable[[], None] = lambda: None,
     ) -> Generator[tuple[Task, Outcome]]:
         """Each task and what became of it, as they come; a task that was lost is repeated as often as the limits allow.
+
+        An answer of a cluster may be withdrawn later: the caller then forgets it, and has the task done again with
+        another call. A task of an earlier call is known by its `number`.
 
         Parameters
         ----------
@@ -131,20 +149,32 @@ class Workers:
                 self._hand_out(waiting, coming)
                 if not (waiting or self.backend.busy):
                     return
-                for task, outcome in self.backend.listen():
+                for task, outcome in self._judged(waiting):
                     if isinstance(outcome, Lost):
                         task = task._replace(losses=task.losses + 1)
                         if task.losses < self.limits.failures:
-                            waiting.extend(again(task))
+                            waiting.extend(map(self._numbered, again(task)))
                             continue
                     yield task, outcome
         finally:
+            if self._checks is not None:
+                self._checks.drop()
             self.backend.drop()
+
+    def _judged(self, waiting: deque[Task]) -> Iterator[tuple[Task, Outcome]]:
+        for task, outcome in self.backend.listen():
+            ruling = Ruling([(task, outcome)], []) if self._checks is None else self._checks.judge(task, outcome)
+            waiting.extendleft(ruling.again)
+            yield from ruling.told
+
+    def _numbered(self, task: Task) -> Task:
+        self._taken += 1
+        return task._replace(number=self._taken - 1)
 
     def _hand_out(self, waiting: deque[Task], coming: Iterator[Task]) -> None:
         while True:
             if not waiting:
-                waiting.extend(task for task in [next(coming, None)] if task is not None)
+                waiting.extend(self._numbered(task) for task in [next(coming, None)] if task is not None)
             if not (waiting and self.backend.submit(waiting[0])):
                 return
             waiting.popleft()

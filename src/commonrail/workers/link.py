@@ -1,0 +1,208 @@
+"""Link to the scheduler of a Dask cluster: opened, asked with a deadline, closed; nothing else imports `distributed`.
+
+A cluster on this machine listens on the loopback interface alone, shows no pages, and lets in whoever has the
+certificate of this run: it is made for the run, and held in memory. A cluster elsewhere is reached as Dask's own
+configuration says (``distributed.comm.tls``).
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+
+from commonrail.errors import InputError, StudyError
+from commonrail.notice import note
+from commonrail.workers.deadline import Late, within
+from commonrail.workers.limits import check_count
+from commonrail.workers.process import blocked_signals
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = ["LOCAL", "Link"]
+
+LOCAL = "local"
+_ADDRESS = re.compile(r"([a-z]+://.+|[^:/]+:[0-9]+)")  # what Dask takes at once to be an address
+_HERE = re.compile(r"(tls|inproc)://.*|(tcp://)?(127\.[0-9.]+|localhost|\[::1\])(:[0-9]+)?")  # nobody listens in
+CONNECT = 5.0  # how long to try to reach a scheduler [s]
+ANSWER = 30.0  # how long a scheduler may take for an answer; one with thousands of workers takes some seconds [s]
+LEAVE = 5.0  # how long to try to say goodbye [s]
+_MISSING = (
+    "A cluster needs the package {package}, which is not installed; install it with "
+    "`pip install 'commonrail[cluster]'`, or use processes of this machine."
+)
+
+T = TypeVar("T")
+
+
+class Link:
+    """Link to a scheduler.
+
+    Parameters
+    ----------
+    address : str
+        "tcp://host:port", "tls://host:port", or "local" for a cluster of `count` processes on this machine.
+    count : int
+        Workers of a "local" cluster.
+
+    Raises
+    ------
+    ConfigurationError
+        If `count` is not between 1 and eight for each processor.
+    InputError
+        If distributed is not installed, or there is no cluster at the address.
+    """
+
+    def __init__(self, address: str, count: int) -> None:
+        self.address = address
+        with ExitStack() as opened:
+            self.client: Client = _local(count, opened) if address == LOCAL else _connect(address)
+            opened.callback(self._leave)
+            self._opened = opened.pop_all()
+
+    def ask(self, call: Callable[[Client], T], seconds: float | None = None) -> T:
+        """Return what a call to the scheduler gives.
+
+        Parameters
+        ----------
+        call : function of Client
+        seconds : float, optional
+            Deadline [s]; `ANSWER` by default.
+
+        Raises
+        ------
+        StudyError
+            If the scheduler has gone, or gives no answer.
+        """
+        seconds = ANSWER if seconds is None else seconds
+        try:
+            return self.ask_or_late(call, seconds)
+        except Late:
+            raise StudyError(
+                f"The scheduler of the cluster {self.address} has given no answer within {seconds:.6g} s; see whether "
+                "it hangs, then resume the run: what was finished is kept."
+            ) from None
+
+    def ask_or_late(self, call: Callable[[Client], T], seconds: float) -> T:
+        """As `ask`, with `Late` where another than the scheduler may be to blame."""
+        if self.client.status != "running":
+            self._say_broken()
+        try:
+            with _quiet():
+                return within(seconds, lambda: call(self.client))
+        except OSError:
+            self._say_broken()
+
+    def _say_broken(self) -> NoReturn:
+        raise StudyError(
+            f"The connection to the cluster {self.address} is broken; see whether its scheduler runs, then resume the "
+            "run: what was finished is kept."
+        ) from None
+
+    def tell(self, call: Callable[[Client], object], seconds: float = LEAVE) -> bool:
+        """Return whether a call succeeded that may as well fail."""
+        try:
+            with _quiet():
+                within(seconds, lambda: call(self.client))
+        except Exception:
+            return False
+        return True
+
+    def close(self) -> None:
+        """Leave the cluster; end it if it is "local"."""
+        with _quiet():
+            self._opened.close()
+
+    def _leave(self) -> None:
+        self.tell(lambda client: client.close())
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError:
+        raise InputError(_MISSING.format(package="distributed")) from None
+    return distributed
+
+
+def _connect(address: str) -> Client:
+    distributed = _distributed()
+    if not _ADDRESS.fullmatch(address):
+        raise InputError(
+            f'"{address}" is no address of a scheduler; give one as "tcp://host:port" or "tls://host:port", or "local".'
+        )
+    try:
+        with _quiet():
+            client: Client = within(
+                2.0 * CONNECT, lambda: distributed.Client(address, timeout=CONNECT, set_as_default=False)
+            )
+    except Late:
+        raise InputError(
+            f"The scheduler at {address} has given no answer within {2.0 * CONNECT:.6g} s; see whether it is a Dask "
+            "scheduler and whether it hangs."
+        ) from None
+    except Exception as error:  # no such host, no certificate, other versions of Dask
+        raise InputError(_unreached(address, error)) from None
+    if not _HERE.fullmatch(address):
+        note(
+            f"The connection to {address} is not encrypted: everybody on the network can read and change the tasks and "
+            "answers; use tls:// (docs/howto/workers.md)."
+        )
+    return client
+
+
+def _unreached(address: str, error: Exception) -> str:
+    cure = f'start one with `dask scheduler` and give its address as "{address.partition("://")[0]}://host:port"'
+    if address.startswith("tls://"):
+        cure += ", with the certificates in Dask's configuration (distributed.comm.tls)"
+    return f"There is no Dask scheduler at {address} that can be used ({error}); {cure}."
+
+
+def _local(count: int, opened: ExitStack) -> Client:
+    """Client of a cluster on this machine that no other user can enter."""
+    distributed = _distributed()
+    check_count(count)
+    try:
+        security = distributed.Security.temporary()
+    except ImportError:
+        raise InputError(_MISSING.format(package="cryptography")) from None
+    folder = opened.enter_context(tempfile.TemporaryDirectory(prefix="commonrail-", ignore_cleanup_errors=True))
+    with blocked_signals(), _quiet(), _without_pages():
+        cluster = distributed.LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            protocol="tls://",
+            security=security,
+            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+            local_directory=folder,
+            config={"distributed.worker.http.routes": []},
+            silence_logs=logging.CRITICAL,
+        )
+        opened.enter_context(cluster)
+        return distributed.Client(cluster, set_as_default=False)
+
+
+def _without_pages() -> Any:
+    """Leave the scheduler's web server, on loopback, without a page."""
+    import dask
+
+    return dask.config.set({"distributed.scheduler.http.routes": []})
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence of Dask's log: what went wrong is told in our own words."""
+    log = logging.getLogger("distributed")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        with suppress(Exception):
+            log.setLevel(level)
