@@ -60,6 +60,12 @@ def volume() -> Injector:
 
 
 @pytest.fixture(scope="session")
+def rigid_volume() -> Injector:
+    """Plunger and needle as one mass, fed from a rail volume."""
+    return wired(Variant(Body.RIGID, Boundary.VOLUME))
+
+
+@pytest.fixture(scope="session")
 def by_voltage() -> Injector:
     """Driven by a measured voltage."""
     return wired(Variant(drive=Drive.VOLTAGE))
