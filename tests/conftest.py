@@ -22,6 +22,35 @@ settings.load_profile("commonrail")
 
 DRAWN = "virtual-lino-2016"
 
+# Of the kernels in single precision, and of those of the reference, the first in a process takes twice to three times
+# the time of the others, because they share their laws. The process that is given the first half of the tests begins
+# with the ones, the other with the others; whoever is done takes over from the end of a half.
+SINGLE = ("engine/test_precision", "engine/test_streaming", "bench/test_throughput", "store/test_precision")
+REFERENCE = (
+    *(f"engine/test_{name}" for name in ("closings", "reference", "explicit", "validity")),
+    "analysis/test_outside",
+    "analysis/test_virtual_bench",
+    "benchmarks/test_solvers",
+    "equivalence/test_lanes_and_reference",
+    "parts/test_feed_pipe",
+    "reproduction/",
+    "cli/test_reproduce",
+)
+
+
+@pytest.hookimpl(trylast=True)  # when those that are left out are gone
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put tests of the same kind of kernel into the same process."""
+
+    def begin(item: pytest.Item, names: tuple[str, ...]) -> bool:
+        return item.nodeid.removeprefix("tests/").startswith(names)
+
+    first, second = ([i for i in items if begin(i, names)] for names in (SINGLE, REFERENCE))
+    rest = [i for i in items if not begin(i, SINGLE + REFERENCE)]
+    half = max(0, len(items) // 2 - len(first))
+    items[:] = [*first, *rest[:half], *second, *rest[half:]]
+
+
 # A shell that starts a job in the background lets it ignore signals, which a run respects; the tests send some.
 for _number, _handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGTERM, signal.SIG_DFL)):
     if signal.getsignal(_number) is signal.SIG_IGN:
@@ -57,6 +86,12 @@ def rigid() -> Injector:
 def volume() -> Injector:
     """Fed from a rail volume behind a throttle."""
     return wired(Variant(boundary=Boundary.VOLUME))
+
+
+@pytest.fixture(scope="session")
+def rigid_volume() -> Injector:
+    """Plunger and needle as one mass, fed from a rail volume."""
+    return wired(Variant(Body.RIGID, Boundary.VOLUME))
 
 
 @pytest.fixture(scope="session")

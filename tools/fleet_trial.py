@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import sqlite3
 import subprocess
@@ -30,11 +29,8 @@ FLAT = 0.15
 
 def main() -> None:
     """Run the trial and print a line for each check."""
-    folder = Path(tempfile.mkdtemp(prefix="commonrail-fleet-"))
-    try:
-        good = _trial(folder)
-    finally:
-        shutil.rmtree(folder)
+    with tempfile.TemporaryDirectory(prefix="commonrail-fleet-") as folder:
+        good = _trial(Path(folder))
     sys.exit(0 if good else 1)
 
 

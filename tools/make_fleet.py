@@ -61,28 +61,17 @@ injector = "{injector}"
 members = {members}
 generations = {generations}
 """
-CURVE = """[[data]]
-kind = "rate"
+DATA = """[[data]]
+kind = "{kind}"
 name = "{name}"
 role = "{role}"
 file = "see the fleet's table"
-rail_pressure = "{name}"
-cylinder_pressure = "5 MPa"
-return_pressure = "0.5 MPa"
-energising_time = "700 us"
-source = "tools/make_fleet.py"
-synthetic = "The injection curves are {synthetic}."
-"""
-MAP = """[[data]]
-kind = "quantities"
-name = "map"
-role = "fit"
-file = "see the fleet's table"
-cylinder_pressure = "5 MPa"
+{own}cylinder_pressure = "5 MPa"
 return_pressure = "0.5 MPa"
 source = "tools/make_fleet.py"
-synthetic = "The quantities are {synthetic}."
+synthetic = "The {what} are {synthetic}."
 """
+CURVE = 'rail_pressure = "{name}"\nenergising_time = "700 us"\n'
 PARAMETER = """
 [[parameter]]
 name = "{name}"
@@ -192,11 +181,14 @@ def make_fleet(folder: Path, count: int, layout: str = "files", table: str = "",
     heads = [f"{name} [{units[name].unit}]" for name in SCATTER]
     rows = [[name, *map(repr, own)] for name, own in zip(names_of(count), values.tolist(), strict=True)]
     write_table(folder / "truth.csv", ["injector", *heads], rows)
-    sets = [CURVE.format(name=name, role=role, synthetic=SYNTHETIC) for name, role in PRESSURES.items()]
+    curve, maps = {"kind": "rate", "what": "injection curves"}, {"kind": "quantities", "what": "quantities"}
+    sets = [{"name": name, "role": role, "own": CURVE.format(name=name)} | curve for name, role in PRESSURES.items()]
+    if not files:
+        sets = [{"name": "map", "role": "fit", "own": ""} | maps]
     study = STUDY.format(
         synthetic=SYNTHETIC,
         injector=INJECTOR,
-        data="\n".join(sets) if files else MAP.format(synthetic=SYNTHETIC),
+        data="\n".join(DATA.format(synthetic=SYNTHETIC, **one) for one in sets),
         parameters="".join(PARAMETER.format(name=name, percent=400.0 * share) for name, share in SCATTER.items()),
         members=search.get("members", 30),
         generations=search.get("generations", 40),

@@ -25,11 +25,8 @@ SKIPPED = 77
 
 def main() -> None:
     """Run the trial and print a line for each disk."""
-    folder = Path(tempfile.mkdtemp(prefix="commonrail-no-room-"))
-    try:
-        faults = _trial(folder)
-    finally:
-        shutil.rmtree(folder)
+    with tempfile.TemporaryDirectory(prefix="commonrail-no-room-") as folder:
+        faults = _trial(Path(folder))
     sys.exit(1 if faults else 0)
 
 

@@ -60,11 +60,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="of the instants")
     parser.add_argument("--jobs", type=int, default=2, help="rounds at a time")
     options = parser.parse_args()
-    folder = Path(tempfile.mkdtemp(prefix="commonrail-soak-"))
-    try:
-        failed = soak(options.study, options.kills, options.seed, options.jobs, folder)
-    finally:
-        shutil.rmtree(folder)
+    with tempfile.TemporaryDirectory(prefix="commonrail-soak-") as folder:
+        failed = soak(options.study, options.kills, options.seed, options.jobs, Path(folder))
     sys.exit(1 if failed else 0)
 
 

@@ -45,6 +45,15 @@ def run_command(*arguments: object) -> Done:
     return Done(result.exit_code, result.stdout, result.stderr)
 
 
+def check_made_again(command: Command, folder: Path) -> None:
+    """The report of a folder is made again to the same bytes, and its place is told."""
+    report = folder / "report.html"
+    before = report.read_text(encoding="utf-8")
+    report.unlink()
+    assert command("report", folder).out == f"{report}\n"
+    assert report.read_text(encoding="utf-8") == before
+
+
 @pytest.fixture
 def command() -> Command:
     """The command, for tests."""

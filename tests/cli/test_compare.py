@@ -12,7 +12,7 @@ import pytest
 
 from commonrail.choices import Drive
 from commonrail.files.injector_file import dump_injector, load_injector
-from tests.cli.conftest import Command
+from tests.cli.conftest import Command, check_made_again
 
 NAME = "virtual-lino-2016"
 CASE = Path(__file__).resolve().parents[2] / "cases" / "paper" / "study.toml"
@@ -68,11 +68,7 @@ def test_stdout_has_the_tables_and_what_is_synthetic(done: dict[str, Any]) -> No
 
 
 def test_the_report_can_be_made_again(command: Command, done: dict[str, Any]) -> None:
-    report = done["folder"] / "report.html"
-    before = report.read_text(encoding="utf-8")
-    report.unlink()
-    assert command("report", done["folder"]).out == f"{report}\n"
-    assert report.read_text(encoding="utf-8") == before
+    check_made_again(command, done["folder"])
 
 
 def test_json_is_the_record_and_nothing_is_written(

@@ -24,17 +24,17 @@ SAMPLES = Misfit(np.array([401, 301]), np.tile(BOUNDS, (2, 1)), TARGET, WEIGHT, 
 @pytest.mark.parametrize("precision", list(Precision))
 @pytest.mark.parametrize("part", [1, 2, 6, 34, 41])
 def test_parts_give_the_same_bits_as_the_whole(
-    regulated: Injector, monkeypatch: pytest.MonkeyPatch, part: int, precision: Precision
+    pwm: Injector, monkeypatch: pytest.MonkeyPatch, part: int, precision: Precision
 ) -> None:
     """Parts of one candidate (fewer simulations than points, too), of three, of seventeen, and a last one of one."""
-    values = failing(regulated, stiffnesses(regulated, 41))
+    values = failing(pwm, stiffnesses(pwm, 41))
     settings = {"misfit": SAMPLES, "precision": precision, "threads": 1}
-    whole = simulate_batch(regulated, POINTS, K, values, **settings)
+    whole = simulate_batch(pwm, POINTS, K, values, **settings)
     parts = []
     monkeypatch.setattr(engine, "AT_A_TIME", {engine.Engine.LANES: part})
     inner = engine._simulate
     monkeypatch.setattr(engine, "_simulate", lambda *a: parts.append(len(a[1])) or inner(*a))
-    streamed = simulate_batch(regulated, POINTS, K, values, **settings)
+    streamed = simulate_batch(pwm, POINTS, K, values, **settings)
     many = max(part // 2, 1)
     assert parts == [min(many, 41 - first) for first in range(0, 41, many)]
     same_bits(whole, streamed, slice(None), slice(None))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import pytest
@@ -21,17 +22,20 @@ def changed(text: str, *replacements: tuple[str, str]) -> str:
     return text
 
 
-@pytest.fixture
-def injector_file(tmp_path: Path) -> Edit:
-    """Write the template's injector with some parts replaced; returns its path."""
+def editor(template: Traversable, path: Path) -> Edit:
+    """Function that writes a template with some parts replaced, and returns the path."""
 
     def write(*replacements: tuple[str, str]) -> Path:
-        path = tmp_path / "mine.toml"
-        text = (TEMPLATES / "injector.toml").read_text(encoding="utf-8")
-        path.write_text(changed(text, *replacements), encoding="utf-8")
+        path.write_text(changed(template.read_text(encoding="utf-8"), *replacements), encoding="utf-8")
         return path
 
     return write
+
+
+@pytest.fixture
+def injector_file(tmp_path: Path) -> Edit:
+    """Write the template's injector with some parts replaced; returns its path."""
+    return editor(TEMPLATES / "injector.toml", tmp_path / "mine.toml")
 
 
 @pytest.fixture

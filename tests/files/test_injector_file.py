@@ -166,6 +166,7 @@ def test_missing_file(tmp_path: Path) -> None:
 
 
 CYLINDER = '    { diameter = "2.66 mm", length = "20 mm" },\n'
+GRAMS = 'mass = "5 g"'
 FAULTS = {
     "not TOML": ('temperature = "80 degC"', "temperature = 80 degC", r"line \d+: this is not TOML"),
     "no format": ('format = "commonrail-injector/1"', "", "format is missing"),
@@ -190,32 +191,20 @@ FAULTS = {
         "",
         r"valve: there is no value for mass, the mass of armature and shutter, nor for lift; add it",
     ),
-    "no unit": ('mass = "5 g"', "mass = 5", r'valve\.mass: "5.0" has no unit; a mass is expected'),
-    "wrong unit": ('mass = "5 g"', 'mass = "5 mm"', r'valve\.mass: "5 mm" is a length; a mass is expected'),
-    "unknown unit": ('mass = "5 g"', 'mass = "5 gx"', r'valve\.mass: "gx" is not a known unit'),
-    "no number": ('mass = "5 g"', "mass = [5]", r'valve\.mass: "\[5\]" is not a number'),
-    "domain": (
-        'mass = "5 g"',
-        'mass = "-5 g"',
-        r"valve\.mass: the mass of armature and shutter must be greater than zero",
-    ),
+    "no unit": (GRAMS, "mass = 5", r'valve\.mass: "5.0" has no unit; a mass is expected'),
+    "wrong unit": (GRAMS, 'mass = "5 mm"', r'valve\.mass: "5 mm" is a length; a mass is expected'),
+    "unknown unit": (GRAMS, 'mass = "5 gx"', r'valve\.mass: "gx" is not a known unit'),
+    "no number": (GRAMS, "mass = [5]", r'valve\.mass: "\[5\]" is not a number'),
+    "domain": (GRAMS, 'mass = "-5 g"', r"valve\.mass: the mass of armature and shutter must be greater than zero"),
     "room no table": (
         '[sac]\nvolume = { value = "0.8 mm3", mark = "E", source = "example" }',
         "[[sac]]",
         r"sac: this must be a table, written \[sac\]",
     ),
-    "inline without value": ('mass = "5 g"', 'mass = { mark = "M" }', r"valve\.mass: the inline table has no value"),
-    "inline unknown key": ('mass = "5 g"', 'mass = { val = "5 g" }', r'valve\.mass: there is no key "val"'),
-    "no such mark": (
-        'mass = "5 g"',
-        'mass = { value = "5 g", mark = "X" }',
-        r'valve\.mass\.mark: "X" is no mark; write one of',
-    ),
-    "source no text": (
-        'mass = "5 g"',
-        'mass = { value = "5 g", source = 3 }',
-        r"valve\.mass\.source: this must be a text",
-    ),
+    "inline without value": (GRAMS, 'mass = { mark = "M" }', r"valve\.mass: the inline table has no value"),
+    "inline unknown key": (GRAMS, 'mass = { val = "5 g" }', r'valve\.mass: there is no key "val"'),
+    "no such mark": (GRAMS, 'mass = { value = "5 g", mark = "X" }', r'valve\.mass\.mark: "X" is no mark; write one of'),
+    "source no text": (GRAMS, 'mass = { value = "5 g", source = 3 }', r"valve\.mass\.source: this must be a text"),
     "variant": (
         'variant = "flexible"',
         'variant = "flex"',
@@ -237,18 +226,10 @@ FAULTS = {
         r"plunger_needle\.drawing: this must be a table",
     ),
     "drawing unknown key": ('density = "7850', 'densty = "7850', r'plunger_needle\.drawing: there is no key "densty"'),
-    "drawing no modulus": (
-        'elastic_modulus = "210 GPa"',
-        "",
-        r"drawing\.elastic_modulus: this key is missing; add it",
-    ),
+    "drawing no modulus": ('elastic_modulus = "210 GPa"', "", r"drawing\.elastic_modulus: this key is missing; add it"),
     "six cylinders": (CYLINDER, "", r"plunger_needle\.drawing\.cylinders: give 7 cylinders"),
     "cylinder no table": (CYLINDER, "    3,\n", r"plunger_needle\.drawing\.cylinders\[7\]: write the cylinder as"),
-    "cylinder no length": (
-        CYLINDER,
-        '    { diameter = "2.66 mm" },\n',
-        r"cylinders\[7\]\.length: this key is missing",
-    ),
+    "cylinder no length": (CYLINDER, '    { diameter = "2.66 mm" },\n', r"cylinders\[7\]\.length: this key is missing"),
     "cylinder key": (CYLINDER, '    { radius = "1 mm" },\n', r'cylinders\[7\]: there is no key "radius"'),
     "cylinder size": ('"4.11 mm"', '"0 mm"', r"cylinders\[6\]\.diameter: the length must be greater than zero"),
 }

@@ -180,14 +180,6 @@ CONFLICTS = {
 }
 
 
-@pytest.mark.parametrize("conflict", CONFLICTS)
-def test_conflict_is_named(curve: Callable[..., RateData], conflict: str) -> None:
-    replacement, message = CONFLICTS[conflict]
-    with pytest.raises(ConfigurationError, match=r"study\.toml, " + message) as caught:
-        curve(replacement)
-    assert str(caught.value).count("study.toml") == 1
-
-
 FAULTS = {
     "no energising": ((ENERGISING, ""), r"data\[1\]: give either energising_time"),
     "two energisings": (
@@ -220,10 +212,15 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-def test_fault_is_named(curve: Callable[..., RateData], fault: str) -> None:
-    replacement, message = FAULTS[fault]
-    with pytest.raises(InputError, match=r"study\.toml, " + message) as caught:
+EXPECTED = {name: (ConfigurationError, *found) for name, found in CONFLICTS.items()}
+EXPECTED |= {name: (InputError, *found) for name, found in FAULTS.items()}
+
+
+@pytest.mark.parametrize(("error", "replacement", "message"), EXPECTED.values(), ids=EXPECTED)
+def test_fault_is_named(
+    curve: Callable[..., RateData], error: type[Exception], replacement: tuple[str, str], message: str
+) -> None:
+    with pytest.raises(error, match=r"study\.toml, " + message) as caught:
         curve(replacement)
     assert str(caught.value).count("study.toml") == 1
 

@@ -15,7 +15,7 @@ from commonrail.analysis.truth import Friction, Scatter
 from commonrail.choices import Boundary
 from commonrail.errors import CommonrailError, InputError
 from commonrail.files.truth_file import load_truth, truth_catalogue
-from tests.files.conftest import changed
+from tests.files.conftest import editor
 
 TRUTHS = resources.files("commonrail.analysis") / "truths"
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "howto" / "virtual-bench.md"
@@ -26,14 +26,7 @@ Edit = Callable[..., Path]
 @pytest.fixture
 def truth_file(tmp_path: Path) -> Edit:
     """Write the default truth with some parts replaced; returns its path."""
-
-    def write(*replacements: tuple[str, str]) -> Path:
-        path = tmp_path / "mine.toml"
-        text = (TRUTHS / "virtual-lino-2016.toml").read_text(encoding="utf-8")
-        path.write_text(changed(text, *replacements), encoding="utf-8")
-        return path
-
-    return write
+    return editor(TRUTHS / "virtual-lino-2016.toml", tmp_path / "mine.toml")
 
 
 def test_the_catalogue_has_two_truths_that_load() -> None:
@@ -174,21 +167,20 @@ def test_a_truth_that_does_not_exist_is_refused() -> None:
         load_truth("none.toml")
 
 
-def test_friction_needs_nine_masses(truth_file: Edit, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('variant = "flexible"', 'variant = "rigid"', "friction: .*rigid body"),  # it needs nine masses
+        ('drive_kind = "pwm"', 'drive_kind = "current trace"', "injector: .*measured trace"),
+    ],
+)
+def test_an_injector_that_the_bench_cannot_take_is_refused(
+    truth_file: Edit, tmp_path: Path, old: str, new: str, words: str
+) -> None:
     catalogue = resources.files("commonrail.injector") / "catalogue"
-    text = (catalogue / "virtual-lino-2016.toml").read_text(encoding="utf-8")
-    (tmp_path / "own.toml").write_text(changed(text, ('variant = "flexible"', 'variant = "rigid"')))
+    editor(catalogue / "virtual-lino-2016.toml", tmp_path / "own.toml")((old, new))
     path = truth_file(('injector = "virtual-lino-2016"', 'injector = "own.toml"'))
-    with pytest.raises(InputError, match=r"mine\.toml, friction: .*rigid body"):
-        load_truth(path)
-
-
-def test_a_measured_drive_is_refused(truth_file: Edit, tmp_path: Path) -> None:
-    catalogue = resources.files("commonrail.injector") / "catalogue"
-    text = (catalogue / "virtual-lino-2016.toml").read_text(encoding="utf-8")
-    (tmp_path / "own.toml").write_text(changed(text, ('drive_kind = "pwm"', 'drive_kind = "current trace"')))
-    path = truth_file(('injector = "virtual-lino-2016"', 'injector = "own.toml"'))
-    with pytest.raises(InputError, match=r"mine\.toml, injector: .*measured trace"):
+    with pytest.raises(InputError, match=rf"mine\.toml, {words}"):
         load_truth(path)
 
 

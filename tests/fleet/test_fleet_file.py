@@ -21,41 +21,34 @@ def test_keys_and_defaults(fleet_file: Path) -> None:
     assert (fleet.seed, fleet.attempts, fleet.time_limit, fleet.note) == (7, 2, 90.0, "n")
 
 
+SEED = "seed = 1"
 FAULTS = {
     "no format": (
         'format = "commonrail-fleet/1"',
         "",
         r"fleet\.toml: format is missing; a fleet file begins with format",
     ),
-    "unknown key": ("seed = 1", "sead = 1", r'fleet\.toml: there is no key "sead" \(did you mean "seed"\?\)'),
-    "kind": ("seed = 1", 'seed = "1"', "fleet.toml, seed: this must be a whole number, not '1'"),
-    "truth value": ("seed = 1", "seed = true", "fleet.toml, seed: this must be a whole number, not True"),
-    "seed": ("seed = 1", "seed = -1", r"fleet\.toml, seed: this must be greater than or equal to 0, not -1"),
-    "attempts": ("seed = 1", "attempts = 0", r"fleet\.toml, attempts: this must be greater than or equal to 1, not 0"),
-    "time limit": ("seed = 1", 'time_limit = "0 s"', r"fleet\.toml, time_limit: this must be greater than zero"),
-    "unit": ("seed = 1", 'time_limit = "1 m"', r'fleet\.toml, time_limit: "1 m" is a length; a time is expected'),
+    "unknown key": (SEED, "sead = 1", r'fleet\.toml: there is no key "sead" \(did you mean "seed"\?\)'),
+    "kind": (SEED, 'seed = "1"', "fleet.toml, seed: this must be a whole number, not '1'"),
+    "truth value": (SEED, "seed = true", "fleet.toml, seed: this must be a whole number, not True"),
+    "seed": (SEED, "seed = -1", r"fleet\.toml, seed: this must be greater than or equal to 0, not -1"),
+    "attempts": (SEED, "attempts = 0", r"fleet\.toml, attempts: this must be greater than or equal to 1, not 0"),
+    "time limit": (SEED, 'time_limit = "0 s"', r"fleet\.toml, time_limit: this must be greater than zero"),
+    "unit": (SEED, 'time_limit = "1 m"', r'fleet\.toml, time_limit: "1 m" is a length; a time is expected'),
     "no title": ('title = "Synthetic fleet of 6 injectors"', "", r"fleet\.toml, title: this key is missing; add it"),
     "no study": ('study = "study.toml"', 'study = "stdy.toml"', r'no such file \(did you mean "study\.toml"\?\)'),
     "no table": ('files = "injectors.csv"', "", r"fleet\.toml: give either files = .* or rows = "),
-    "both tables": ("seed = 1", 'rows = "x.csv"', r"fleet\.toml: give either files = "),
+    "both tables": (SEED, 'rows = "x.csv"', r"fleet\.toml: give either files = "),
     "left out": (
-        "seed = 1",
+        SEED,
         'leave_out = ["80 Mpa"]',
         r'fleet\.toml, leave_out: .*study\.toml has no data set "80 Mpa" \(did',
     ),
-    "nothing to fit": ("seed = 1", 'leave_out = ["160 MPa"]', r"no data set of .*study\.toml with role fit is left"),
-    "list of numbers": (
-        "seed = 1",
-        "leave_out = [80]",
-        r"fleet\.toml, leave_out\[1\]: this must be a text in quotes",
-    ),
-    "column": ("seed = 1", '[columns]\n"60 MPa" = "x"', r'fleet\.toml, columns: there is no key "60 MPa" \(did you m'),
-    "no column": (
-        "seed = 1",
-        '[columns]\n"80 MPa" = "x"',
-        r'injectors\.csv: there is no column "x", files of "80 MPa"',
-    ),
-    "dead times": ("seed = 1", 'dead_times = "x"', r"fleet\.toml, dead_times: this key goes with rows"),
+    "nothing to fit": (SEED, 'leave_out = ["160 MPa"]', r"no data set of .*study\.toml with role fit is left"),
+    "list of numbers": (SEED, "leave_out = [80]", r"fleet\.toml, leave_out\[1\]: this must be a text in quotes"),
+    "column": (SEED, '[columns]\n"60 MPa" = "x"', r'fleet\.toml, columns: there is no key "60 MPa" \(did you m'),
+    "no column": (SEED, '[columns]\n"80 MPa" = "x"', r'injectors\.csv: there is no column "x", files of "80 MPa"'),
+    "dead times": (SEED, 'dead_times = "x"', r"fleet\.toml, dead_times: this key goes with rows"),
 }
 
 

@@ -44,8 +44,8 @@ def test_a_repetition_depends_on_its_seed_alone(short: Bench) -> None:
 
 def test_the_search_is_that_of_calibrate(done: Reproduction) -> None:
     first = done.repetitions[0]
-    study = Study("twin", done.bench.injector, first.data, first.space, Method(paper.BEST.settings), first.seed, 1e-6)
-    found = calibrate(study)
+    method, step = Method(paper.BEST.settings), done.bench.time_step
+    found = calibrate(Study("twin", done.bench.injector, first.data, first.space, method, first.seed, step))
     assert found.cost == first.best.cost
     assert list(found.best.values()) == first.best.x.tolist()
     assert [score.j for score in found.scores["rigid"]] == [

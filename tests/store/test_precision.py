@@ -17,27 +17,37 @@ from commonrail.files.study_file import load_study
 from commonrail.kinds import RateScore
 from commonrail.store import content
 from commonrail.store.run import calibrate_into, resume
+from tests.fleet.conftest import edited
 from tests.store.conftest import GENERATIONS, Whole, stopped_run, timeless, write_small
+
+
+def chopped(folder: Path, precision: str) -> Whole:
+    """The small study with the PWM drive that other tests compute in single precision, and its run."""
+    study = write_small(folder / "small")
+    edited(study, 'time_step = "auto"', f'time_step = "1 us"\nprecision = "{precision}"')
+    edited(study.with_name("injector.toml"), 'drive_kind = "regulated"', 'drive_kind = "pwm"')
+    calibrate_into(folder / "run", load_study(study), threads=1)
+    return Whole(study, folder / "run")
 
 
 @pytest.fixture(scope="module")
 def single(tmp_path_factory: pytest.TempPathFactory) -> Whole:
-    """The small study in single precision and its run that was never stopped."""
-    folder = tmp_path_factory.mktemp("single")
-    study = write_small(folder / "small")
-    text = study.read_text(encoding="utf-8")
-    assert text.count('time_step = "auto"') == 1
-    study.write_text(text.replace('time_step = "auto"', 'time_step = "1 us"\nprecision = "f32"'), encoding="utf-8")
-    calibrate_into(folder / "run", load_study(study), threads=1)
-    return Whole(study, folder / "run")
+    """In single precision, never stopped."""
+    return chopped(tmp_path_factory.mktemp("single"), "f32")
+
+
+@pytest.fixture(scope="module")
+def double(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    """Its twin in double precision."""
+    return chopped(tmp_path_factory.mktemp("double"), "f64")
 
 
 def result(run: Path) -> Any:
     return json.loads((run / "result.json").read_text(encoding="utf-8"))
 
 
-def test_it_ends_where_the_double_one_ends(single: Whole, whole: Whole) -> None:
-    one, other = result(single.run), result(whole.run)
+def test_it_ends_where_the_double_one_ends(single: Whole, double: Whole) -> None:
+    one, other = result(single.run), result(double.run)
     assert (one["precision"], other["precision"]) == ("f32", "f64")
     assert one["objective"]["best"] != other["objective"]["best"]
     # 2e-4 was seen: J sums errors that carry the rounding of a rate, 1e-5 to 6e-5 of it
@@ -67,11 +77,11 @@ def test_killed_and_resumed_it_ends_in_the_same_bytes(single: Whole, tmp_path: P
     assert (run / "traces.csv").read_bytes() == (single.run / "traces.csv").read_bytes()
 
 
-def test_a_run_is_not_gone_on_with_in_another_precision(whole: Whole, tmp_path: Path) -> None:
-    double = load_study(whole.study)
-    run = stopped_run(tmp_path / "run", replace(double, precision=Precision.F32), 2)
+def test_a_run_is_not_gone_on_with_in_another_precision(double: Whole, tmp_path: Path) -> None:
+    study = load_study(double.study)
+    run = stopped_run(tmp_path / "run", replace(study, precision=Precision.F32), 2)
     with pytest.raises(StudyError, match="reads differently"):
-        resume(run, study=double)
+        resume(run, study=study)
 
 
 def test_only_single_precision_changes_what_a_study_says(whole: Whole, monkeypatch: pytest.MonkeyPatch) -> None:

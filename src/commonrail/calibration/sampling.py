@@ -64,17 +64,13 @@ def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> FloatArra
 
     Parameters
     ----------
-    space : Space
-        The d parameters and their constraints.
-    n : int
-        Number of points.
-    rng : numpy.random.Generator
-        Source of the draws.
+    space, n, rng
+        As in `sample_uniform`.
 
     Returns
     -------
     (n, d) array
-        Points, SI, each of which satisfies `space`.
+        Points, SI, each of which satisfies `space` and its constraints.
     """
     if not len(space.rows):
         return sample_uniform(space, n, rng)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -47,12 +46,10 @@ def compare(
       commonrail compare virtual-lino-2016 rigid=virtual-lino-2016@rigid --data cases/paper/study.toml
       commonrail compare runs/a runs/b --data cases/cri2-16/study.toml --out runs/a-or-b
     """
-    from commonrail.files.run_folder import create_run_folder
-
     if out is None:
         record = _compared(models, data, threads)[1]
     else:
-        record = _into(create_run_folder(out), lambda: _compared(models, data, threads))
+        record = _into(out, lambda: _compared(models, data, threads))
     if json:
         print_json(record)
         return
@@ -81,16 +78,13 @@ def _compared(models: Sequence[str], files: Sequence[Path], threads: int | None)
 def _into(folder: Path, run: Callable[[], tuple[Comparison, dict[str, Any]]]) -> dict[str, Any]:
     """Run a comparison into a new folder, which is taken away again if nothing comes of it."""
     from commonrail.files.comparison_folder import write_comparison
+    from commonrail.files.run_folder import new_run_folder
     from commonrail.report.build import write_report
 
-    try:
+    with new_run_folder(folder):
         comparison, record = run()
         with writing(folder):
             write_comparison(folder, comparison, record)
-    except BaseException:
-        with suppress(OSError):
-            folder.rmdir()  # only if nothing was written
-        raise
     write_report(folder)
     return record
 

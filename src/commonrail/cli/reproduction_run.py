@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,7 +44,7 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     from commonrail.analysis.virtual_bench import Bench
     from commonrail.files.injector_file import load_injector
     from commonrail.files.reproduction_folder import write_reproduction
-    from commonrail.files.run_folder import create_run_folder
+    from commonrail.files.run_folder import new_run_folder
     from commonrail.files.truth_file import load_truth
     from commonrail.report.build import draw_plates, write_report
     from commonrail.reproduction.record import reproduction_record
@@ -54,18 +53,13 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
 
     declared = load_truth(truth)
     bench = Bench(declared, load_injector(declared.injector), TIME_STEP)
-    create_run_folder(folder)
     with held_interrupts():  # once the repetitions have ended, they are written whatever keys are pressed
-        try:
+        with new_run_folder(folder):
             with Bar(f"{count} repetitions of the paper's study on the virtual test bench (synthetic)") as bar:
                 outcome = reproduce(bench, range(1, count + 1), threads=threads, progress=lambda p: bar.show(_stage(p)))
             record = reproduction_record(outcome, quick)
             with writing(folder):
                 write_reproduction(folder, outcome, record)
-        except BaseException:
-            with suppress(OSError):
-                folder.rmdir()  # only if nothing was written
-            raise
         with writing(folder):
             lacking = draw_plates(folder)
         if lacking:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ __all__ = [
     "RESULT",
     "TRACES",
     "create_run_folder",
+    "new_run_folder",
     "rate_curves",
     "read_run",
     "refuse_used",
@@ -53,6 +55,24 @@ def create_run_folder(path: str | Path) -> Path:
         probe.touch()
         probe.unlink()
     return path
+
+
+@contextmanager
+def new_run_folder(path: str | Path) -> Iterator[Path]:
+    """A new run folder, which is taken away again if it is left by an error before anything was written.
+
+    Raises
+    ------
+    ConfigurationError, InputError, OutputError
+        As `create_run_folder`.
+    """
+    folder = create_run_folder(path)
+    try:
+        yield folder
+    except BaseException:
+        with suppress(OSError):
+            folder.rmdir()  # only if nothing was written
+        raise
 
 
 def refuse_used(path: Path) -> None:

@@ -27,7 +27,7 @@ from commonrail.report.figures import convergence_figure, figures_of
 from commonrail.report.headline import headline, parameter_lines, synthetic_notes, warning_lines
 from commonrail.report.html import render
 from commonrail.report.parameters import parameter_rows
-from commonrail.report.record import check_comparison, check_record, texts_of
+from commonrail.report.record import check_record, texts_of
 from commonrail.report.reproduction import PLATE_FOLDER, PLATES, check_reproduction, reproduction_html
 from commonrail.report.rerun import rerun_lines
 from commonrail.report.tables import tables_of
@@ -133,7 +133,7 @@ def _calibrated(folder: Path) -> str:
 
 def _compared(folder: Path) -> str:
     record, traces = read_comparison(folder)
-    return comparison_html(check_comparison(record, str(folder)), traces, folder.as_posix() or "DIR")
+    return comparison_html(check_record(record, str(folder), "comparison"), traces, folder.as_posix() or "DIR")
 
 
 def _reproduced(folder: Path) -> str:

@@ -13,7 +13,6 @@ from commonrail.kinds.records import LABELS, Record, Shown
 __all__ = [
     "SCHEMA",
     "by_kind",
-    "check_comparison",
     "check_record",
     "of_role",
     "shown_of",
@@ -23,34 +22,34 @@ __all__ = [
 SCHEMA = 1
 
 _DASHES = ("solid", "dash", "dot", "dashdot")
-_COMPARED = ("title", "labels", "models", "differences", "studies", "data")
 _NEEDED = ("title", "seed", "status", "injector", "parameters", "objective", "data", "generations")
+_COMPARED = ("title", "labels", "models", "differences", "studies", "data")
+# by kind of record: its file, who writes it, and the keys that it must have
+_FILES = {
+    "calibration": ("result.json", "calibrate", _NEEDED),
+    "comparison": ("comparison.json", "compare", _COMPARED),
+}
 
 
-def check_record(record: Any, where: str) -> Record:
+def check_record(record: Any, folder: str, kind: str = "calibration") -> Record:
     """Return the record if this version can read it.
 
-    Raises
-    ------
-    InputError
-        If it is not the result of a calibration, of another schema, or incomplete.
-    """
-    return _checked(record, f"{where}: result.json", "calibration", _NEEDED)
-
-
-def check_comparison(record: Any, where: str) -> Record:
-    """Return the record of a comparison if this version can read it.
+    Parameters
+    ----------
+    record : object
+        Content of the file.
+    folder : str
+        Of the file.
+    kind : str
+        What it has to be: a "calibration" or a "comparison".
 
     Raises
     ------
     InputError
-        If it is not the result of a comparison, of another schema, or incomplete.
+        If it is of another kind or of another schema, or incomplete.
     """
-    return _checked(record, f"{where}: comparison.json", "comparison", _COMPARED)
-
-
-def _checked(record: Any, where: str, kind: str, needed: Sequence[str]) -> Record:
-    verb = {"calibration": "calibrate", "comparison": "compare"}[kind]
+    file, verb, needed = _FILES[kind]
+    where = f"{folder}: {file}"
     if not isinstance(record, Mapping) or record.get("kind") != kind:
         raise InputError(f"{where} is not the result of commonrail {verb}.")
     if record.get("schema") != SCHEMA:
