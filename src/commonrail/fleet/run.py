@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from commonrail.arguments import file_path, flag, function, instance
 from commonrail.engine.simulate import usable_threads
 from commonrail.errors import CommonrailError, StudyError
 from commonrail.files.run_folder import create_run_folder
@@ -21,7 +22,7 @@ from commonrail.fleet.member import folders_of, read_shared, write_study
 from commonrail.fleet.results import write_results
 from commonrail.fleet.task import Attempt, Calibrations, failed
 from commonrail.workers.interrupt import held_interrupts
-from commonrail.workers.limits import Limits
+from commonrail.workers.limits import Limits, check_count
 from commonrail.workers.task import Lost, Package, Task, pack
 from commonrail.workers.workers import Workers
 
@@ -98,6 +99,8 @@ def run_fleet(
 
     Raises
     ------
+    ConfigurationError
+        If an argument is of another kind, or there are too many workers; nothing is written then.
     InputError
         If the folder holds something else or cannot be written.
     StudyError
@@ -106,6 +109,12 @@ def run_fleet(
     OutputError
         If the disk is full; finished injectors are kept.
     """
+    instance(fleet, Fleet, "fleet")
+    folder = file_path(folder, "folder")
+    if workers is not None:
+        check_count(workers)
+    flag(retry, "retry")
+    function(progress, "progress")
     if not (folder / JOURNAL).is_file() and not _is_left_over(folder):
         create_run_folder(folder)
     with Journal(folder) as journal, held_interrupts() as wish:
