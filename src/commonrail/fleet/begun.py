@@ -117,9 +117,8 @@ def entries_of(
     now, before = _common(fleet, shared), journal.inputs()
     # Early journals have no fingerprints of files that the injector's file names.
     added = {name: text for name, text in now.items() if name.startswith("file ") and name not in before}
-    if (
-        not before or not entries or now == before | added
-    ):  # nothing is calibrated yet: a fault of the template may be mended
+    # While nothing is calibrated, a fault of the template may be mended.
+    if not before or not entries or now == before | added:
         journal.write_inputs(now)
     else:
         changed = next(name for name in {**before, **now} if before.get(name) != now.get(name))
