@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-generic test-busy test-lowest coverage lint verify fuzz soak fleet disk bench clean
+.PHONY: help demo test test-generic test-busy test-lowest coverage lint verify fuzz soak attack fleet disk bench clean
 
 # Two processes; one that has nothing left to do takes over tests of the other, so that fixtures are seldom made twice.
 TESTS := -m pytest -q -n 2 --dist worksteal tests
@@ -50,7 +50,7 @@ lint: $(VENV)/.dev ## format, lint, types, direction of imports
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
-verify: $(VENV)/.dev coverage fuzz soak fleet disk ## check the claims: the verification study, the slow tests and all trials below
+verify: $(VENV)/.dev coverage fuzz soak attack fleet disk ## check the claims: the verification study, the slow tests and all trials below
 	$(BIN)/commonrail verify
 	$(BIN)/python -m pytest -q tests -m slow
 
@@ -59,6 +59,9 @@ fuzz: $(VENV)/.dev ## feed 100,000 damaged files to every reader
 
 soak: $(VENV)/.runtime ## kill the paper's study 200 times at random instants and resume it
 	$(BIN)/python tools/soak.py 200
+
+attack: $(VENV)/.dev ## attack files, folders, caches and workers as docs/reliability.md says; each held or fallen
+	$(BIN)/python -m tools.attack
 
 fleet: $(VENV)/.runtime ## calibrate a synthetic fleet of 200, killed once and restarted once
 	$(BIN)/python tools/fleet_trial.py

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import pytest
 import typer
+from typer.main import get_command
 from typer.testing import CliRunner, Result
 
 from commonrail import errors
-from commonrail.cli.guard import guarded, show_traceback
+from commonrail.cli.app import app
+from commonrail.cli.guard import MEMORY, guarded, show_traceback
 
 
 def end_with(error: BaseException) -> Result:
@@ -34,7 +37,7 @@ def end_with(error: BaseException) -> Result:
         (errors.InputError("two\n  lines."), 2, "two lines."),
         (PermissionError(13, "Permission denied", "x.csv"), 2, "x.csv: Permission denied."),
         (KeyboardInterrupt(), 130, "interrupted."),
-        (MemoryError(), 2, "not enough memory; take a shorter horizon or a longer time step."),
+        (MemoryError(), 2, "not enough memory; close other programs or take a machine with more."),
     ],
 )
 def test_an_error_is_one_line_on_stderr(error: BaseException, status: int, sentence: str) -> None:
@@ -88,3 +91,19 @@ def test_the_option_is_heard() -> None:
 @pytest.mark.parametrize("error", [typer.Exit(5), typer.BadParameter("no")])
 def test_what_typer_raises_is_left_to_typer(error: Exception) -> None:
     assert "commonrail:" not in end_with(error).stderr
+
+
+@pytest.mark.parametrize("name", MEMORY)
+def test_the_cure_of_too_little_memory_is_one_that_the_verb_has(name: str) -> None:
+    options = {option for part in get_command(app).commands[name].params for option in part.opts}  # type: ignore[attr-defined]
+    assert set(re.findall(r"--[a-z-]+", MEMORY[name])) <= options
+    assert ("--workers" in MEMORY[name]) == ("--workers" in options)
+
+
+def test_the_cure_of_too_little_memory_is_that_of_the_verb() -> None:
+    def fleet() -> None:
+        raise MemoryError
+
+    app = typer.Typer(pretty_exceptions_enable=False)
+    app.command()(guarded(fleet))
+    assert MEMORY["fleet"] in CliRunner().invoke(app, []).stderr

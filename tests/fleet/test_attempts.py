@@ -6,17 +6,19 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from commonrail.calibration.study import Study
+from commonrail.errors import StudyError
 from commonrail.fleet import run as run_module
 from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.member import write_study
 from commonrail.fleet.run import FleetRun, run_fleet
 from commonrail.fleet.task import Attempt, Calibrations
+from commonrail.workers.workers import Workers
 from tests.fleet.conftest import COUNT, edited, results
 from tests.waiting import wait_until
 from tests.workers.crews import NO_DASK, gone
@@ -82,6 +84,30 @@ def test_an_injector_that_kills_every_worker_is_given_up_alone(
     assert run.record["failures"] == [{"injector": BAD, "reason": reason}]
     assert attempts(run)[BAD] == 2
     assert results(tmp_path / "run")[3:] == results(whole.folder)[3:]
+
+
+def test_workers_that_are_no_more_leave_a_table_with_the_reason(
+    fleet_file: Path, whole: FleetRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usual = Workers.run
+
+    def run(self: Workers, *given: object, **how: object) -> Iterator[object]:
+        answers = usual(self, *given, **how)  # type: ignore[arg-type]
+        yield next(answers)
+        answers.close()
+        raise StudyError("A worker was ended by SIGKILL before it had begun, 3 times in a row.")
+
+    monkeypatch.setattr(Workers, "run", run)
+    with pytest.raises(StudyError, match="3 times in a row"):
+        run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=1)
+    _, first, *others = results(tmp_path / "run")
+    assert first == results(whole.folder)[1]
+    assert [row[1:3] for row in others] == [
+        ["pending", "A worker was ended by SIGKILL before it had begun, 3 times in a row."]
+    ] * (COUNT - 1)
+    monkeypatch.undo()
+    assert run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=1).record["clock"]["calibrated_now"] == COUNT - 1
+    assert results(tmp_path / "run") == results(whole.folder)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="this system cannot halt a process")

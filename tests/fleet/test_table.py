@@ -126,6 +126,15 @@ TOO_MUCH = {
 }
 
 
+def too_full(path: Path, limit: int, others: dict[str, object]) -> None:
+    """Assert that a table is refused where so many bytes may be in it, and other parts of its reader are replaced."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, part in {"LARGEST_CONTENT": limit, **others}.items():
+            patch.setattr(parquet_table_module, name, part)
+        with pytest.raises(InputError, match="GB uncompressed, and at most"):
+            read_table(path)
+
+
 @pytest.mark.parametrize("kind", TOO_MUCH)
 def test_a_parquet_table_beyond_a_limit_is_refused(kind: str, tmp_path: Path) -> None:
     pyarrow = pytest.importorskip("pyarrow")
@@ -137,26 +146,14 @@ def test_a_parquet_table_beyond_a_limit_is_refused(kind: str, tmp_path: Path) ->
         read_table(path)
 
 
-def test_the_size_of_a_parquet_table_is_judged_before_it_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_size_of_a_parquet_table_is_judged_before_it_is_read(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow.parquet")
-    path = parquet_table(tmp_path)
-    monkeypatch.setattr(parquet_table_module, "LARGEST_CONTENT", 100)  # [bytes]; its pages have some hundred
-    monkeypatch.setattr(parquet_table_module, "_content", None)  # to read it is a fault
-    with pytest.raises(InputError, match="GB uncompressed, and at most"):
-        read_table(path)
+    too_full(parquet_table(tmp_path), 100, {"_content": None})  # its pages have some hundred bytes; to read is a fault
 
 
-def test_what_the_description_of_a_parquet_table_conceals_is_found_while_it_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_description_of_a_parquet_table_conceals_is_found_while_it_is_read(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow.parquet")
-    path = parquet_table(tmp_path)
-    monkeypatch.setattr(parquet_table_module, "LARGEST_CONTENT", 10)
-    monkeypatch.setattr(parquet_table_module, "_check_size", lambda *_: None)
-    with pytest.raises(InputError, match="GB uncompressed, and at most"):
-        read_table(path)
+    too_full(parquet_table(tmp_path), 10, {"_check_size": lambda *_: None})
 
 
 def test_a_huge_description_of_a_parquet_table_is_not_read(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import signal
 import threading
 from pathlib import Path
 
@@ -149,7 +150,7 @@ def test_the_method_finds_the_truth_when_the_model_contains_it() -> None:
 def test_ctrl_c_keeps_complete_repetitions(short: Bench) -> None:
     def stop(p: SeedProgress) -> None:
         if p.done:
-            _ask(2, None)
+            _ask(signal.SIGTERM, None)
 
     stopped = reproduce(short, (1, 2, 3), threads=1, progress=stop)
     assert stopped.status == "interrupted"
@@ -160,7 +161,7 @@ def test_ctrl_c_keeps_complete_repetitions(short: Bench) -> None:
 def test_ctrl_c_before_anything_is_complete_is_an_interrupt(short: Bench) -> None:
     before = set(threading.enumerate())
     with pytest.raises(KeyboardInterrupt):
-        reproduce(short, (1,), threads=1, progress=lambda p: _ask(2, None))
+        reproduce(short, (1,), threads=1, progress=lambda p: _ask(signal.SIGTERM, None))
     assert set(threading.enumerate()) <= before  # those at work have ended
 
 

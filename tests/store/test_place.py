@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -18,22 +17,7 @@ from commonrail.store.listing import list_runs
 from commonrail.store.lock import Lock
 from commonrail.store.run import Listener, calibrate_into, resume
 from tests.store.conftest import Whole, timeless
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-def in_the_middle(deed: Callable[[], object], step: int = 4) -> Listener:
-    """Listener that does something once, after so many steps."""
-    left = iter(range(step - 1))
-    done: list[object] = []
-
-    def progress(_: object) -> None:
-        if next(left, None) is None and not done:
-            done.append(deed())
-
-    return Listener(progress)
+from tools.attack.samples import after_steps, contents
 
 
 def test_a_folder_renamed_at_work_writes_nothing_into_its_successor(whole: Whole, tmp_path: Path) -> None:
@@ -44,7 +28,7 @@ def test_a_folder_renamed_at_work_writes_nothing_into_its_successor(whole: Whole
         shutil.copytree(whole.run, run)
 
     with pytest.raises(StudyError, match=r"run: the folder was renamed, moved or replaced.*Resume it where it is now"):
-        calibrate_into(run, load_study(whole.study), threads=1, listener=in_the_middle(replace))
+        calibrate_into(run, load_study(whole.study), threads=1, listener=after_steps(4, replace))
     assert contents(run) == contents(whole.run)
     resume(moved, threads=1)
     assert timeless(moved) == timeless(whole.run)

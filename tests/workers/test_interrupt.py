@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -14,12 +16,59 @@ def test_a_signal_is_a_wish_that_is_heeded_when_asked() -> None:
     reached = False
     with held_interrupts() as wish:
         os.kill(os.getpid(), signal.SIGINT)
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGTERM)
+        os.kill(os.getpid(), signal.SIGTERM)
         reached = True
         assert wish.asked
         with pytest.raises(KeyboardInterrupt):
             wish.heed()
     assert reached
+
+
+def test_in_a_library_a_second_ctrl_c_interrupts_at_once() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    reached = []
+
+    def press_twice() -> None:
+        with held_interrupts():
+            for number in (1, 2):
+                os.kill(os.getpid(), signal.SIGINT)
+                reached.append(number)
+
+    with pytest.raises(KeyboardInterrupt):
+        press_twice()
+    assert reached == [1]
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+# A command in a simulation that hands nothing back to Python: a second Ctrl-C must not wait for it.
+COMMAND = """
+import ctypes, os, signal, sys
+from commonrail.cli.console import say_of_ending
+from commonrail.workers.interrupt import end_at_second, held_interrupts
+end_at_second(say_of_ending)
+with held_interrupts() as wish:
+    os.kill(os.getpid(), signal.SIGINT)
+    print(wish.asked, flush=True)
+    ctypes.CDLL(None).pause()  # returns after a signal that was caught, and Python would then go on
+    print("went on", flush=True)
+"""
+
+
+@pytest.mark.process
+@pytest.mark.skipif(not hasattr(signal, "pause"), reason="this system has no pause()")
+def test_in_a_command_a_second_ctrl_c_ends_at_once() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", COMMAND], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as command:
+        assert command.stdout is not None
+        assert command.stderr is not None
+        assert command.stdout.readline() == "True\n"
+        command.send_signal(signal.SIGINT)
+        rest, said = command.communicate()
+    assert command.returncode == -signal.SIGINT
+    assert rest == ""
+    assert said == "\ncommonrail: stopping as soon as what was done is kept; Ctrl-C once more ends at once.\n"
 
 
 def test_an_inner_block_shares_the_outer_wish_and_leaves_its_handler() -> None:

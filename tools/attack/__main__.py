@@ -7,10 +7,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tools.attack import cache
+from tools.attack import cache, files, races
 from tools.attack.base import ATTACKS, Attack
 
-__all__ = ["cache", "main", "verdict"]
+__all__ = ["cache", "files", "main", "races", "verdict"]
 
 
 def main() -> None:
@@ -19,7 +19,8 @@ def main() -> None:
     parser.add_argument("words", nargs="*", help="only attacks whose name holds these words")
     parser.add_argument("--short", action="store_true", help="few repetitions")
     options = parser.parse_args()
-    chosen = [one for one in ATTACKS if all(word in one.name for word in options.words)]
+    named = [one for one in ATTACKS if all(word in one.name for word in options.words)]
+    chosen = [one for one in named if one.few or not options.short]
     fallen = 0
     for one in chosen:
         said = verdict(one, options.short)

@@ -29,7 +29,7 @@ def attack(times: int = 1, few: int = 1) -> Callable[[Callable[[Path, int], str]
     Parameters
     ----------
     times, few : int
-        Repetitions, and those of the short form.
+        Repetitions, and those of the short form; 0 where that leaves the attack out, since a test does the same.
     """
 
     def enter(run: Callable[[Path, int], str]) -> Callable[[Path, int], str]:

@@ -12,7 +12,7 @@ from commonrail.cli.bench import bench
 from commonrail.cli.calibrate import calibrate
 from commonrail.cli.catalogue import catalogue
 from commonrail.cli.compare import compare
-from commonrail.cli.console import compiling, say
+from commonrail.cli.console import compiling, say, say_of_ending
 from commonrail.cli.doctor import doctor
 from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
@@ -26,6 +26,7 @@ from commonrail.cli.validate import validate
 from commonrail.cli.verify import verify
 from commonrail.cli.virtual_bench import virtual_bench
 from commonrail.notice import tell_notes, tell_of_compiling
+from commonrail.workers.interrupt import end_at_second
 
 __all__ = ["app", "main"]
 
@@ -91,6 +92,7 @@ def main() -> None:
     _open_standard_streams()
     tell_of_compiling(compiling)
     tell_notes(say)
+    end_at_second(say_of_ending)
     app(prog_name="commonrail")
 
 

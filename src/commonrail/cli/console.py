@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -24,6 +25,7 @@ __all__ = [
     "print_rows",
     "print_table",
     "say",
+    "say_of_ending",
     "stderr_console",
 ]
 
@@ -36,6 +38,13 @@ def say(text: str) -> None:
     """Print a line for the person, on stderr."""
     with suppress(OSError, ValueError, AttributeError):  # stderr is closed: continue the work
         typer.echo(text, err=True)
+
+
+def say_of_ending(text: str) -> None:
+    """Write a line for the person from a handler of signals, which may meet a print in its middle."""
+    with suppress(OSError):
+        show_cursor = "\x1b[?25h" if os.isatty(2) else ""  # a bar hides it, and will not come to show it again
+        os.write(2, f"{show_cursor}\ncommonrail: {text}\n".encode())
 
 
 @contextmanager

@@ -22,6 +22,17 @@ UNEXPECTED = 1
 UNUSABLE = 2
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 
+# Cure of too little memory by verb, and of the others.
+MEMORY = {
+    "simulate": "shorten --horizon or lengthen --time-step",
+    "calibrate": "lower --workers or --threads, or the members of the study's [optimiser]",
+    "resume": "lower --workers or --threads",
+    "compare": "lower --threads, or name fewer models or studies",
+    "reproduce": "lower --threads or --seeds",
+    "fleet": "lower --workers, or divide the fleet's table",
+}
+OTHERS = "close other programs or take a machine with more"
+
 show_traceback: ContextVar[bool] = ContextVar("show_traceback", default=False)
 
 _Verb = TypeVar("_Verb", bound=Callable[..., Any])
@@ -53,7 +64,7 @@ def guarded(verb: _Verb) -> _Verb:
             place = f"{error.filename}: " if error.filename else ""
             _end(f"{place}{error.strerror or error}.", UNUSABLE)
         except MemoryError:
-            _end("not enough memory; take a shorter horizon or a longer time step.", UNUSABLE)
+            _end(f"not enough memory; {MEMORY.get(verb.__name__, OTHERS)}.", UNUSABLE)
         except Exception as error:
             _end(
                 f"internal fault ({type(error).__name__}: {_short(error)}); please report it with "

@@ -119,7 +119,7 @@ def entries_of(
         raise StudyError(f"{journal.path}: the journal is damaged: it does not tell which fleet it is of; {_CURE}")
     # Early journals have no fingerprints of files that the injector's file names.
     added = {name: text for name, text in now.items() if name.startswith("file ") and name not in before}
-    if not entries or now == before | added:  # nothing is calibrated yet: a fault of the template may be mended
+    if not entries or now == before | added:  # while nothing is calibrated, a fault of the template may be mended
         journal.write_inputs(now)
     else:
         changed = next(name for name in {**before, **now} if before.get(name) != now.get(name))

@@ -22,7 +22,7 @@ Value = str | int | float | None
 
 
 def write_results(
-    folder: Path, fleet: Fleet, entries: Sequence[Entry], status: str, clock: Mapping[str, Any]
+    folder: Path, fleet: Fleet, entries: Sequence[Entry], status: str, clock: Mapping[str, Any], why: str = ""
 ) -> dict[str, Any]:
     """Write the files, each whole or not at all; returns what ``fleet.json`` holds.
 
@@ -33,9 +33,11 @@ def write_results(
     entries : sequence of Entry
         Injectors that are done.
     status : str
-        "finished" or "interrupted".
+        "finished", "interrupted" or "failed".
     clock : mapping
         "seconds", "calibrated_now" and "workers" of this run.
+    why : str
+        Reason that the injectors that are not done have none.
 
     Raises
     ------
@@ -43,7 +45,7 @@ def write_results(
         If a file cannot be written.
     """
     record = fleet_record(fleet, entries, status, clock)
-    columns = result_columns(fleet, entries)
+    columns = result_columns(fleet, entries, why)
     notes = [f"SYNTHETIC: {' '.join(record['synthetic'].split())}"] if record["synthetic"] else []
     rows = zip(*(map(_text, column) for column in columns.values()), strict=True)
     write_csv(folder / RESULTS, notes, list(columns), rows)
@@ -53,18 +55,26 @@ def write_results(
     return record
 
 
-def result_columns(fleet: Fleet, entries: Sequence[Entry]) -> dict[str, list[Value]]:
+def result_columns(fleet: Fleet, entries: Sequence[Entry], why: str = "") -> dict[str, list[Value]]:
     """Columns of the table of results, a row for each injector of the fleet; None where there is no number.
 
     Values are SI unless the head gives another unit. Only the last column, the processor time, depends on the
     clock.
+
+    Parameters
+    ----------
+    fleet : Fleet
+    entries : sequence of Entry
+        Injectors that are done.
+    why : str
+        Reason of the others.
     """
     found = {entry.name: entry for entry in entries}
     rows = [found.get(name) for name in fleet.supply.names]
     columns: dict[str, list[Value]] = {
         "injector": list(fleet.supply.names),
         "status": [PENDING if entry is None else entry.status for entry in rows],
-        "reason": ["" if entry is None else entry.reason for entry in rows],
+        "reason": [why if entry is None else entry.reason for entry in rows],
     }
     records: list[Mapping[str, Any]] = [entry.record if entry else {} for entry in rows]
     columns |= {f"J {key}": [r["J"][key] if r else None for r in records] for key in ("start", "best")}

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from commonrail.arguments import file_path, flag, function, instance
 from commonrail.engine.simulate import usable_threads
-from commonrail.errors import CommonrailError
+from commonrail.errors import CommonrailError, StudyError
 from commonrail.files.run_folder import create_run_folder
 from commonrail.files.study_file import load_study
 from commonrail.fleet.begun import entries_of
@@ -21,7 +22,7 @@ from commonrail.fleet.member import folders_of, read_shared, write_study
 from commonrail.fleet.results import write_results
 from commonrail.fleet.task import Attempt, Calibrations, failed
 from commonrail.workers.interrupt import held_interrupts
-from commonrail.workers.limits import Limits
+from commonrail.workers.limits import Limits, check_count
 from commonrail.workers.task import Lost, Outcome, Package, Task, Withdrawn, pack
 from commonrail.workers.workers import Workers
 
@@ -98,27 +99,42 @@ def run_fleet(
 
     Raises
     ------
+    ConfigurationError
+        If an argument is of another kind, or there are too many workers; nothing is written then.
     InputError
         If the folder holds something else or cannot be written.
     StudyError
         If another process is at work in the folder, what was begun there differs from this fleet, or not one of the
-        first injectors can be read.
+        first injectors can be read; or if workers do not start or a cluster has gone: the tables are written then.
     OutputError
         If the disk is full; finished injectors are kept.
     """
+    instance(fleet, Fleet, "fleet")
+    folder = file_path(folder, "folder")
+    if workers is not None:
+        check_count(workers)
+    flag(retry, "retry")
+    function(progress, "progress")
     if not (folder / JOURNAL).is_file() and not _is_left_over(folder):
         create_run_folder(folder)
     with Journal(folder) as journal, held_interrupts() as wish:
         run = _Run(fleet, folder, journal, retry, progress)
-        status = FINISHED
+        status, fault = FINISHED, None
         try:
             run.calibrate(usable_threads() if workers is None else workers, cluster, wish.heed)
         except KeyboardInterrupt:
             status = "interrupted"
+        except StudyError as error:  # workers that do not start, a cluster that has gone
+            if not run.begun:
+                raise
+            status, fault = FAILED, error
         journal.check_place()
         entries = run.in_order()
         clock = {"seconds": run.seconds, "first": run.first, "calibrated_now": run.now, "workers": run.workers}
-        return FleetRun(folder, write_results(folder, fleet, entries, status, clock), entries)
+        record = write_results(folder, fleet, entries, status, clock, "" if fault is None else str(fault))
+        if fault is not None:
+            raise fault
+        return FleetRun(folder, record, entries)
 
 
 def _is_left_over(folder: Path) -> bool:
@@ -148,6 +164,7 @@ class _Run:
             self.entries.pop(name, None)
         self.now = self.workers = 0
         self.first: float | None = None
+        self.begun = False
         self.start = time.perf_counter()
 
     @property
@@ -165,7 +182,7 @@ class _Run:
             return
         package = self._package()
         count, limits = min(count, len(self.pending)), Limits(failures=self.fleet.attempts)
-        self.start = time.perf_counter()
+        self.start, self.begun = time.perf_counter(), True
         opened = Workers.processes(count, limits) if cluster is None else Workers.cluster(cluster, count, limits)
         with opened as workers:
             self.workers = workers.backend.count

@@ -36,7 +36,7 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
     entries : sequence of Entry
         Injectors that are done, in the table's order.
     status : str
-        "finished" or "interrupted".
+        "finished", "interrupted" or "failed".
     clock : mapping
         "seconds", "first" (until the first injector was done), "calibrated_now" and "workers" of this run.
     """
