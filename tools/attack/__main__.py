@@ -7,10 +7,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tools.attack import cache
+from tools.attack import cache, journals
 from tools.attack.base import ATTACKS, Attack
 
-__all__ = ["cache", "main", "verdict"]
+__all__ = ["cache", "journals", "main", "verdict"]
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from commonrail.calibration.result import software_record
+from commonrail.compile_target import package_versions
 from commonrail.errors import InputError, StudyError
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, Entry, Journal
@@ -19,6 +19,8 @@ from commonrail.store.faults import trusted
 __all__ = ["check_entries", "entries_of"]
 
 _CURE = "bring it back as it was, or take another folder."
+
+_LATER = ("version of llvmlite",)  # what early journals do not tell
 
 Count = Annotated[int, Field(ge=0)]
 
@@ -113,8 +115,7 @@ def entries_of(fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: J
         raise StudyError(f"{journal.path}: the journal is damaged: it does not tell which fleet it is of; {_CURE}")
     if not before or not entries:  # nothing is calibrated yet: a fault of the template may be mended
         journal.write_inputs(now)
-    elif now != before:
-        changed = next(name for name in {**before, **now} if before.get(name) != now.get(name))
+    elif changed := _changed(before, now):
         raise StudyError(f"{folder} {_difference(changed, before, now)}; {_CURE}")
     for name, entry in entries.items():
         if entry.status == FAILED:
@@ -133,11 +134,17 @@ def entries_of(fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: J
     return found
 
 
+def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Name of an input that is another now, "" if there is none."""
+    names = [name for name in {**before, **now} if name in before or name not in _LATER]
+    return next((name for name in names if before.get(name) != now.get(name)), "")
+
+
 def _common(fleet: Fleet) -> dict[str, str]:
     """Inputs that determine the result of every injector, by name: texts where readable, fingerprints of files."""
     template = fleet.template
     found = {"seed": str(fleet.seed), "leave_out": ", ".join(template.left_out)}
-    found |= {f"version of {name}": version for name, version in software_record().items()}
+    found |= {f"version of {name}": version for name, version in package_versions().items()}
     found[f"file {template.path.name}"] = fingerprint_of(template.text.encode())
     for name, path in shared_files(template).items():
         try:

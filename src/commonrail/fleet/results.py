@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from commonrail.files.atomic import replacing, write_text
+from commonrail.files.record_file import write_record
+from commonrail.files.sums import summed
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import Entry
 from commonrail.fleet.summary import fleet_record, units_of
@@ -24,7 +25,12 @@ Value = str | int | float | None
 
 
 def write_results(
-    folder: Path, fleet: Fleet, entries: Sequence[Entry], status: str, clock: Mapping[str, Any]
+    folder: Path,
+    fleet: Fleet,
+    entries: Sequence[Entry],
+    status: str,
+    clock: Mapping[str, Any],
+    warnings: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """Write the files, each whole or not at all; returns what ``fleet.json`` holds.
 
@@ -38,6 +44,8 @@ def write_results(
         "finished" or "interrupted".
     clock : mapping
         "seconds", "calibrated_now" and "workers" of this run.
+    warnings : sequence of mappings
+        About the fleet as a whole, in the form of those of its record.
 
     Raises
     ------
@@ -45,6 +53,7 @@ def write_results(
         If a file cannot be written.
     """
     record = fleet_record(fleet, entries, status, clock)
+    record["warnings"] = [*warnings, *record["warnings"]]
     columns = result_columns(fleet, entries)
     stream = io.StringIO()
     if record["synthetic"]:
@@ -52,10 +61,10 @@ def write_results(
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(zip(*(map(_text, column) for column in columns.values()), strict=True))
-    write_text(folder / RESULTS, stream.getvalue())
-    _write_parquet(folder / RESULTS_PARQUET, columns, record["synthetic"])
-    text = json.dumps(record, indent=1, allow_nan=False)
-    write_text(folder / RECORD, text + "\n")
+    with summed(folder, RECORD, RESULTS, RESULTS_PARQUET):
+        write_text(folder / RESULTS, stream.getvalue())
+        _write_parquet(folder / RESULTS_PARQUET, columns, record["synthetic"])
+        write_record(folder / RECORD, record)
     return record
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from commonrail.compile_target import describe
 from commonrail.engine.simulate import usable_threads
 from commonrail.errors import CommonrailError
 from commonrail.files.run_folder import create_run_folder
@@ -18,7 +19,9 @@ from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, LOCK, Entry, Journal
 from commonrail.fleet.member import folders_of, write_study
 from commonrail.fleet.results import write_results
+from commonrail.fleet.targets import target_warnings
 from commonrail.fleet.task import Attempt, Calibrations, failed
+from commonrail.notice import note
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.limits import Limits
 from commonrail.workers.task import Lost, Package, Task, pack
@@ -109,6 +112,7 @@ def run_fleet(
         create_run_folder(folder)
     with Journal(folder) as journal, held_interrupts() as wish:
         run = _Run(fleet, folder, journal, retry, progress)
+        warnings = run.check_target()
         status = FINISHED
         try:
             run.calibrate(usable_threads() if workers is None else workers, cluster, wish.heed)
@@ -116,7 +120,7 @@ def run_fleet(
             status = "interrupted"
         entries = run.in_order()
         clock = {"seconds": run.seconds, "first": run.first, "calibrated_now": run.now, "workers": run.workers}
-        return FleetRun(folder, write_results(folder, fleet, entries, status, clock), entries)
+        return FleetRun(folder, write_results(folder, fleet, entries, status, clock, warnings), entries)
 
 
 def _is_left_over(folder: Path) -> bool:
@@ -208,6 +212,16 @@ class _Run:
         if entry is None:
             return True
         return entry.status == FAILED and (retry or entry.inputs != self.inputs[name])
+
+    def check_target(self) -> list[dict[str, Any]]:
+        """Note the target of this process if it will calibrate; a warning if injectors have another one."""
+        if self.pending:
+            self.journal.note_target(describe().record)
+        study_of = (lambda name: load_study(self._study(name))) if self.pending else None
+        found = target_warnings(self.journal, self.in_order(), study_of)
+        for warning in found:
+            note(f"{self.folder}: {warning['sentence']}")
+        return found
 
     def _package(self) -> Package:
         """Try the first studies, so that a fault of all is told at once, and compile what the workers will load."""
