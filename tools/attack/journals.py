@@ -26,7 +26,7 @@ from tools.attack.base import attack, command, flipped
 
 SMALL = {"members = 24": "members = 8", "generations = 30": "generations = 8"}
 STOPPED = 6  # steps that were done when the run was killed
-RESUMED = 40  # every so many journals that read as written are resumed too
+RESUMED = 20  # every so many journals that are not refused are resumed too
 RESULTS = ("result.json", "calibrated.toml", "traces.csv")
 VOLATILE = ("holder", "log")  # facts of who is at work
 
@@ -75,16 +75,16 @@ def results(run: Path) -> list[Any]:
 
 
 def content(run: Path) -> list[Any]:
-    """All that a journal tells whoever resumes or lists it."""
+    """History of a journal, all that is the same in its earlier states, and the rest that it tells."""
     listed = read_about(run)
     with Journal(run) as journal:
         about, checkpoint = journal.about, journal.checkpoint()
         steps = [(x.tolist(), costs.tolist()) for x, costs in [journal.best_step()]]
-        found = [journal.inputs, journal.generations, journal.targets, steps, repr(checkpoint)]
+        fixed = [journal.inputs, journal.generations, journal.targets]
     for facts in (about, listed):
         for name in VOLATILE:
             facts.pop(name, None)
-    return [*found, about, listed]
+    return [list(checkpoint.history if checkpoint else ()), [*fixed, about], [listed, steps, repr(checkpoint)]]
 
 
 def entries(folder: Path) -> list[Any]:
@@ -125,7 +125,7 @@ class Trial(NamedTuple):
 
     def run(self, scratch: Path, times: int, seed: int) -> Counter[str]:
         """Number of flips that ended in each class."""
-        expected = self.read(Path(shutil.copytree(self.source, scratch / "whole", dirs_exist_ok=True)))
+        expected = self.read(Path(shutil.copytree(self.source, scratch / "as-written", dirs_exist_ok=True)))
         whole, counts = (self.source / self.file).read_bytes(), Counter[str]()
         folder = scratch / "spoilt"
         for number, (bit, spoilt) in enumerate(flipped(whole, times, seed)):
@@ -134,7 +134,7 @@ class Trial(NamedTuple):
             found = self.settle(folder, outcome(self.read, folder, expected), number)
             shutil.rmtree(folder)
             counts[found if found in (REFUSED, UNCHANGED, EARLIER) else f"{found}, bit {bit} of {self.file}"] += 1
-        shutil.rmtree(scratch / "whole")
+        shutil.rmtree(scratch / "as-written")
         return counts
 
 
@@ -154,21 +154,24 @@ def run_journal(folder: Path, times: int) -> str:
     """A flipped bit in the journal of a run is found, or changes no result."""
     made = ground(folder)
     expected = results(made.whole)
+    history, fixed, _ = content(Path(shutil.copytree(made.killed, folder / "read")))
 
     def settle(spoilt: Path, found: str, number: int) -> str:
-        if found == REFUSED or (found == UNCHANGED and number % RESUMED):
+        if found == REFUSED or found.startswith(CRASH):
+            return found
+        if found == WRONG:
+            kept, same, _ = content(spoilt)
+            found = EARLIER if kept == history[: len(kept)] and same == fixed else WRONG
+        if number % RESUMED and found != WRONG:
             return found
         try:
             resume(spoilt, threads=1)
         except CommonrailError:
             return REFUSED
-        same = results(spoilt) == expected
-        return (UNCHANGED if found == UNCHANGED else EARLIER) if same else f"{found}: another result"
+        return found if results(spoilt) == expected and found != WRONG else WRONG
 
-    trials = [
-        Trial(made.merged, JOURNAL, content, settle),
-        *(Trial(made.killed, JOURNAL + end, content, settle) for end in ("", "-wal")),
-    ]
+    trials = [Trial(made.merged, JOURNAL, content, settle)]
+    trials += [Trial(made.killed, JOURNAL + end, content, settle) for end in ("", "-wal")]
     return verdict(trials, folder, times)
 
 
