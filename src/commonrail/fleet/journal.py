@@ -68,17 +68,7 @@ class Entry:
 
 
 class Journal(JournalFile):
-    """The journal of a fleet: what was written survives a killed process, and a power cut too.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Raises
-    ------
-    StudyError, OutputError
-        As `JournalFile`.
-    """
+    """The journal of a fleet, a `JournalFile`: what was written survives a killed process, and a power cut too."""
 
     NAME, LOCK, SCHEMA = JOURNAL, LOCK, FLEET
     HOLDER = "{here} since {since}"
