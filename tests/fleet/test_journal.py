@@ -6,6 +6,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,7 @@ def test_others_can_read_while_it_is_held(tmp_path: Path) -> None:
 
 HOLD = """
 import sys
+from contextlib import closing
 from pathlib import Path
 from commonrail.fleet.journal import Journal
 journal = Journal(Path(sys.argv[1]))
@@ -73,6 +75,52 @@ def test_a_journal_of_schema_1_opens(tmp_path: Path) -> None:
     with Journal(tmp_path) as journal:
         assert journal.inputs() == {"seed": "1"}
         assert journal.entries() == {"A": DONE, "B": BROKEN}
+
+
+def test_a_change_of_any_value_is_found(tmp_path: Path) -> None:
+    with Journal(tmp_path) as journal:
+        journal.write_inputs({"seed": "1"})
+        journal.write(DONE)
+        journal.note_target({"cpu": "znver3"})
+    whole = (tmp_path / JOURNAL).read_bytes()
+    count = 0
+    for table in ("about", "input", "injector"):
+        with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection:
+            names = [column[0] for column in connection.execute(f"SELECT * FROM {table}").description]
+        for name in names:
+            with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection, connection:
+                connection.execute(f"UPDATE {table} SET {name} = '7' || substr({name}, 2)")
+            spoilt = (tmp_path / JOURNAL).read_bytes()
+            for _ in range(2):
+                with pytest.raises(StudyError, match=r"fleet\.sqlite: the journal is damaged"):
+                    Journal(tmp_path)
+            assert (tmp_path / JOURNAL).read_bytes() == spoilt  # who refuses a journal changes nothing
+            (tmp_path / JOURNAL).write_bytes(whole)
+            count += 1
+    assert count == 15  # columns of all tables, their seals included
+    with Journal(tmp_path) as journal:
+        assert journal.entries() == {"A": DONE}
+
+
+def test_a_lost_log_is_damage(tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    (tmp_path / "fleet").mkdir()
+    with Journal(tmp_path / "fleet") as journal:
+        journal.write(DONE)
+        shutil.copytree(tmp_path / "fleet", copy)  # as SIGKILL leaves it
+    (copy / f"{JOURNAL}-wal").unlink()
+    for _ in range(2):
+        with pytest.raises(StudyError, match=r"its log fleet\.sqlite-wal is missing, and the last steps with it"):
+            Journal(copy)
+
+
+def test_targets_are_kept_in_their_order_without_repetition(tmp_path: Path) -> None:
+    one, other = {"cpu": "znver3"}, {"cpu": "generic"}
+    for target in (one, one, other, one):
+        with Journal(tmp_path) as journal:
+            journal.note_target(target)
+    with Journal(tmp_path) as journal:
+        assert journal.targets == [one, other, one]
 
 
 def test_a_newer_schema_is_refused(tmp_path: Path) -> None:

@@ -15,11 +15,12 @@ from pathlib import Path
 import pytest
 
 from commonrail.calibration.run import calibrate
+from commonrail.compile_target import describe
 from commonrail.errors import InputError, StudyError
 from commonrail.files.study_file import load_study
 from commonrail.fleet import begun as begun_module
 from commonrail.fleet.fleet_file import load_fleet
-from commonrail.fleet.journal import JOURNAL
+from commonrail.fleet.journal import FAILED, JOURNAL, Journal
 from commonrail.fleet.run import FleetProgress, FleetRun, run_fleet
 from commonrail.workers.interrupt import _ask
 from tests.fleet.conftest import COUNT, edited, results
@@ -216,9 +217,32 @@ def test_a_change_is_refused_and_named(begun: tuple[Path, Path], change: str) ->
 
 def test_other_software_is_refused(begun: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     file, folder = begun
-    monkeypatch.setattr(begun_module, "software_record", lambda: {"numpy": "1.0"})
+    monkeypatch.setattr(begun_module, "package_versions", lambda: {"numpy": "1.0"})
     with pytest.raises(StudyError, match=r'was begun with version of commonrail ".*", and it is "" now'):
         run_fleet(load_fleet(file), folder)
+
+
+def test_another_target_or_other_bits_are_said(begun: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    file, folder = begun
+    with Journal(folder) as journal:
+        assert journal.targets == [describe().record]
+        first, *_, last = journal.entries().values()
+        journal.write(replace(last, status=FAILED, reason="lost", record={}))
+        wrong = first.record["J"]["best"] * (1.0 + 2.0**-52)
+        journal.write(replace(first, record=first.record | {"J": first.record["J"] | {"best": wrong}}))
+    other = describe()._replace(cpu="znver9")
+    monkeypatch.setattr("commonrail.fleet.run.describe", lambda: other)
+    told: list[str] = []
+    monkeypatch.setattr("commonrail.fleet.run.note", told.append)
+    run = run_fleet(load_fleet(file), folder, workers=1, retry=True)
+    (warning,) = run.record["warnings"]
+    assert (warning["code"], warning["injectors"], warning["first"]) == ("target", COUNT - 1, "SN000001")
+    assert f"begun with cpu {describe().cpu}, now znver9; the best values of SN000001, simulated again, have" in told[0]
+    assert f"other bits here, {first.record['J']['best']!r} in place of {wrong!r}" in warning["sentence"]
+    again = run_fleet(load_fleet(file), folder).record["warnings"]  # nothing is calibrated: the mixture stays
+    assert [w["sentence"].partition("; the table")[0] for w in again] != []
+    assert "now znver9" in again[0]["sentence"]
+    assert "other bits" not in again[0]["sentence"]
 
 
 def test_a_title_may_change(begun: tuple[Path, Path]) -> None:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import os
 import platform
-import re
 from contextlib import suppress
 from importlib import metadata
-from pathlib import Path
 from typing import Any
 
+from commonrail import compile_target
 from commonrail.engine.simulate import usable_threads
 
 __all__ = ["FEATURES", "busy", "instruction_sets", "load", "machine", "processor", "version"]
 
 FEATURES = ("sse2", "avx", "avx2", "fma", "avx512f", "avx512vl", "neon", "sve")
-PACKAGES = ("commonrail", "numpy", "scipy", "numba", "llvmlite")
 BUSY = 0.5  # load for each core above which timings are not to be trusted
 
 
@@ -28,17 +26,13 @@ def machine() -> dict[str, Any]:
         "threads": usable_threads(),
         "memory_bytes": _memory(),
         "python": platform.python_version(),
-        "versions": {name: found for name in PACKAGES if (found := version(name))},
+        "versions": {name: found for name in compile_target.PACKAGES if (found := version(name))},
     }
 
 
 def processor() -> str:
     """Model of the processor, as the system names it."""
-    with suppress(OSError):
-        found = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.M)
-        if found:
-            return found[1].strip()
-    return platform.processor() or platform.machine() or "unknown"
+    return compile_target.processor() or platform.machine() or "unknown"
 
 
 def instruction_sets() -> list[str]:

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from commonrail.calibration.comparison import Comparison
-from commonrail.calibration.result import SCHEMA, data_records, software_record
+from commonrail.calibration.result import SCHEMA, data_records
+from commonrail.compile_target import describe, package_versions
 from commonrail.injector.definition import Injector, parameter_quantities
 
 __all__ = ["comparison_record"]
@@ -32,7 +33,8 @@ def comparison_record(
     return {
         "schema": SCHEMA,
         "kind": "comparison",
-        "software": software_record(),
+        "software": package_versions(),
+        "target": describe().machine,
         "title": _title(list(models)),
         "synthetic": _synthetic(comparison),
         "labels": {label: label for label in models},

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.metadata import version
 from typing import Any
 
 from commonrail.arguments import instance, thread_count
@@ -12,12 +10,13 @@ from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.run import Calibration, score_all
 from commonrail.calibration.study import Method, Study
+from commonrail.compile_target import describe, package_versions
 from commonrail.display.text import number
 from commonrail.injector.definition import Injector, parameter_quantities
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.records import LABELS
 
-__all__ = ["CLOCK", "SCHEMA", "data_records", "result_record", "software_record", "validate", "warning_records"]
+__all__ = ["CLOCK", "SCHEMA", "data_records", "result_record", "validate", "warning_records"]
 
 SCHEMA = 1
 CLOCK = "clock"  # holds what depends on the clock; all else is the same whenever and however often a study is run
@@ -37,7 +36,8 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
     return {
         "schema": SCHEMA,
         "kind": "calibration",
-        "software": software_record(),
+        "software": package_versions(),
+        "target": describe().machine,
         "title": study.title,
         "note": study.note,
         "synthetic": study.synthetic,
@@ -79,12 +79,6 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
 def warning_records(warnings: Iterable[Finding]) -> list[dict[str, str]]:
     """One record for each finding: its code, subject and sentence."""
     return [finding._asdict() for finding in warnings]
-
-
-def software_record() -> dict[str, str]:
-    """Versions of what the numbers depend on."""
-    packages = {name: version(name) for name in ("commonrail", "numpy", "scipy", "numba")}
-    return {"commonrail": packages.pop("commonrail"), "python": platform.python_version(), **packages}
 
 
 def validate(study: Study, injector: Injector, threads: int | None = None) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ from typing import Any
 from commonrail.calibration.comparison import Comparison
 from commonrail.files.record_file import read_record, write_record
 from commonrail.files.run_folder import TRACES, rate_curves
+from commonrail.files.sums import summed
 from commonrail.files.traces_file import Traces, read_traces, write_traces
 from commonrail.kinds.records import MEASURED
 
@@ -19,7 +20,6 @@ COMPARISON = "comparison.json"
 
 def write_comparison(folder: Path, comparison: Comparison, record: Mapping[str, Any]) -> None:
     """Write comparison.json and traces.csv; J of every curve can be computed again from the latter."""
-    write_record(folder / COMPARISON, record)
     synthetic = record["synthetic"]
     notes = (
         record["title"],
@@ -27,7 +27,9 @@ def write_comparison(folder: Path, comparison: Comparison, record: Mapping[str, 
         "a row is the mean rate of one sample, whose middle is the time; J is the sum of |model - measured|",
     )
     curves = rate_curves(comparison.data, comparison.scores)
-    write_traces(folder / TRACES, notes, (MEASURED, *comparison.models), curves)
+    with summed(folder, COMPARISON, TRACES):
+        write_record(folder / COMPARISON, record)
+        write_traces(folder / TRACES, notes, (MEASURED, *comparison.models), curves)
 
 
 def read_comparison(folder: Path) -> tuple[dict[str, Any], Traces]:

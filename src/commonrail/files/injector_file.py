@@ -18,6 +18,7 @@ from commonrail.files.catalogue import Catalogue
 from commonrail.files.drawing import DrawnRoom
 from commonrail.files.fuel_file import FuelModel, load_fuel, parse_fuel
 from commonrail.files.injector_writer import dump_injector
+from commonrail.files.sums import check_sum
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.injector.model import Parameters
@@ -99,12 +100,13 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     ------
     InputError
         If the file cannot be read or something in it is unknown, missing, of the wrong kind or outside
-        its domain; the message has file and key.
+        its domain, with file and key; or if it is a result that is not the one that was written.
     ConfigurationError
         If `source` is neither a name nor a path.
     """
     source = source_of(source, "source of an injector")
     if isinstance(source, Path):
+        check_sum(source)
         return _injector(read_toml(source)[0], Place(str(source)), source.stem, reach)
     file = f"{source}.toml"
     text = _CATALOGUE.text(source, _similar(file, reach))

@@ -9,6 +9,7 @@ from typing import Any
 
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text
+from commonrail.files.sums import check_sum
 from commonrail.reading.text_file import read_text
 
 __all__ = ["LARGEST_RECORD", "read_record", "write_record"]
@@ -28,10 +29,11 @@ def read_record(path: Path, made_by: str) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If the file cannot be read or is no such object.
+        If the file cannot be read, is no such object, or is not the one that was written.
     """
     if not path.exists():
         raise _broken(path, made_by, "there is no such file")
+    check_sum(path)
     try:
         record = json.loads(read_text(path, LARGEST_RECORD))
     except (ValueError, RecursionError) as error:

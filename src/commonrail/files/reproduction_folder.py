@@ -9,6 +9,7 @@ from typing import Any
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text
 from commonrail.files.record_file import read_record, write_record
+from commonrail.files.sums import summed
 from commonrail.files.traces_file import Curve, Trace, read_curves, write_traces
 from commonrail.reproduction.repetition import LABELS, Repetition
 from commonrail.reproduction.run import Reproduction
@@ -24,13 +25,14 @@ BEFORE = ("seed",)
 
 def write_reproduction(folder: Path, reproduction: Reproduction, record: Mapping[str, Any]) -> None:
     """Write reproduce.json, traces.csv and truth.toml."""
-    write_record(folder / RECORD, record)
-    write_text(folder / TRUTH, reproduction.bench.truth.text)
     notes = (
         f"SYNTHETIC: {reproduction.bench.truth.synthetic}",
         "a row is the mean rate of one sample, whose middle is the time",
     )
-    write_traces(folder / TRACES, notes, (EXPERIMENT, *LABELS), _curves(reproduction.repetitions), BEFORE)
+    with summed(folder, RECORD, TRUTH, TRACES):
+        write_record(folder / RECORD, record)
+        write_text(folder / TRUTH, reproduction.bench.truth.text)
+        write_traces(folder / TRACES, notes, (EXPERIMENT, *LABELS), _curves(reproduction.repetitions), BEFORE)
 
 
 def _curves(repetitions: Iterable[Repetition]) -> Iterator[Curve]:

@@ -14,6 +14,7 @@ from commonrail.errors import InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import dump_injector
 from commonrail.files.record_file import read_record, write_record
+from commonrail.files.sums import summed
 from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.records import LABELS, MEASURED
@@ -30,7 +31,7 @@ __all__ = [
     "write_run",
 ]
 
-RESULT, STUDY, TRACES = "result.json", "study.toml", "traces.csv"
+RESULT, STUDY, TRACES, CALIBRATED = "result.json", "study.toml", "traces.csv", "calibrated.toml"
 
 _COLUMNS = (MEASURED, *LABELS)
 
@@ -88,7 +89,7 @@ def refuse_used(path: Path) -> None:
 
 
 def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write study.toml, calibrated.toml, result.json and traces.csv.
+    """Write study.toml, calibrated.toml, result.json, traces.csv and their checksums, SHA256SUMS.
 
     Parameters
     ----------
@@ -112,12 +113,13 @@ def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[
 
 
 def write_results(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write calibrated.toml, result.json and traces.csv."""
+    """Write calibrated.toml, result.json and traces.csv, and their checksums."""
     title = calibration.study.title
     notes = {name: f'calibrated by "{title}"' for name in calibration.best}
-    dump_injector(calibration.injector, folder / "calibrated.toml", notes)
-    write_record(folder / RESULT, result_record(calibration, identified))
-    _write_traces(folder / TRACES, calibration)
+    with summed(folder, RESULT, CALIBRATED, TRACES):
+        dump_injector(calibration.injector, folder / CALIBRATED, notes)
+        write_record(folder / RESULT, result_record(calibration, identified))
+        _write_traces(folder / TRACES, calibration)
 
 
 def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
@@ -126,7 +128,7 @@ def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
     Raises
     ------
     InputError
-        If the folder is not a run folder, or a file of it is broken.
+        If the folder is not a run folder, or a file of it is broken or not the one that was written.
     ConfigurationError
         If it is no path.
     """

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_csv
+from commonrail.files.sums import check_sum
 from commonrail.kinds.records import MEASURED, MM3_PER_MS
 from commonrail.reading.csv_file import CsvFile
 from commonrail.reading.sheet import Column
@@ -106,6 +107,7 @@ def read_curves(path: Path, measured: str, before: Sequence[str] = ()) -> dict[t
     InputError
         As `read_traces`.
     """
+    check_sum(path)
     sheet = CsvFile(path, plain=True)
     head, rest = (*before, *_KEYS), sheet.names[len(before) + len(_KEYS) :]
     labels = [cell.removesuffix(_UNIT) for cell in rest]

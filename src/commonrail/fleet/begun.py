@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from commonrail.calibration.result import software_record
+from commonrail.compile_target import package_versions
 from commonrail.errors import StudyError
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, Entry, Journal
@@ -21,6 +21,8 @@ from commonrail.store.faults import trusted
 __all__ = ["check_entries", "entries_of"]
 
 _CURE = "bring it back as it was, or take another folder."
+
+_LATER = ("version of llvmlite", "file ")  # names, or how they begin, that early journals do not tell
 
 Count = Annotated[int, Field(ge=0)]
 
@@ -117,13 +119,9 @@ def entries_of(
     now, before = _common(fleet, shared), journal.inputs()
     if entries and not before:
         raise StudyError(f"{journal.path}: the journal is damaged: it does not tell which fleet it is of; {_CURE}")
-    # Early journals have no fingerprints of files that the injector's file names.
-    added = {name: text for name, text in now.items() if name.startswith("file ") and name not in before}
-    if not entries or now == before | added:  # while nothing is calibrated, a fault of the template may be mended
-        journal.write_inputs(now)
-    else:
-        changed = next(name for name in {**before, **now} if before.get(name) != now.get(name))
+    if entries and (changed := _changed(before, now)):
         raise StudyError(f"{folder} {_difference(changed, before, now)}; {_CURE}")
+    journal.write_inputs(now)  # while nothing is calibrated, a fault of the template may be mended
     for name, entry in entries.items():
         if entry.status == FAILED:
             continue
@@ -141,11 +139,17 @@ def entries_of(
     return found
 
 
+def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Name of an input that is another now, "" if there is none."""
+    names = [name for name in {**before, **now} if name in before or not name.startswith(_LATER)]
+    return next((name for name in names if before.get(name) != now.get(name)), "")
+
+
 def _common(fleet: Fleet, shared: Mapping[Path, str]) -> dict[str, str]:
     """Inputs that determine the result of every injector, by name: texts where readable, fingerprints of files."""
     template = fleet.template
     found = {"seed": str(fleet.seed), "leave_out": ", ".join(template.left_out)}
-    found |= {f"version of {name}": version for name, version in software_record().items()}
+    found |= {f"version of {name}": version for name, version in package_versions().items()}
     found[f"file {template.path.name}"] = sha256(template.text.encode())
     names = {Path(os.path.abspath(path)): name for name, path in shared_files(template).items()}
     return found | {f"file {names.get(path, path.name)}": digest for path, digest in shared.items()}

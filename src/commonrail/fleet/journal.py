@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from commonrail.store.faults import trusted
-from commonrail.store.journal_file import JournalFile, now
+from commonrail.store.journal_file import JournalFile, facts, now
 from commonrail.store.schema import Schema, Version
 from commonrail.store.seals import add_seals, put
 
@@ -68,17 +68,7 @@ class Entry:
 
 
 class Journal(JournalFile):
-    """The journal of a fleet: what was written survives a killed process, and a power cut too.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Raises
-    ------
-    StudyError, OutputError
-        As `JournalFile`.
-    """
+    """The journal of a fleet, a `JournalFile`: what was written survives a killed process, and a power cut too."""
 
     NAME, LOCK, SCHEMA = JOURNAL, LOCK, FLEET
     HOLDER = "{here} since {since}"
@@ -95,6 +85,18 @@ class Journal(JournalFile):
         """Keep the fingerprints of a new fleet."""
         kept = [put("input", *item) for item in inputs.items()]
         self._write(("DELETE FROM input", ()), *kept)
+
+    @property
+    def targets(self) -> list[dict[str, str]]:
+        """Versions, and the processor that was compiled for, of the processes that have calibrated; the latest last."""
+        with trusted(self.path):
+            found = json.loads(dict(self._table("about")).get("targets", "[]"))
+            return [{str(name): str(text) for name, text in target.items()} for target in found]
+
+    def note_target(self, target: Mapping[str, str]) -> None:
+        """Keep the target of this process as the latest, if it is not that already."""
+        if self.targets[-1:] != [target]:
+            self._write(*facts([("targets", json.dumps([*self.targets, target]))]))
 
     def entries(self) -> dict[str, Entry]:
         """All injectors that are done, by name."""

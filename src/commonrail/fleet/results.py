@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from commonrail.files.atomic import replacing, write_csv, write_text
+from commonrail.files.atomic import replacing, write_csv
+from commonrail.files.record_file import write_record
+from commonrail.files.sums import summed
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import Entry
 from commonrail.fleet.summary import fleet_record, units_of
@@ -22,7 +23,14 @@ Value = str | int | float | None
 
 
 def write_results(
-    folder: Path, fleet: Fleet, entries: Sequence[Entry], status: str, clock: Mapping[str, Any], why: str = ""
+    folder: Path,
+    fleet: Fleet,
+    entries: Sequence[Entry],
+    status: str,
+    clock: Mapping[str, Any],
+    *,
+    warnings: Sequence[Mapping[str, Any]] = (),
+    why: str = "",
 ) -> dict[str, Any]:
     """Write the files, each whole or not at all; returns what ``fleet.json`` holds.
 
@@ -36,6 +44,8 @@ def write_results(
         "finished", "interrupted" or "failed".
     clock : mapping
         "seconds", "calibrated_now" and "workers" of this run.
+    warnings : sequence of mappings
+        About the fleet as a whole, in the form of those of its record.
     why : str
         Reason that the injectors that are not done have none.
 
@@ -45,13 +55,14 @@ def write_results(
         If a file cannot be written.
     """
     record = fleet_record(fleet, entries, status, clock)
+    record["warnings"] = [*warnings, *record["warnings"]]
     columns = result_columns(fleet, entries, why)
     notes = [f"SYNTHETIC: {' '.join(record['synthetic'].split())}"] if record["synthetic"] else []
     rows = zip(*(map(_text, column) for column in columns.values()), strict=True)
-    write_csv(folder / RESULTS, notes, list(columns), rows)
-    _write_parquet(folder / RESULTS_PARQUET, columns, record["synthetic"])
-    text = json.dumps(record, indent=1, allow_nan=False)
-    write_text(folder / RECORD, text + "\n")
+    with summed(folder, RECORD, RESULTS, RESULTS_PARQUET):
+        write_csv(folder / RESULTS, notes, list(columns), rows)
+        _write_parquet(folder / RESULTS_PARQUET, columns, record["synthetic"])
+        write_record(folder / RECORD, record)
     return record
 
 

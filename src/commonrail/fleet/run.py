@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.arguments import file_path, flag, function, instance
+from commonrail.compile_target import describe
 from commonrail.engine.simulate import usable_threads
 from commonrail.errors import CommonrailError, StudyError
 from commonrail.files.run_folder import create_run_folder
@@ -20,7 +21,9 @@ from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, LOCK, Entry, Journal
 from commonrail.fleet.member import folders_of, read_shared, write_study
 from commonrail.fleet.results import write_results
+from commonrail.fleet.targets import target_warnings
 from commonrail.fleet.task import Attempt, Calibrations, failed
+from commonrail.notice import note
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.limits import Limits, check_count
 from commonrail.workers.task import Lost, Outcome, Package, Task, Withdrawn, pack
@@ -119,6 +122,7 @@ def run_fleet(
         create_run_folder(folder)
     with Journal(folder) as journal, held_interrupts() as wish:
         run = _Run(fleet, folder, journal, retry, progress)
+        warnings = run.check_target()
         status, fault = FINISHED, None
         try:
             run.calibrate(usable_threads() if workers is None else workers, cluster, wish.heed)
@@ -131,7 +135,8 @@ def run_fleet(
         journal.check_place()
         entries = run.in_order()
         clock = {"seconds": run.seconds, "first": run.first, "calibrated_now": run.now, "workers": run.workers}
-        record = write_results(folder, fleet, entries, status, clock, "" if fault is None else str(fault))
+        why = "" if fault is None else str(fault)
+        record = write_results(folder, fleet, entries, status, clock, warnings=warnings, why=why)
         if fault is not None:
             raise fault
         return FleetRun(folder, record, entries)
@@ -232,6 +237,16 @@ class _Run:
         if entry is None:
             return True
         return entry.status == FAILED and (retry or entry.inputs != self.inputs[name])
+
+    def check_target(self) -> list[dict[str, Any]]:
+        """Note the target of this process if it will calibrate; a warning if injectors have another one."""
+        if self.pending:
+            self.journal.note_target(describe().record)
+        study_of = (lambda name: load_study(self._study(name))) if self.pending else None
+        found = target_warnings(self.journal, self.in_order(), study_of)
+        for warning in found:
+            note(f"{self.folder}: {warning['sentence']}")
+        return found
 
     def _package(self) -> Package:
         """Try the first studies, so that a fault of all is told at once, and compile what the workers will load."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.calibration.result import software_record
+from commonrail.compile_target import describe, package_versions
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, Entry
 from commonrail.injector.definition import parameter_quantities
@@ -46,7 +46,8 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
     return {
         "schema": SCHEMA,
         "kind": "fleet",
-        "software": software_record(),
+        "software": package_versions(),
+        "target": describe().machine,
         "title": fleet.title,
         "note": fleet.note,
         "synthetic": " ".join(dict.fromkeys(e.record["synthetic"] for e in finished if e.record["synthetic"])),

@@ -16,6 +16,7 @@ from commonrail.errors import StudyError
 from commonrail.files.atomic import replacing, write_text, writing
 from commonrail.files.run_folder import RESULT, STUDY, TRACES
 from commonrail.files.study_file import load_study
+from commonrail.files.sums import SUMS
 from commonrail.reading.guarded_file import read_plain, sha256
 from commonrail.store.content import content_of
 from commonrail.store.journal import JOURNAL, LOCK, Input
@@ -23,7 +24,7 @@ from commonrail.store.journal import JOURNAL, LOCK, Input
 __all__ = ["copies_of", "copy_study", "set_in_study", "with_generations"]
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
-RESERVED = (STUDY, "calibrated.toml", RESULT, TRACES, "report.html", JOURNAL, LOCK)
+RESERVED = (STUDY, "calibrated.toml", RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
 _NAMES_A_FILE = ("file", "injector")  # keys of TOML files
 
 

@@ -50,17 +50,7 @@ class Input(NamedTuple):
 
 
 class Journal(JournalFile):
-    """The journal of a run folder; it does not wait for the disk at every step of the search.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Raises
-    ------
-    StudyError, OutputError
-        As `JournalFile`.
-    """
+    """The journal of a run folder, a `JournalFile`; it does not wait for the disk at every step of the search."""
 
     NAME, LOCK, SCHEMA = JOURNAL, LOCK, RUN
     HOLDER = "{here} is at work here since {since}"
@@ -136,11 +126,8 @@ class Journal(JournalFile):
 
         Parameters
         ----------
-        step : Step
-        reached : Generation
-            Objective after it.
-        after : Checkpoint
-            Its last stage is the optimiser's.
+        step, reached, after
+            As `Recorder.step`.
         """
         stage, last = len(after.stages) - 1, after.stages[-1]
         packed = pack(last._asdict())

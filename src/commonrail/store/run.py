@@ -77,7 +77,7 @@ def calibrate_into(
     -------
     Calibration
         Its result is in the folder too: study.toml with all files that it reads, calibrated.toml, result.json,
-        traces.csv, journal.sqlite.
+        traces.csv, SHA256SUMS, journal.sqlite.
 
     Raises
     ------

@@ -1,9 +1,12 @@
-"""Targets of a run's sessions: said where they differ, and whether this one finds the same bits."""
+"""Targets that a run or a fleet was computed on: said where they differ, and whether this one finds the same bits."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
+from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.plausibility.finding import found
 from commonrail.calibration.search import Listeners, Search
@@ -12,14 +15,14 @@ from commonrail.compile_target import describe, differences
 from commonrail.store.journal import Journal
 from commonrail.workers.interrupt import Wish
 
-__all__ = ["other_targets"]
+__all__ = ["TARGET", "differing", "objective_of", "other_bits", "other_targets"]
 
-CODE = "target"
+TARGET = "target"  # code of the warning
 TRIED = 8  # candidates that are simulated again: one block of the vectorised loop
 
 
 def other_targets(journal: Journal, study: Study, threads: int | None) -> tuple[Finding, ...]:
-    """Warning that a run's results need not be those of a run that was never stopped; none where they are.
+    """Warning that a run need not end as one that was never stopped; none where this target finds the same bits.
 
     The best candidate so far, and some beside it, are simulated again and compared bit for bit.
 
@@ -29,39 +32,56 @@ def other_targets(journal: Journal, study: Study, threads: int | None) -> tuple[
     study : Study
     threads : int or None
     """
-    differing = _differences(journal)
-    kept, here = _best_again(journal, study, threads)
-    if not differing and kept == here:
-        return ()
-    begun = f"{differing}; " if differing else "the compiler's target is that of the earlier sessions, but "
-    best = (
-        f"the best candidate has the same objective here, {here!r}, bit for bit, but the last digits of others may "
-        "differ"
-        if kept == here
-        else f"the objective of the best candidate or of one beside it is {here!r} here and was {kept!r}"
+    text = other_bits(
+        differing([*journal.targets, describe().record]),
+        "the best candidates",
+        *_best_again(journal, study, threads),
     )
-    text = f"{begun}{best}: the run need not end as one that was never stopped; resume it where it was begun."
-    return (found(CODE, study.title, text),)
+    cure = "the run need not end as one that was never stopped; resume it where it was begun"
+    return (found(TARGET, study.title, f"{text}: {cure}."),) if text else ()
 
 
-def _differences(journal: Journal) -> str:
-    """Sessions on other targets than this one, and how they differ."""
-    now, said = describe().record, {}
-    for number, before in enumerate(journal.targets, 1):
-        if (text := differences(before, now)) and text not in said:
-            said[text] = "begun" if number == 1 else f"resumed (session {number})"
+def differing(targets: Sequence[Mapping[str, str]]) -> str:
+    """Differences of the last target from each earlier one, as a part of a sentence; "" where there are none."""
+    said: dict[str, str] = {}
+    for number, before in enumerate(targets[:-1], 1):
+        if (text := differences(before, targets[-1])) and text not in said:
+            said[text] = "begun" if number == 1 else f"resumed as session {number}"
     return "; ".join(f"{how} with {text}" for text, how in said.items())
+
+
+def other_bits(differing: str, candidates: str, kept: float, here: float) -> str:
+    """Description of what is not as it was, by objectives of the same candidates then and here; "" if nothing.
+
+    Parameters
+    ----------
+    differing : str
+        As `differing` returns it.
+    candidates : str
+        Those that were simulated again.
+    kept, here : float
+        Objective of one of them, of the first that differs if one does.
+    """
+    if kept != here:
+        found = f"{candidates}, simulated again, have other bits here, {here!r} in place of {kept!r}"
+        return f"{differing}; {found}" if differing else found
+    if differing:
+        return f"{differing}; {candidates}, simulated again, have the same bits here, but others may not"
+    return ""
+
+
+def objective_of(study: Study, threads: int | None) -> Objective:
+    """Objective as a search of the study takes it, on threads of this process."""
+    return Search(study, threads, None, Listeners(None, None, Wish())).objective
 
 
 def _best_again(journal: Journal, study: Study, threads: int | None) -> tuple[float, float]:
     """Objective of the best candidate in the journal and here; of the first one beside it if only that differs."""
     trials, costs = journal.best_step()
-    chosen = np.argsort(np.where(np.isnan(costs), np.inf, costs), kind="stable")[:TRIED]
+    chosen = np.argsort(costs, kind="stable")[:TRIED]
     chosen = chosen[np.isfinite(costs[chosen])]
     if not len(chosen):
         return 0.0, 0.0
-    objective = Search(study, threads, None, Listeners(None, None, Wish())).objective
-    again = objective.costs(np.ascontiguousarray(trials[chosen])).costs
-    differs = again != costs[chosen]
-    which = int(np.argmax(differs))
+    again = objective_of(study, threads).costs(np.ascontiguousarray(trials[chosen])).costs
+    which = int(np.argmax(again != costs[chosen]))
     return float(costs[chosen][which]), float(again[which])

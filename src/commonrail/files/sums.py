@@ -1,0 +1,76 @@
+"""Checksums of result files, in a file ``SHA256SUMS`` beside them that ``sha256sum -c SHA256SUMS`` reads too."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from commonrail.errors import InputError
+from commonrail.files.atomic import check_target, write_text, writing
+
+__all__ = ["SUMS", "check_sum", "summed"]
+
+SUMS = "SHA256SUMS"
+_LARGEST = 100_000  # [bytes]
+_PIECE = 1 << 20  # [bytes]
+
+
+@contextmanager
+def summed(folder: Path, *names: str) -> Iterator[None]:
+    """Write files of a folder in the block; their checksums follow when all are there.
+
+    While the files are replaced there are no checksums: those of the former files would call the new ones damaged.
+
+    Parameters
+    ----------
+    folder : Path
+    *names : str
+        Files to be read back; one that was not written has no checksum.
+
+    Raises
+    ------
+    OutputError
+        If the checksums cannot be written.
+    """
+    path = folder / SUMS
+    with writing(path):
+        check_target(path)
+        path.unlink(missing_ok=True)
+    yield
+    written = [name for name in names if (folder / name).is_file()]
+    write_text(path, "".join(f"{_digest(folder / name)}  {name}\n" for name in written))
+
+
+def check_sum(path: Path) -> None:
+    """Refuse a file that is not the one that was written, as far as there is a checksum beside it.
+
+    Raises
+    ------
+    InputError
+        If the checksums list the file with another digest, or cannot be read.
+    """
+    sums = path.parent / SUMS
+    if not (sums.is_file() and path.is_file()):
+        return
+    try:
+        with sums.open("rb") as stream:
+            lines = stream.read(_LARGEST).decode("utf-8", "replace").split("\n")
+        listed = {name: digest for digest, gap, name in (line.partition("  ") for line in lines) if gap}
+        whole = listed.get(path.name, "") in ("", _digest(path))
+    except OSError as error:
+        raise InputError(f"{sums}: the file cannot be read ({error.strerror}).") from error
+    if not whole:
+        raise InputError(
+            f"{path}: this is not the file that was written: its SHA-256 is another than in {SUMS} beside it; take a "
+            "copy that is whole or make it again, and if it was changed on purpose, copy it to another folder."
+        )
+
+
+def _digest(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while piece := stream.read(_PIECE):
+            digest.update(piece)
+    return digest.hexdigest()

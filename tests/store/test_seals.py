@@ -1,0 +1,181 @@
+"""Damage to a journal: found in every value of every row, in what SQLite keeps of tables, and when the log is lost."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail.errors import StudyError
+from commonrail.files.study_file import load_study
+from commonrail.store.journal import JOURNAL, Journal, State, read_about
+from commonrail.store.listing import list_runs
+from commonrail.store.run import Listener, calibrate_into, resume
+from commonrail.store.run_schema import RUN
+from commonrail.store.seals import seal
+from tests.store.conftest import Stop, Stopped, Whole, stop_after, timeless
+
+TABLES = sorted(RUN.versions[-1].tables)
+LOG = f"{JOURNAL}-wal"
+
+
+def opened(run: Path) -> closing[sqlite3.Connection]:
+    return closing(sqlite3.connect(run / JOURNAL, isolation_level=None))
+
+
+def changed(value: Any) -> Any:
+    """A value of the same kind that is another one by little."""
+    if isinstance(value, str | bytes):
+        mark = "!" if isinstance(value, str) else b"!"
+        return mark + value[1:]  # type: ignore[operator]
+    return 1 if value is None else value + 1
+
+
+def every_value(run: Path) -> Iterator[str]:
+    """Journals with one value changed in the last row of each table, one after the other; the table's column."""
+    for table in TABLES:
+        with opened(run) as connection:
+            found = connection.execute(f"SELECT rowid, * FROM {table} ORDER BY rowid DESC LIMIT 1")
+            names = [column[0] for column in found.description][1:]
+            row, *values = found.fetchone()
+            for name, value in zip(names, values, strict=True):
+                keep = "UPDATE {} SET {} = ? WHERE {}".format(table, name, "rowid = ?" if name != "number" else "1")
+                connection.execute("BEGIN")
+                if name in ("number", "stage"):  # the row's own key
+                    connection.execute(f"UPDATE {table} SET {name} = {name} + 1 WHERE rowid = ?", (row,))
+                else:
+                    connection.execute(keep, (changed(value), row))
+                connection.execute("COMMIT")
+                yield f"{table}.{name}"
+                if name in ("number", "stage"):
+                    connection.execute(f"UPDATE {table} SET {name} = {name} - 1 WHERE rowid = ?", (row + 1,))
+                else:
+                    connection.execute(keep, (value, row))
+
+
+def test_a_change_of_any_value_is_found_by_all_readers(whole: Whole, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(whole.run, tmp_path / "run"))
+    count = 0
+    for column in every_value(run):
+        before = (run / JOURNAL).read_bytes()
+        for use in (read_about, resume, resume):
+            with pytest.raises(StudyError, match=r"journal\.sqlite: the journal is damaged"):
+                use(run)
+        assert [r.state for r in list_runs(run)] == ["damaged"], column
+        assert (run / JOURNAL).read_bytes() == before, f"{column}: who refuses a journal changes nothing"
+        count += 1
+    assert count == 38  # columns of all tables, their seals included
+    resume(run, threads=1)  # all is as it was
+    assert timeless(run) == timeless(whole.run)
+
+
+def test_rows_of_different_kinds_have_different_seals() -> None:
+    rows: list[tuple[Any, ...]] = [(1,), ("1",), (b"1",), (None,), ("",), (b"",), ("1", ""), ("", "1"), (2**60,)]
+    assert len({seal("about", row) for row in rows} | {seal("input", (1,))}) == len(rows) + 1
+    assert seal("about", (2.0,)) == seal("about", (2,))  # as a column of real numbers returns it
+
+
+def test_a_table_that_was_made_otherwise_is_refused(whole: Whole, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(whole.run, tmp_path / "run"))
+    with opened(run) as connection:
+        connection.execute("PRAGMA writable_schema = 1")
+        connection.execute("UPDATE sqlite_master SET sql = replace(sql, 'best REAL NOT NULL', 'best REAL')")
+    for use in (read_about, resume):
+        with pytest.raises(StudyError, match="is not the journal of a run"):
+            use(run)
+
+
+@pytest.fixture
+def killed(whole: Whole, tmp_path: Path) -> Path:
+    """A run as SIGKILL leaves it after three steps: most of its journal is in the log."""
+    run, left = tmp_path / "run", tmp_path / "killed"
+
+    def progress(p: Any) -> None:
+        if p.generation == 3:
+            shutil.copytree(run, left)
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        calibrate_into(run, load_study(whole.study), threads=1, listener=Listener(progress))
+    return left
+
+
+def test_a_killed_run_goes_on_from_its_log(whole: Whole, killed: Path) -> None:
+    assert (killed / LOG).stat().st_size > 0
+    assert [(r.state, r.generation) for r in list_runs(killed)] == [("stopped", 3)]
+    resume(killed, threads=1)
+    assert timeless(killed) == timeless(whole.run)
+
+
+@pytest.mark.parametrize("loss", ["gone", "empty"])
+def test_a_lost_log_is_damage_however_often_it_is_tried(killed: Path, loss: str) -> None:
+    (killed / LOG).unlink()
+    if loss == "empty":
+        (killed / LOG).touch()
+    for use in (read_about, resume, read_about, resume):
+        with pytest.raises(StudyError, match=r"journal\.sqlite: its log journal\.sqlite-wal is missing, and the last"):
+            use(killed)
+    assert [r.state for r in list_runs(killed)] == ["damaged"]
+
+
+def test_a_log_that_another_program_has_merged_is_not_missed(whole: Whole, killed: Path) -> None:
+    with opened(killed) as connection:
+        connection.execute("SELECT COUNT(*) FROM about").fetchone()
+    assert not (killed / LOG).exists()
+    resume(killed, threads=1)
+    assert timeless(killed) == timeless(whole.run)
+
+
+def test_a_long_log_is_taken_into_the_journal(whole: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("commonrail.store.journal_file.LONGEST_LOG", 1000)
+    run = Path(shutil.copytree(whole.run, tmp_path / "run"))
+    with Journal(run) as journal:
+        for number in range(50):
+            journal.describe({"title": f"{number:1000d}"})
+            journal.end_session(State.FAILED, "x" * 1000)
+        assert (run / LOG).stat().st_size < 50_000  # 50 times two rows would be ten times that
+        left = Path(shutil.copytree(run, tmp_path / "left"))
+    (left / LOG).unlink()
+    with pytest.raises(StudyError, match="-wal is missing"):
+        resume(left)
+
+
+def as_schema_2(run: Path) -> None:
+    """Make a journal one of the schema before there were seals."""
+    with opened(run) as connection:
+        for table in TABLES:
+            connection.execute(f"ALTER TABLE {table} DROP COLUMN seal")
+        old = '{"commonrail": "0.1.0", "processor": "x86_64 of old"}'
+        connection.execute("UPDATE session SET software = ?", (old,))
+        connection.execute("DELETE FROM about WHERE name = 'log'")
+        connection.execute("PRAGMA user_version = 2")
+
+
+def test_a_journal_without_seals_gets_them_and_ends_in_the_same_bits(whole: Whole, stopped: Stop) -> None:
+    run = stopped(4)
+    as_schema_2(run)
+    told: list[str] = []
+    with pytest.raises(Stopped):
+        resume(run, threads=1, listener=Listener(stop_after(1).progress, told.append))
+    assert any("begun with processor x86_64 of old, now" in text for text in told)
+    resume(run, threads=1)
+    mine, other = (json.loads(timeless(r)) for r in (run, whole.run))
+    assert [w["code"] for w in mine["warnings"]] == ["target", *(w["code"] for w in other["warnings"])]
+    assert {**mine, "warnings": other["warnings"]} == other
+    with opened(run) as connection:
+        assert connection.execute("SELECT COUNT(*) FROM generation WHERE LENGTH(seal) = 64").fetchone() == (6,)
+
+
+def test_a_changed_number_of_generations_is_found_without_seals(stopped: Stop) -> None:
+    run = stopped(2)
+    as_schema_2(run)
+    with opened(run) as connection:
+        connection.execute("UPDATE about SET text = '9' WHERE name = 'generations'")
+    with pytest.raises(StudyError, match=r"the journal is damaged: it asks for 9 generations and study\.toml for 5"):
+        resume(run)
