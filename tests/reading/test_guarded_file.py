@@ -30,7 +30,7 @@ ALLOWED = {
     "files/scaffold.py": "files of the installed package",
     "kernel_cache.py": "guards its own folder: files of this user alone",
     "bench/machine.py": "/proc",
-    "store/journal.py": "/proc",
+    "compile_target.py": "/proc",
     "store/lock.py": "SQLite, after `check_target`",
     "store/journal_file.py": "SQLite, after `check_target` or `check_plain`",
     "store/listing.py": "SQLite, a lock beside a journal that was read",

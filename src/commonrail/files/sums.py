@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from commonrail.errors import InputError
 from commonrail.files.atomic import check_target, write_text, writing
+from commonrail.reading.guarded_file import opened, read_plain
 
 __all__ = ["SUMS", "check_sum", "summed"]
 
 SUMS = "SHA256SUMS"
 _LARGEST = 100_000  # [bytes]
-_PIECE = 1 << 20  # [bytes]
 
 
 @contextmanager
@@ -54,14 +55,9 @@ def check_sum(path: Path) -> None:
     sums = path.parent / SUMS
     if not (sums.is_file() and path.is_file()):
         return
-    try:
-        with sums.open("rb") as stream:
-            lines = stream.read(_LARGEST).decode("utf-8", "replace").split("\n")
-        listed = {name: digest for digest, gap, name in (line.partition("  ") for line in lines) if gap}
-        whole = listed.get(path.name, "") in ("", _digest(path))
-    except OSError as error:
-        raise InputError(f"{sums}: the file cannot be read ({error.strerror}).") from error
-    if not whole:
+    lines = read_plain(sums, _LARGEST).decode("utf-8", "replace").split("\n")
+    listed = {name: digest for digest, gap, name in (line.partition("  ") for line in lines) if gap}
+    if listed.get(path.name, "") not in ("", _digest(path)):
         raise InputError(
             f"{path}: this is not the file that was written: its SHA-256 is another than in {SUMS} beside it; take a "
             "copy that is whole or make it again, and if it was changed on purpose, copy it to another folder."
@@ -69,8 +65,5 @@ def check_sum(path: Path) -> None:
 
 
 def _digest(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while piece := stream.read(_PIECE):
-            digest.update(piece)
-    return digest.hexdigest()
+    with opened(path, sys.maxsize) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
