@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from commonrail.errors import CommonrailError, StudyError
 from commonrail.notice import note
@@ -19,6 +19,8 @@ from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failur
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+T = TypeVar("T")
 
 FETCH = 10.0  # how long to wait for a result that is said to be there [s]
 APPEAR = 30.0  # how long to wait for its first worker [s]
@@ -81,6 +83,10 @@ class Cluster:
     def close(self) -> None:
         """Leave the cluster; end it if it is "local"."""
         self._link.close()
+
+    def run_on_each(self, call: Callable[[], T]) -> dict[str, T]:
+        """Results of a call on each worker, by its address."""
+        return dict(self._link.ask(lambda client: client.run(call)))
 
     def others(self, worker: str) -> bool:
         """Return whether there are workers beside this one."""
