@@ -95,7 +95,7 @@ def entered(folder: Path, times: int) -> str:
 
 @attack()
 def silent(folder: Path, times: int) -> str:
-    """A scheduler that accepts and says nothing ends a command by the deadline, with a sentence and status 2."""
+    """A cluster whose scheduler accepts and says nothing ends a command by the deadline, with a sentence and status 2."""
     with silent_listener() as port:
         done = command(
             "calibrate", CASE / "study.toml", "--out", folder / "run", "--cluster", f"tcp://127.0.0.1:{port}"
@@ -107,7 +107,7 @@ def silent(folder: Path, times: int) -> str:
 
 @attack()
 def lies(folder: Path, times: int) -> str:
-    """A worker that lies is found and left out, and the result has the bytes of a run without it."""
+    """A worker of a cluster that lies is found and left out, and the result has the bytes of a run without it."""
     with dask_cluster(folder, [Member(), Member(), Member(LIE)]) as address:
         same, said = _same_bytes(folder, address, Limits(check_one_in=1, seed=1))
     if not any("has answered with other bits" in text for text in said):
@@ -128,7 +128,7 @@ def killed(folder: Path, times: int) -> str:
 
 @attack()
 def other_software(folder: Path, times: int) -> str:
-    """A worker with another version, or with code for another processor, is refused with a sentence."""
+    """A worker of a cluster with another version, or with code for another processor, is refused with a sentence."""
     members = {package: Member(OLD.format(package=package)) for package in ("commonrail", "numba", "llvmlite", "numpy")}
     generic = Member(environment={"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""})
     for name, member in {**members, "cpu": generic}.items():
