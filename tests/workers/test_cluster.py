@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -103,11 +104,14 @@ def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(monkeypatch: pyte
         Workers.cluster(f"tcp://127.0.0.1:{port}")
 
 
-def test_the_folder_of_a_cluster_here_is_private_and_goes_with_it() -> None:
-    with cluster(1) as workers:
-        (folder,) = {Path(found).parents[1] for found in workers.backend.run_on_each(os.getcwd).values()}
+def test_the_folder_of_a_cluster_here_is_private_and_ends_with_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with cluster(1):
+        (folder,) = tmp_path.glob("commonrail-*")
+        assert list(folder.iterdir())  # of the workers
         assert folder.stat().st_mode & 0o777 == 0o700
-        assert not list(folder.rglob("*.pem"))
     assert not folder.exists()
 
 
@@ -171,36 +175,45 @@ def test_an_address_where_others_listen_in_is_known(address: str, is_safe: bool)
 
 
 class Answering:
-    """Client whose workers say what they are told to."""
+    """Client whose workers have these versions and targets."""
 
-    def __init__(self, said: dict[str, dict[str, Any]], targets: dict[str, Any]) -> None:
-        self.said, self.targets = said, targets
+    def __init__(self, versions: dict[str, dict[str, str]], targets: dict[str, Any]) -> None:
+        self.versions, self.targets = versions, targets
 
     def run(self, call: Any, *arguments: str, workers: list[str], on_error: str) -> dict[str, Any]:
-        assert on_error == "return"
         if arguments:
-            return {name: self.said[name][arguments[0]] for name in workers}
-        return {name: self.targets[name] for name in workers}
+            assert call(*arguments) == own_versions()  # what is asked for, answered by this process
+            return {name: self.versions[name] for name in workers if name in self.versions}
+        (name,) = workers
+        if isinstance(self.targets[name], Exception):
+            raise self.targets[name]
+        return {name: self.targets[name]}
+
+
+def own_versions() -> dict[str, str]:
+    return {package: dict(software())[package] for package in PACKAGES}
 
 
 def test_workers_are_greeted_by_their_versions_and_then_by_their_target() -> None:
-    own = {package: dict(software())[package] for package in PACKAGES}
-    missing = ModuleNotFoundError("commonrail")
-    from importlib.metadata import PackageNotFoundError
-
-    said: dict[str, dict[str, Any]] = {
+    own = own_versions()
+    versions = {
         "same": own,
         "old": own | {"numba": "0.1"},
-        "bare": dict.fromkeys(PACKAGES, PackageNotFoundError("none")),
-        "left": dict.fromkeys(PACKAGES, OSError("closed")),
+        "bare": dict.fromkeys(PACKAGES, ""),
         "other": own,
         "edited": own,
+        "leaves": own,
     }
-    targets = {"same": software(), "other": (*software(), ("cpu", "z80")), "edited": missing}
-    found = differing(list(said), Answering(said, targets))  # type: ignore[arg-type]
-    assert found["same"] == ""
+    targets = {
+        "same": software(),
+        "other": (*software(), ("cpu", "z80")),
+        "edited": AttributeError("software"),
+        "leaves": OSError("closed"),
+    }
+    found = differing([*versions, "left"], Answering(versions, targets))  # type: ignore[arg-type]
+    assert found["same"] == found["leaves"] == ""
     assert found["old"].startswith(f"other software than this run: numba 0.1 in place of {own['numba']}; install")
     assert found["bare"] == "no commonrail; install there what is installed here."
     assert "left" not in found
     assert found["other"].startswith("other software than this run: cpu z80 in place of ")
-    assert found["edited"].startswith("another commonrail of the same version number")
+    assert found["edited"].startswith("another commonrail of the same version number (AttributeError)")

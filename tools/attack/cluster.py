@@ -38,8 +38,8 @@ LISTENS = "0A"  # state of a socket in /proc/net/tcp
 LOOPBACK = ("0100007F", "00000000000000000000000001000000")
 
 LIE = """
-from commonrail.workers import cluster
-honest = cluster.perform
+from commonrail.workers import process
+process.honest = honest = getattr(process, "honest", process.perform)  # Dask runs this twice
 
 def perform(package, argument):
     answer = honest(package, argument)
@@ -47,12 +47,13 @@ def perform(package, argument):
     wrong = result._replace(costs=result.costs * 0.5) if hasattr(result, "costs") else result * 0.5
     return answer._replace(result=wrong)
 
-cluster.perform = perform
+process.perform = perform
 """
 DIE = """
 import os
-from commonrail.workers import cluster
-honest, count = cluster.perform, []
+from commonrail.workers import process
+process.honest = honest = getattr(process, "honest", process.perform)  # Dask runs this twice
+count = []
 
 def perform(package, argument):
     count.append(1)
@@ -60,12 +61,12 @@ def perform(package, argument):
         os.kill(os.getpid(), 9)
     return honest(package, argument)
 
-cluster.perform = perform
+process.perform = perform
 """
 OLD = """
-import importlib.metadata
-true = importlib.metadata.version
-importlib.metadata.version = lambda name: "0.1" if name == "{package}" else true(name)
+from importlib.metadata import Distribution
+Distribution.true = true = getattr(Distribution, "true", Distribution.version.fget)
+Distribution.version = property(lambda self: "0.1" if self.name == "{package}" else true(self))
 """
 
 
@@ -95,7 +96,7 @@ def entered(folder: Path, times: int) -> str:
 
 @attack()
 def silent(folder: Path, times: int) -> str:
-    """A cluster whose scheduler accepts and says nothing ends a command by the deadline, with a sentence and status 2."""
+    """A cluster whose scheduler accepts and says nothing ends a command in time, with a sentence and status 2."""
     with silent_listener() as port:
         done = command(
             "calibrate", CASE / "study.toml", "--out", folder / "run", "--cluster", f"tcp://127.0.0.1:{port}"

@@ -27,7 +27,7 @@ class Member(NamedTuple):
 def dask_cluster(
     folder: Path, members: Sequence[Member] = (), environment: Mapping[str, str] | None = None
 ) -> Iterator[str]:
-    """Address of a scheduler, and of workers that nobody can start anew, each a process of its own.
+    """Address of a scheduler, and of workers without a nanny, each a process of its own.
 
     Parameters
     ----------
