@@ -64,9 +64,14 @@ def perform(package, argument):
 process.perform = perform
 """
 OLD = """
-from importlib.metadata import Distribution
-Distribution.true = true = getattr(Distribution, "true", Distribution.version.fget)
-Distribution.version = property(lambda self: "0.1" if self.name == "{package}" else true(self))
+from importlib import metadata
+from types import SimpleNamespace
+metadata.honest = honest = getattr(metadata, "honest", metadata.distributions)
+
+def distributions(name):
+    return [SimpleNamespace(version="0.1")] if name == "{package}" else honest(name=name)
+
+metadata.distributions = distributions
 """
 
 
