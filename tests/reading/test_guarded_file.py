@@ -32,6 +32,7 @@ ALLOWED = {
     "bench/machine.py": "/proc",
     "compile_target.py": "/proc",
     "store/lock.py": "SQLite, after `check_target`",
+    "store/schema.py": "SQLite in memory",
     "store/journal_file.py": "SQLite, after `check_target` or `check_plain`",
     "store/listing.py": "SQLite, a lock beside a journal that was read",
     "fleet/parquet_table.py": "pyarrow on a stream of `opened`",

@@ -123,8 +123,7 @@ def pids_of(workers: Workers) -> list[int]:
     from commonrail.workers.cluster import Cluster
 
     assert isinstance(workers.backend, Cluster)
-    found: dict[str, int] = workers.backend._link.client.run(os.getpid)
-    return list(found.values())
+    return list(workers.backend.run_on_each(os.getpid).values())
 
 
 def gone(pid: int) -> bool:

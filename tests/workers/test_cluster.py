@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
+import os
+import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from commonrail.compile_target import PACKAGES
 from commonrail.errors import InputError, StudyError
 from commonrail.workers import cluster as cluster_module
 from commonrail.workers import link as link_module
+from commonrail.workers.greeting import differing
 from commonrail.workers.limits import Limits
-from commonrail.workers.task import pack
+from commonrail.workers.task import pack, software
 from commonrail.workers.workers import Workers
-from tests.waiting import PATIENCE, wait_until
-from tests.workers.crews import NO_DASK, Deed, Deeds, expected, sines, tasks
+from tests.workers.crews import NO_DASK, Deed, Deeds, cluster, expected, sines, tasks
+from tools.attack.cluster import silent_listener
+from tools.attack.dask_cluster import Member, certificates, dask_cluster
 
 pytestmark = pytest.mark.process
 
@@ -30,40 +32,11 @@ HASTY = Limits(failures=10_000)
 SHORT = 20.0
 
 
-@contextmanager
-def scheduler(folder: Path, workers: int = 0) -> Iterator[str]:
-    """Address of a scheduler in a process of its own, and of so many workers that nobody can start anew."""
-    contact = folder / "scheduler.json"
-    common = ["--no-dashboard", "--scheduler-file", str(contact)]
-    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", *common]
-    plain = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-nanny", "--nthreads", "1", *common]
-    started = [subprocess.Popen(dask, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)]
-    try:
-        wait_until(lambda: contact.exists() and contact.stat().st_size > 0, "a scheduler says its address")
-        address = json.loads(contact.read_text(encoding="utf-8"))["address"]
-        for _ in range(workers):
-            started.append(subprocess.Popen(plain, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
-        if workers:
-            with distributed_client(address) as client:
-                client.wait_for_workers(workers, timeout=PATIENCE)
-        yield str(address)
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()
-
-
-def distributed_client(address: str) -> Any:
-    from distributed import Client
-
-    return Client(address, timeout=PATIENCE, set_as_default=False)
-
-
 @pytest.mark.slow
 def test_a_cluster_by_its_address_goes_on_without_a_worker_that_hangs_and_cannot_be_restarted(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason=NO_DASK)
     package = pack(Deeds(tmp_path))
-    with scheduler(tmp_path, 2) as address, Workers.cluster(address, limits=HASTY) as workers:
+    with dask_cluster(tmp_path, [Member()] * 2) as address, Workers.cluster(address, limits=HASTY) as workers:
         assert workers.backend.count == 2
         assert sines(workers.run(tasks(package, MANY))) == expected(MANY)
         hanging = [*MANY, Deed(99, "hang")]
@@ -74,7 +47,7 @@ def test_a_cluster_by_its_address_goes_on_without_a_worker_that_hangs_and_cannot
 @pytest.mark.slow
 def test_a_scheduler_that_goes_away_is_told_of(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason=NO_DASK)
-    with scheduler(tmp_path, 1) as address:
+    with dask_cluster(tmp_path, [Member()]) as address:
         workers = Workers.cluster(address)
     with pytest.raises(StudyError, match=f"The connection to the cluster {address} is broken"):
         list(workers.run(tasks(pack(Deeds(tmp_path)), MANY)))
@@ -86,7 +59,7 @@ def test_a_cluster_without_workers_is_told_of(monkeypatch: pytest.MonkeyPatch, t
     pytest.importorskip("distributed", reason=NO_DASK)
     monkeypatch.setattr(cluster_module, "APPEAR", 1.0)
     with (
-        scheduler(tmp_path) as address,
+        dask_cluster(tmp_path) as address,
         pytest.raises(StudyError, match=f"has had no worker for 1 s; start some with `dask worker {address}`"),
     ):
         Workers.cluster(address)
@@ -111,3 +84,142 @@ def test_what_is_no_address_is_refused_at_once(address: str) -> None:
     pytest.importorskip("distributed", reason=NO_DASK)
     with pytest.raises(InputError, match=f'"{address}" is no address of a scheduler; give one as "tcp://host:port"'):
         Workers.cluster(address)
+
+
+@pytest.mark.parametrize("package", ["distributed", "cryptography"])
+def test_what_a_cluster_here_needs_is_named(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
+    pytest.importorskip("distributed", reason=NO_DASK)
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(InputError, match=rf"needs the package {package}, .*`pip install 'commonrail\[cluster\]'`"):
+        Workers.cluster("local")
+
+
+def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed", reason=NO_DASK)
+    monkeypatch.setattr(link_module, "CONNECT", 0.1)
+    with (
+        silent_listener() as port,
+        pytest.raises(InputError, match=f"scheduler at tcp://127.0.0.1:{port} has given no"),
+    ):
+        Workers.cluster(f"tcp://127.0.0.1:{port}")
+
+
+def test_the_folder_of_a_cluster_here_is_private_and_ends_with_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with cluster(1):
+        (folder,) = tmp_path.glob("commonrail-*")
+        assert list(folder.iterdir())  # of the workers
+        assert folder.stat().st_mode & 0o777 == 0o700
+    assert not folder.exists()
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_halted_in_the_middle_is_told_of(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason=NO_DASK)
+    package = pack(Deeds(tmp_path))
+    with dask_cluster(tmp_path, [Member()]) as address, Workers.cluster(address) as workers:
+        assert sines(workers.run(tasks(package, MANY))) == expected(MANY)
+        process = scheduler_of(workers)
+        monkeypatch.setattr(link_module, "ANSWER", 0.2)
+        monkeypatch.setattr(link_module, "LEAVE", 0.2)
+        os.kill(process, signal.SIGSTOP)
+        with pytest.raises(StudyError, match=f"The scheduler of the cluster {address} has given no answer within"):
+            list(workers.run(tasks(package, MANY)))
+
+
+def scheduler_of(workers: Workers) -> int:
+    """Process number of the scheduler."""
+    from commonrail.workers.cluster import Cluster
+
+    assert isinstance(workers.backend, Cluster)
+    return int(workers.backend._link.ask(lambda client: client.run_on_scheduler(os.getpid)))
+
+
+def configured(environment: dict[str, str]) -> dict[str, str]:
+    """Dask's configuration by its keys, from an environment."""
+    keys = {name: name.removeprefix("DASK_").lower().replace("__", ".").replace("_", "-") for name in environment}
+    return {keys[name]: value for name, value in environment.items()}
+
+
+@pytest.mark.slow
+def test_a_cluster_elsewhere_is_entered_with_its_certificate_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    dask = pytest.importorskip("dask", reason=NO_DASK)
+    pytest.importorskip("cryptography", reason=NO_DASK)
+    ours = certificates(tmp_path / "ours")
+    monkeypatch.setattr(link_module, "CONNECT", 2.0)
+    with dask_cluster(tmp_path, [Member()], ours) as address:
+        assert address.startswith("tls://")
+        for said, words in ((certificates(tmp_path / "theirs"), "certificate|CERTIFICATE"), ({}, "TLS")):
+            with (
+                dask.config.set(configured(said)),
+                pytest.raises(InputError, match=f"There is no Dask scheduler at {address} .*({words})"),
+            ):
+                Workers.cluster(address)
+        with dask.config.set(configured(ours)), Workers.cluster(address) as workers:
+            assert sines(workers.run(tasks(pack(Deeds(tmp_path)), MANY))) == expected(MANY)
+
+
+@pytest.mark.parametrize(
+    ("address", "is_safe"),
+    [
+        ("tls://head:8786", True),
+        ("tcp://127.0.0.1:8786", True),
+        ("localhost:8786", True),
+        ("tcp://[::1]:8786", True),
+        ("tcp://head:8786", False),
+        ("head:8786", False),
+        ("ws://head:8786", False),
+        ("tcp://127.0.0.1.evil.org:8786", False),
+    ],
+)
+def test_an_address_where_others_listen_in_is_known(address: str, is_safe: bool) -> None:
+    assert bool(link_module._HERE.fullmatch(address)) == is_safe
+
+
+class Answering:
+    """Client whose workers have these versions and targets."""
+
+    def __init__(self, versions: dict[str, dict[str, str]], targets: dict[str, Any]) -> None:
+        self.versions, self.targets = versions, targets
+
+    def run(self, call: Any, *arguments: str, workers: list[str], on_error: str) -> dict[str, Any]:
+        if arguments:
+            assert call(*arguments) == own_versions()  # what is asked for, answered by this process
+            return {name: self.versions[name] for name in workers if name in self.versions}
+        (name,) = workers
+        if isinstance(self.targets[name], Exception):
+            raise self.targets[name]
+        return {name: self.targets[name]}
+
+
+def own_versions() -> dict[str, str]:
+    return {package: dict(software())[package] for package in PACKAGES}
+
+
+def test_workers_are_greeted_by_their_versions_and_then_by_their_target() -> None:
+    own = own_versions()
+    versions = {
+        "same": own,
+        "old": own | {"numba": "0.1"},
+        "bare": dict.fromkeys(PACKAGES, ""),
+        "other": own,
+        "edited": own,
+        "leaves": own,
+    }
+    targets = {
+        "same": software(),
+        "other": (*software(), ("cpu", "z80")),
+        "edited": AttributeError("software"),
+        "leaves": OSError("closed"),
+    }
+    found = differing([*versions, "left"], Answering(versions, targets))  # type: ignore[arg-type]
+    assert found["same"] == found["leaves"] == ""
+    assert found["old"].startswith(f"other software than this run: numba 0.1 in place of {own['numba']}; install")
+    assert found["bare"] == "no commonrail; install there what is installed here."
+    assert "left" not in found
+    assert found["other"].startswith("other software than this run: cpu z80 in place of ")
+    assert found["edited"].startswith("another commonrail of the same version number (AttributeError)")

@@ -2,66 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from commonrail.workers.limits import Limits
-from commonrail.workers.task import Answer, Outcome, Task, Withdrawn, pack, unpack
+from commonrail.workers.task import Answer, Task, Withdrawn, pack
 from commonrail.workers.workers import Workers
 from tests.workers.crews import Deed, Deeds, expected, tasks
+from tests.workers.imagined import Imagined
 
 MANY = [Deed(number) for number in range(300)]
 LIES = np.cos(0.1).tobytes()
-
-
-class Imagined:
-    """Workers "a", "b" … in this process, which take turns; some give wrong answers to some tasks."""
-
-    shares_files = False
-
-    def __init__(self, names: str, wrong: dict[tuple[str, int], object]) -> None:
-        self.names, self.wrong = list(names), wrong
-        self.given: list[tuple[Task, str]] = []
-        self.done: list[str] = []
-
-    @property
-    def count(self) -> int:
-        return len(self.names)
-
-    @property
-    def busy(self) -> bool:
-        return bool(self.given)
-
-    def submit(self, task: Task) -> bool:
-        if len(self.given) >= len(self.names):
-            return False
-        allowed = [name for name in self.names if name != task.avoid] or self.names
-        self.given.append((task, allowed[len(self.done) % len(allowed)]))
-        return True
-
-    def listen(self) -> Iterator[tuple[Task, Outcome]]:
-        task, worker = self.given.pop(0)
-        self.done.append(worker)
-        right = unpack(task.package)(task.argument)
-        yield task, Answer(self.wrong.get((worker, task.argument.number), right), 0.0, worker)
-
-    def others(self, worker: str) -> bool:
-        return set(self.names) > {worker}
-
-    def dismiss(self, worker: str) -> None:
-        self.names.remove(worker)
-        given, self.given = self.given, []
-        for task, name in given:
-            self.given.append((task, self.names[0] if name == worker else name))
-
-    def drop(self) -> None:
-        self.given = []
-
-    def close(self) -> None:
-        pass
 
 
 def found(workers: Workers, many: list[Task]) -> dict[object, bytes]:
@@ -80,6 +35,11 @@ def found(workers: Workers, many: list[Task]) -> dict[object, bytes]:
     return results
 
 
+def given(wrong: dict[tuple[str, int], object]) -> Callable[[str, Task, Any], Any]:
+    """Spoils what these workers answer to these numbers."""
+    return lambda worker, task, right: wrong.get((worker, task.argument.number), right)
+
+
 def always_wrong(worker: str) -> dict[tuple[str, int], object]:
     return {(worker, deed.number): LIES for deed in MANY}
 
@@ -88,14 +48,14 @@ def always_wrong(worker: str) -> dict[tuple[str, int], object]:
 @pytest.mark.parametrize("from_on", [0, 150, 290])
 def test_a_worker_that_lies_is_dismissed_and_its_answers_found_again(tmp_path: Path, from_on: int) -> None:
     wrong = {key: value for key, value in always_wrong("b").items() if key[1] >= from_on}
-    backend = Imagined("abc", wrong)
+    backend = Imagined("abc", given(wrong))
     results = found(Workers(backend, Limits(check_one_in=3, seed=1)), tasks(pack(Deeds(tmp_path)), MANY))
     assert results == expected(MANY)
     assert backend.names == ["a", "c"]
 
 
 def test_without_checks_a_lie_stays(tmp_path: Path) -> None:
-    backend = Imagined("abc", always_wrong("b"))
+    backend = Imagined("abc", given(always_wrong("b")))
     results = found(Workers(backend, Limits(check_one_in=0)), tasks(pack(Deeds(tmp_path)), MANY))
     assert results != expected(MANY)
     assert backend.names == ["a", "b", "c"]
@@ -105,7 +65,7 @@ def test_the_stated_share_is_checked_and_the_seed_determines_it(tmp_path: Path) 
     package = pack(Deeds(tmp_path))
 
     def extra(seed: int, one_in: int) -> int:
-        backend = Imagined("ab", {})
+        backend = Imagined("ab", given({}))
         assert found(Workers(backend, Limits(check_one_in=one_in, seed=seed)), tasks(package, MANY)) == expected(MANY)
         return len(backend.done) - len(MANY)
 
@@ -116,21 +76,21 @@ def test_the_stated_share_is_checked_and_the_seed_determines_it(tmp_path: Path) 
 
 
 def test_a_wrong_first_answer_is_found_even_if_it_is_the_only_one(tmp_path: Path) -> None:
-    backend = Imagined("ab", always_wrong("a"))
+    backend = Imagined("ab", given(always_wrong("a")))
     with pytest.warns(RuntimeWarning, match="The worker a has answered with other bits than this machine"):
         results = found(Workers(backend, Limits(seed=1)), tasks(pack(Deeds(tmp_path)), MANY[1:2]))
     assert results == expected(MANY[1:2])
 
 
 def test_a_single_worker_is_compared_with_this_process(tmp_path: Path) -> None:
-    backend = Imagined("a", {})
+    backend = Imagined("a", given({}))
     assert found(Workers(backend, Limits(check_one_in=1)), tasks(pack(Deeds(tmp_path)), MANY)) == expected(MANY)
     assert len(backend.done) == len(MANY)  # nothing twice by itself
 
 
 @pytest.mark.filterwarnings("ignore:The worker a has answered")
 def test_a_worker_whose_copy_is_wrong_leaves_the_first_one_in_its_place(tmp_path: Path) -> None:
-    backend = Imagined("ab", {("a", 1): LIES})
+    backend = Imagined("ab", given({("a", 1): LIES}))
     backend.done = ["b"]  # "b" is first, and "a" does the copy
     assert found(Workers(backend, Limits(seed=1)), tasks(pack(Deeds(tmp_path)), MANY[1:2])) == expected(MANY[1:2])
     assert backend.names == ["b"]
@@ -138,7 +98,7 @@ def test_a_worker_whose_copy_is_wrong_leaves_the_first_one_in_its_place(tmp_path
 
 @pytest.mark.parametrize("thing", [None, b"", b"123", 3, "text", b"0123456789"])
 def test_a_thing_that_is_no_result_is_found_whether_it_is_checked_or_not(tmp_path: Path, thing: object) -> None:
-    backend = Imagined("ab", {("b", 200): thing, ("b", 201): thing})
+    backend = Imagined("ab", given({("b", 200): thing, ("b", 201): thing}))
     with pytest.warns(RuntimeWarning, match="The worker b has answered with a result that is none"):
         results = found(Workers(backend, Limits(check_one_in=0)), tasks(pack(Deeds(tmp_path)), MANY))
     assert results == expected(MANY)
@@ -148,7 +108,7 @@ def test_a_thing_that_is_no_result_is_found_whether_it_is_checked_or_not(tmp_pat
 @pytest.mark.filterwarnings("ignore:The worker b has answered")
 def test_answers_of_an_earlier_call_are_withdrawn_by_their_numbers(tmp_path: Path) -> None:
     package = pack(Deeds(tmp_path))
-    workers = Workers(Imagined("ab", {("b", 0): LIES}), Limits(check_one_in=2, seed=1))
+    workers = Workers(Imagined("ab", given({("b", 0): LIES})), Limits(check_one_in=2, seed=1))
     earlier = {task.number for task, _ in workers.run(tasks(package, MANY[1:100]))}
     lying = [task for task in tasks(package, MANY[:1] * 8)]
     withdrawn = {task.number for task, outcome in workers.run(lying) if isinstance(outcome, Withdrawn)}

@@ -7,10 +7,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tools.attack import cache, files, journals, races
+from tools.attack import cache, cluster, files, journals, races
 from tools.attack.base import ATTACKS, Attack
 
-__all__ = ["cache", "files", "journals", "main", "races", "verdict"]
+__all__ = ["cache", "cluster", "files", "journals", "main", "races", "verdict"]
 
 
 def main() -> None:

@@ -49,7 +49,7 @@ WorkerCount = Annotated[
 ]
 ClusterAddress = Annotated[
     str | None,
-    typer.Option("--cluster", metavar="ADDRESS", help='Address of a Dask scheduler, e.g. tcp://host:8786, or "local".'),
+    typer.Option("--cluster", metavar="ADDRESS", help='Address of a Dask scheduler, e.g. tls://host:8786, or "local".'),
 ]
 
 

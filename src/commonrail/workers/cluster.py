@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from commonrail.errors import CommonrailError, StudyError
+from commonrail.errors import StudyError
 from commonrail.notice import note
 from commonrail.workers.deadline import Late
 from commonrail.workers.greeting import differing
 from commonrail.workers.limits import SLICE, waited
 from commonrail.workers.link import ANSWER, CONNECT, LOCAL, Link
-from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failure, perform
+from commonrail.workers.process import Refused, reply
+from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failure
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+T = TypeVar("T")
 
 FETCH = 10.0  # how long to wait for a result that is said to be there [s]
 APPEAR = 30.0  # how long to wait for its first worker [s]
@@ -39,7 +42,7 @@ class Cluster:
 
     A worker that dies is Dask's to replace, and its tasks Dask's to repeat: a task is lost here once Dask gives it up.
     A worker that hangs is not noticed by Dask: if nothing at all has come back for as long as a task may take, the
-    workers that still have tasks are started anew, or left out if nobody can start them.
+    workers that still have tasks are started anew, or dropped if they cannot be started.
 
     Parameters, errors: see `Workers.cluster`.
     """
@@ -81,6 +84,10 @@ class Cluster:
     def close(self) -> None:
         """Leave the cluster; end it if it is "local"."""
         self._link.close()
+
+    def run_on_each(self, call: Callable[[], T]) -> dict[str, T]:
+        """Results of a call on each worker, by its address."""
+        return dict(self._link.ask(lambda client: client.run(call)))
 
     def others(self, worker: str) -> bool:
         """Return whether there are workers beside this one."""
@@ -267,7 +274,7 @@ class Missing(NamedTuple):
 _HELD: dict[str, Package] = {}  # on a worker; two, so that two studies on one cluster can take turns
 
 
-def perform_held(key: str, package: Package | None, argument: Any) -> Answer | Missing:
+def perform_held(key: str, package: Package | None, argument: Any) -> Answer | Lost | Refused | Missing:
     """Answer of a task, on its worker, by the work that is given, or that was given before.
 
     Parameters
@@ -279,23 +286,24 @@ def perform_held(key: str, package: Package | None, argument: Any) -> Answer | M
 
     Notes
     -----
-    Data of Dask's own would be lost with the workers that have them, and out of reach behind one that hangs.
+    Data of Dask's own would be lost with the workers that have them, and out of reach behind one that hangs. An error
+    is returned: of those that Dask passes on, some do not arrive.
     """
     if package is not None:
         while key not in _HELD and len(_HELD) > 1:
             _HELD.pop(next(iter(_HELD)), None)
         _HELD[key] = package
     held = _HELD.get(key)
-    return Missing() if held is None else perform(held, argument)
+    return Missing() if held is None else reply(held, argument)
 
 
 def _outcome(future: Future[Any]) -> Outcome | Missing:
     try:
         found = future.result(timeout=FETCH)
-    except CommonrailError:
-        raise
     except TimeoutError:
         return Lost(f"did not hand over what it had found within {FETCH:.0f} s")
     except Exception as error:  # told in a sentence after some attempts
         return failure(error)
-    return found if isinstance(found, Answer | Missing) else Lost("gave no answer but something else")
+    if isinstance(found, Refused):
+        raise found.error
+    return found if isinstance(found, Answer | Lost | Missing) else Lost("gave no answer but something else")

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from commonrail.compile_target import PACKAGES
 from commonrail.workers.task import software, unlike
@@ -18,11 +17,19 @@ _NONE = "no commonrail; install there what is installed here."
 _OTHER = "another commonrail of the same version number ({error}); install there what is installed here."
 
 
+# Of Python alone, so that a worker with any commonrail, or none, understands it, and without errors: those of a worker
+# do not always arrive in one piece.
+_VERSIONS = f"""
+(lambda metadata: {{
+    package: ([found.version for found in metadata.distributions(name=package)] or [""])[0] for package in {PACKAGES}
+}})(__import__("importlib.metadata", fromlist=["metadata"]))
+""".strip()
+
+
 def differing(names: Sequence[str], client: Client) -> dict[str, str]:
     """Difference between the software of this process and that of workers.
 
-    Versions are asked for with Python's own functions, which a worker with any commonrail, or none, understands; the
-    compiler's target only where they agree.
+    Versions are asked for first; the compiler's target only where they agree.
 
     Parameters
     ----------
@@ -36,31 +43,19 @@ def differing(names: Sequence[str], client: Client) -> dict[str, str]:
         For each worker that answers, the end of the sentence "The worker … has …", "" where nothing differs.
     """
     own = dict(software())
-    found: dict[str, dict[str, Any]] = {}
-    for package in PACKAGES:
-        for name, said in client.run(version, package, workers=list(names), on_error="return").items():
-            found.setdefault(name, {})[package] = said
-    answered = {name: said for name, said in found.items() if all(map(_is_known, said.values()))}
-    return {name: _fault(said, own) or _fault_of_target(name, own, client) for name, said in answered.items()}
+    found = client.run(eval, _VERSIONS, workers=list(names), on_error="ignore")
+    return {name: _fault(said, own) or _fault_of_target(name, own, client) for name, said in found.items()}
 
 
-def _is_known(said: Any) -> bool:
-    """Return whether a worker answered: with a version, or that the package is not there."""
-    return isinstance(said, str | PackageNotFoundError)
-
-
-def _fault(said: Mapping[str, Any], own: Mapping[str, str]) -> str:
-    installed = {package: version for package, version in said.items() if isinstance(version, str)}
-    if "commonrail" not in installed:
-        return _NONE
-    return unlike({package: own[package] for package in PACKAGES}, installed)
+def _fault(said: Mapping[str, str], own: Mapping[str, str]) -> str:
+    return unlike({package: own[package] for package in PACKAGES}, said) if said["commonrail"] else _NONE
 
 
 def _fault_of_target(name: str, own: Mapping[str, str], client: Client) -> str:
-    said = client.run(software, workers=[name], on_error="return").get(name)
-    if isinstance(said, OSError):
-        return ""  # it has left
     try:
-        return unlike(own, dict(said))
-    except (TypeError, ValueError):
-        return _OTHER.format(error=said)
+        found = client.run(software, workers=[name], on_error="raise")
+        return unlike(own, dict(found[name]))
+    except OSError:  # it has left
+        return ""
+    except Exception as error:  # what this process asks for is not there
+        return _OTHER.format(error=type(error).__name__)

@@ -51,7 +51,7 @@ def serve(pipe: Connection) -> None:
                     pipe.send(Up())
             else:
                 (argument,) = message
-                pipe.send(_reply(package, argument))
+                pipe.send(reply(package, argument))
 
 
 def _end_with_caller() -> None:
@@ -62,7 +62,8 @@ def _end_with_caller() -> None:
         os._exit(1)
 
 
-def _reply(package: Package, argument: Any) -> Reply:
+def reply(package: Package, argument: Any) -> Answer | Lost | Refused:
+    """Answer of a task or the error that it met, as a value."""
     try:
         return perform(package, argument)
     except CommonrailError as error:

@@ -1,0 +1,262 @@
+"""Attacks on clusters: on one of this machine from beside, on others by a scheduler or worker that misbehaves."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import re
+import shutil
+import socket
+import threading
+import time
+import urllib.request
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
+from http.client import HTTPException
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from commonrail.calibration import spread
+from commonrail.errors import CommonrailError
+from commonrail.files.study_file import load_study
+from commonrail.store.run import calibrate_into
+from commonrail.workers.cluster import Cluster
+from commonrail.workers.limits import Limits
+from commonrail.workers.workers import Workers
+from tools.attack.base import attack, command
+from tools.attack.dask_cluster import Member, dask_cluster
+
+CASE = Path(__file__).parents[2] / "cases" / "paper"
+NOBODY = 65534  # another user
+ENTERS = 10.0  # [s] Time for each try to enter; with the certificate it takes some ms.
+PAGES = ("info/main/workers.html", "json/counts.json", "health", "metrics", "status")
+LISTENS = "0A"  # state of a socket in /proc/net/tcp
+LOOPBACK = ("0100007F", "00000000000000000000000001000000")
+
+LIE = """
+from commonrail.workers import process
+process.honest = honest = getattr(process, "honest", process.perform)  # Dask runs this twice
+
+def perform(package, argument):
+    answer = honest(package, argument)
+    result = answer.result
+    wrong = result._replace(costs=result.costs * 0.5) if hasattr(result, "costs") else result * 0.5
+    return answer._replace(result=wrong)
+
+process.perform = perform
+"""
+DIE = """
+import os
+from commonrail.workers import process
+process.honest = honest = getattr(process, "honest", process.perform)  # Dask runs this twice
+count = []
+
+def perform(package, argument):
+    count.append(1)
+    if len(count) == 5:
+        os.kill(os.getpid(), 9)
+    return honest(package, argument)
+
+process.perform = perform
+"""
+OLD = """
+from importlib import metadata
+from types import SimpleNamespace
+metadata.honest = honest = getattr(metadata, "honest", metadata.distributions)
+
+def distributions(name):
+    return [SimpleNamespace(version="0.1")] if name == "{package}" else honest(name=name)
+
+metadata.distributions = distributions
+"""
+
+
+@attack()
+def listens(folder: Path, times: int) -> str:
+    """Every port of a local cluster listens on the loopback interface alone, and shows no page."""
+    with Workers.cluster("local", 2) as workers:
+        ports = listening({os.getpid(), *pids_of(workers)})
+    open_to_all = [where for where, _ in ports if where not in LOOPBACK]
+    if len(ports) < 3:
+        return f"{len(ports)} ports found: a scheduler and two workers have more"
+    return f"listens on {open_to_all}" if open_to_all else ""
+
+
+@attack()
+def entered(folder: Path, times: int) -> str:
+    """Another user without the certificate of the run cannot enter a local cluster, at any of its ports."""
+    here, there = multiprocessing.Pipe()
+    process = multiprocessing.get_context("fork").Process(target=_enter, args=(there,), daemon=True)
+    process.start()
+    with Workers.cluster("local", 1) as workers:
+        here.send([port for _, port in listening({os.getpid(), *pids_of(workers)})])
+        found: list[str] = here.recv()
+    process.kill()
+    return ", ".join(found)
+
+
+@attack()
+def silent(folder: Path, times: int) -> str:
+    """A cluster whose scheduler accepts and says nothing ends a command in time, with a sentence and status 2."""
+    with silent_listener() as port:
+        done = command(
+            "calibrate", CASE / "study.toml", "--out", folder / "run", "--cluster", f"tcp://127.0.0.1:{port}"
+        )
+    if done.fault or done.status != 2 or "has given no answer within" not in done.said:
+        return done.fault or f"status {done.status}: {done.said}"
+    return "a run folder is left" if (folder / "run").exists() else ""
+
+
+@attack()
+def lies(folder: Path, times: int) -> str:
+    """A worker of a cluster that lies is found and left out, and the result has the bytes of a run without it."""
+    with dask_cluster(folder, [Member(), Member(), Member(LIE)]) as address:
+        same, said = _same_bytes(folder, address, Limits(check_one_in=1, seed=1))
+    if not any("has answered with other bits" in text for text in said):
+        return "it is not found"
+    return "" if same else "other bytes"
+
+
+@attack()
+def killed(folder: Path, times: int) -> str:
+    """A worker of a cluster that is killed in the middle of a run changes no byte of the result."""
+    with dask_cluster(folder, [Member(), Member(DIE)]) as address:
+        same, _ = _same_bytes(folder, address, Limits(seed=1))
+        left = _count(address)
+    if left != 1:
+        return f"{left} workers are left: none was killed"
+    return "" if same else "other bytes"
+
+
+@attack()
+def other_software(folder: Path, times: int) -> str:
+    """A worker of a cluster with another version, or with code for another processor, is refused with a sentence."""
+    members = {package: Member(OLD.format(package=package)) for package in ("commonrail", "numba", "llvmlite", "numpy")}
+    generic = Member(environment={"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""})
+    for name, member in {**members, "cpu": generic}.items():
+        here = folder / name
+        here.mkdir()
+        with dask_cluster(here, [member]) as address:
+            said = _refused(address)
+        if not re.search(
+            rf"^The worker tcp://\S+ of the cluster \S+ has other software .*{name} \S+ in place of", said
+        ):
+            return f"{name}: {said or 'not refused'}"
+    return ""
+
+
+def pids_of(workers: Workers) -> list[int]:
+    """Process numbers of the workers of a cluster."""
+    assert isinstance(workers.backend, Cluster)
+    return list(workers.backend.run_on_each(os.getpid).values())
+
+
+def listening(pids: set[int]) -> list[tuple[str, int]]:
+    """Interface (hexadecimal, as the kernel writes it) and port of each socket on which processes listen."""
+    own = set()
+    for pid in pids:
+        for link in Path(f"/proc/{pid}/fd").iterdir():
+            with suppress(OSError):
+                own.add(os.readlink(link).removeprefix("socket:[").removesuffix("]"))
+    found = []
+    for table in ("tcp", "tcp6"):
+        with suppress(FileNotFoundError):
+            for line in Path(f"/proc/net/{table}").read_text(encoding="utf-8").splitlines()[1:]:
+                _, local, _, state, *rest = line.split()
+                if state == LISTENS and rest[5] in own:
+                    where, port = local.split(":")
+                    found.append((where, int(port, 16)))
+    return found
+
+
+@contextmanager
+def silent_listener() -> Iterator[int]:
+    """Port at which connections are accepted and nothing is said."""
+    held: list[socket.socket] = []
+
+    def accept() -> None:
+        with suppress(OSError):
+            while True:
+                held.append(listener.accept()[0])
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=accept, daemon=True).start()
+        yield int(listener.getsockname()[1])
+    for connection in held:
+        connection.close()
+
+
+def _enter(pipe: Connection) -> None:
+    """Try all ports that come through a pipe, and send what let this process in."""
+    import distributed
+
+    other = distributed.Security.temporary()
+    if os.getuid() == 0:
+        os.setgroups([])
+        os.setgid(NOBODY)
+        os.setuid(NOBODY)
+    ports, found = pipe.recv(), list[str]()
+    tries = [partial(_as_client, f"tcp://127.0.0.1:{port}", None, found) for port in ports]
+    tries += [partial(_as_client, f"tls://127.0.0.1:{port}", other, found) for port in ports]
+    tries += [partial(_as_reader, f"http://127.0.0.1:{port}/{page}", found) for port in ports for page in PAGES]
+    threads = [threading.Thread(target=one, daemon=True) for one in tries]
+    for thread in threads:
+        thread.start()
+    end = time.monotonic() + ENTERS
+    for thread in threads:
+        thread.join(max(end - time.monotonic(), 0.0))
+    pipe.send(found)
+
+
+def _as_client(address: str, security: Any, found: list[str]) -> None:
+    import distributed
+
+    with suppress(Exception), distributed.Client(address, timeout=ENTERS, security=security, set_as_default=False):
+        found.append(f"a client entered at {address}")
+
+
+def _as_reader(page: str, found: list[str]) -> None:
+    with suppress(OSError, HTTPException), urllib.request.urlopen(page, timeout=ENTERS):
+        found.append(f"{page} is shown")
+
+
+def _same_bytes(folder: Path, address: str, limits: Limits) -> tuple[bool, Sequence[str]]:
+    """Return whether a run on a cluster has the bytes of one without, and the notes of the former."""
+    case = Path(shutil.copytree(CASE, folder / "case")) / "study.toml"
+    case.write_text(
+        case.read_text(encoding="utf-8").replace("generations = 70", "generations = 4\npolish = 0"), encoding="utf-8"
+    )
+    study = load_study(case)
+    calibrate_into(folder / "alone", study, threads=1)
+    shortest, spread.SHORTEST = spread.SHORTEST, 1e-9  # a generation is cut up, though it lasts some ms
+    try:
+        with warnings.catch_warnings(record=True) as said, Workers.cluster(address, limits=limits) as workers:
+            warnings.simplefilter("always")
+            calibrate_into(folder / "run", study, threads=1, workers=workers)
+    finally:
+        spread.SHORTEST = shortest
+    return _timeless(folder / "run") == _timeless(folder / "alone"), [str(one.message) for one in said]
+
+
+def _timeless(run: Path) -> tuple[str, bytes]:
+    record = json.loads((run / "result.json").read_text(encoding="utf-8"))
+    return json.dumps({key: value for key, value in record.items() if key != "clock"}), (
+        run / "calibrated.toml"
+    ).read_bytes()
+
+
+def _count(address: str) -> int:
+    with Workers.cluster(address) as workers:
+        return workers.backend.count
+
+
+def _refused(address: str) -> str:
+    try:
+        Workers.cluster(address).close()
+    except CommonrailError as error:
+        return str(error)
+    return ""
