@@ -46,8 +46,8 @@ def advance_chain(
 ) -> plunger_needle.State:
     """State of the chain after one leapfrog step [m], [m/s], [m/s].
 
-    Friction is implicit and never makes the step unstable.     The damping coefficient is that of the speed at t_n; the force is it times the mean of the velocities half a step
-    before and after.
+    Friction is implicit and never makes the step unstable: the damping coefficient of the speed at t_n times the mean
+    of the velocities half a step before and after.
 
     Parameters
     ----------
