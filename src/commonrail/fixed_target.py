@@ -55,7 +55,6 @@ def missing() -> str | None:
     return None
 
 
-@functools.cache
 def open_target() -> str:
     """Let kernels be compiled for the fixed processor, with all laws; return the target's name for Numba.
 
@@ -67,6 +66,12 @@ def open_target() -> str:
     fault = missing()
     if fault is not None:
         raise ConfigurationError(fault)
+    _register()
+    return TARGET
+
+
+@functools.cache
+def _register() -> None:
     target_extension.target_registry[TARGET] = _Fixed
     target_extension.dispatcher_registry[_Fixed] = _FixedDispatcher
     target_extension.jit_registry[_Fixed] = functools.partial(numba.jit, _target=TARGET)
@@ -74,7 +79,6 @@ def open_target() -> str:
     for function, law in ((math.sin, sine), (math.cos, cosine), (math.exp, exponential)):
         offer(function)(_by_precision(law))
     offer_laws(offer)
-    return TARGET
 
 
 def _by_precision(law: Callable[..., Any]) -> Callable[..., Any]:
