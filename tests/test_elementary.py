@@ -50,7 +50,8 @@ def test_the_ends_of_the_range() -> None:
     np.testing.assert_array_equal(elementary.exp([-np.inf, -1e300, 0.0, np.inf]), [0.0, 0.0, 1.0, np.inf])
     np.testing.assert_array_equal(elementary.log([0.0, 1.0, np.inf]), [-np.inf, 0.0, np.inf])
     np.testing.assert_array_equal(elementary.power([0.0, 0.0, 2.0], [0.0, 0.5, 0.0]), [1.0, 0.0, 1.0])
-    assert np.isnan(elementary.exp(np.nan)) and np.isnan(elementary.log([-1.0, np.nan])).all()
+    assert np.isnan(elementary.exp(np.nan))
+    assert np.isnan(elementary.log([-1.0, np.nan])).all()
 
 
 def test_products_and_norms() -> None:

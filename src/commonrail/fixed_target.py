@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import math
 import platform
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -66,7 +67,8 @@ def open_target() -> str:
     fault = missing()
     if fault is not None:
         raise ConfigurationError(fault)
-    _register()
+    with _OPENING:
+        _register()
     return TARGET
 
 
@@ -138,6 +140,9 @@ def exponential(x: float) -> float:
         factor *= factor
         halvings >>= 1
     return total
+
+
+_OPENING = threading.Lock()
 
 
 class _Fixed(target_extension.CPU):  # type: ignore[misc]

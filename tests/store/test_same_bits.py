@@ -118,7 +118,7 @@ def test_it_is_another_study_than_without(exact: Whole, tmp_path: Path) -> None:
     assert content_of(study) != content_of(fast)
     run = stopped_run(tmp_path / "run", fast, 2)  # its file says otherwise
     with pytest.raises(StudyError, match="reads differently"):
-        resume(run)
+        resume(run, study=study)
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """Compile a kernel for the processor that Numba's settings name, without running it, and write its assembly text.
 
-``python -m tests.verification.cross_compile PRECISION FILE [same_bits]``, with ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` set:
-Numba reads them when it is imported, so this is a process of its own.
+``python -m tests.verification.cross_compile PRECISION FILE [same_bits]``, with ``NUMBA_CPU_NAME`` and
+``NUMBA_CPU_FEATURES`` set: Numba reads them when it is imported, so this is a process of its own.
 """
 
 from __future__ import annotations

@@ -150,7 +150,7 @@ def resume(
         if generations:
             _check_total(journal, generations)
             own = _extended(journal, own, generations)
-        for sentence in _differences(journal):
+        for sentence in _differences(journal, own):
             listener.note(sentence)
         return _run(journal, own, journal.checkpoint(), listener, threads=threads, workers=workers)
 
@@ -311,9 +311,11 @@ def _extended(journal: Journal, study: Study, more: int) -> Study:
     return longer
 
 
-def _differences(journal: Journal) -> list[str]:
-    """Versions and processor that differ from those of the start."""
+def _differences(journal: Journal, study: Study) -> list[str]:
+    """Versions that differ from those of the start, and the processor unless the bits do not depend on it."""
     before, now = journal.software, software_now()
+    if study.same_bits:
+        now.pop("processor")
     return [
         f"begun with {name} {before[name]}, now {now[name]}: the last digits may differ from those of a run that was "
         "not stopped."
