@@ -78,7 +78,7 @@ def _register() -> None:
     target_extension.dispatcher_registry[_Fixed] = _FixedDispatcher
     target_extension.jit_registry[_Fixed] = functools.partial(numba.jit, _target=TARGET)
     offer = functools.partial(overload, jit_options=INLINED, strict=False, target=TARGET)
-    for function, law in ((math.sin, sine), (math.cos, cosine), (math.exp, exponential)):
+    for function, law in ((math.sin, sine), (sine, sine), (math.cos, cosine), (math.exp, exponential)):
         offer(function)(_by_precision(law))
     offer_laws(offer)
 
@@ -110,12 +110,7 @@ def sine(x: float) -> float:
 
 def cosine(x: float) -> float:
     """Return cos x, of an angle from −π to π [rad]."""
-    y = 0.5 * math.pi - abs(x)
-    square = y * y
-    total = _SINE[11]
-    for k in range(10, -1, -1):
-        total = _SINE[k] + square * total
-    return y * total
+    return sine(0.5 * math.pi - abs(x))
 
 
 def exponential(x: float) -> float:
