@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import math
 import platform
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -55,7 +56,6 @@ def missing() -> str | None:
     return None
 
 
-@functools.cache
 def open_target() -> str:
     """Let kernels be compiled for the fixed processor, with all laws; return the target's name for Numba.
 
@@ -67,14 +67,20 @@ def open_target() -> str:
     fault = missing()
     if fault is not None:
         raise ConfigurationError(fault)
+    with _OPENING:
+        _register()
+    return TARGET
+
+
+@functools.cache
+def _register() -> None:
     target_extension.target_registry[TARGET] = _Fixed
     target_extension.dispatcher_registry[_Fixed] = _FixedDispatcher
     target_extension.jit_registry[_Fixed] = functools.partial(numba.jit, _target=TARGET)
     offer = functools.partial(overload, jit_options=INLINED, strict=False, target=TARGET)
-    for function, law in ((math.sin, sine), (math.cos, cosine), (math.exp, exponential)):
+    for function, law in ((math.sin, sine), (sine, sine), (math.cos, cosine), (math.exp, exponential)):
         offer(function)(_by_precision(law))
     offer_laws(offer)
-    return TARGET
 
 
 def _by_precision(law: Callable[..., Any]) -> Callable[..., Any]:
@@ -104,12 +110,7 @@ def sine(x: float) -> float:
 
 def cosine(x: float) -> float:
     """Return cos x, of an angle from −π to π [rad]."""
-    y = 0.5 * math.pi - abs(x)
-    square = y * y
-    total = _SINE[11]
-    for k in range(10, -1, -1):
-        total = _SINE[k] + square * total
-    return y * total
+    return sine(0.5 * math.pi - abs(x))
 
 
 def exponential(x: float) -> float:
@@ -134,6 +135,9 @@ def exponential(x: float) -> float:
         factor *= factor
         halvings >>= 1
     return total
+
+
+_OPENING = threading.Lock()
 
 
 class _Fixed(target_extension.CPU):  # type: ignore[misc]

@@ -53,11 +53,16 @@ def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     """A target and the assembly text of the kernel for it."""
     target: Target = request.param
     path = tmp_path_factory.mktemp("assembly") / "kernel.s"
+    cross_compile(target, path)
+    return target, path.read_text(encoding="utf-8")
+
+
+def cross_compile(target: Target, path: Path, *options: str) -> None:
+    """Write the assembly text of the kernel that a process compiles for a target."""
     environment = os.environ | {"NUMBA_CPU_NAME": target.processor, "NUMBA_CPU_FEATURES": target.features}
     environment |= {"NUMBA_DISABLE_JIT": "0", "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
-    command = [sys.executable, "-m", "tests.verification.cross_compile", target.precision.value, str(path)]
+    command = [sys.executable, "-m", "tests.verification.cross_compile", target.precision.value, str(path), *options]
     subprocess.run(command, check=True, env=environment, cwd=ROOT)
-    return target, path.read_text(encoding="utf-8")
 
 
 def for_each(*targets: Target) -> pytest.MarkDecorator:
@@ -146,3 +151,28 @@ def test_the_step_is_packed_in_its_own_precision(compiled: tuple[Target, str]) -
     assert packed(loop, target.own) > 300  # some 400 products and sums make a step
     assert packed(loop, target.other) == 0
     assert scalar(loop) <= 8  # the volume of a sample, once for each lane; the step itself has none
+
+
+def instructions(assembly: str) -> list[str]:
+    """Instructions and constants, without the names of functions, which hold the target that Numba was told of."""
+    lines = [re.sub(r"_ZN\w+|\.const\.[^,]*", "name", line) for line in assembly.splitlines()]
+    return [line for line in lines if re.match(r"\s+[a-z]|\s+\.(quad|long|byte)\b", line)]
+
+
+@pytest.mark.slow
+def test_the_fixed_target_is_one_machine_code(tmp_path: Path) -> None:
+    """Compiled on three processors, a kernel of `same_bits` is the same instructions, and calls no C library."""
+    found = []
+    for target in (WIDE, NARROW, Target("generic", "+avx2", Precision.F64)):
+        path = tmp_path / f"{target.processor}.s"
+        cross_compile(target, path, "same_bits")
+        found.append(path.read_text(encoding="utf-8"))
+    first, *others = map(instructions, found)
+    assert all(other == first for other in others)
+    text = "\n".join(first)
+    assert count(text, "vsqrtpd", "y") >= 4
+    assert "zmm" not in text
+    assert not re.search(r"\bv(rsqrt|rcp)", text)  # estimates differ between makers
+    called = set(re.findall(r"\$(\w+), %r\w+", found[0]))
+    assert not called & {"sin", "cos", "exp", "pow", "log", "tanh", "fma", "ldexp", "__powidf2"}
+    assert "NRT_decref" in called  # the pattern finds what is called

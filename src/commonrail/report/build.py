@@ -216,6 +216,7 @@ def _facts(record: Record) -> list[tuple[str, str]]:
     speed = f"{significant(clock.get('simulations_per_second'), 3)} injections/s"
     if "injections" in counts:
         speed = f"{counts['injections']:,} injections; {speed}"
+    bits = ", the same bits on every processor with AVX2" if record.get("same_bits") else ""
     return [
         *_search(record.get("optimiser")),
         ("Evaluations", "; ".join(evaluations)),
@@ -223,6 +224,6 @@ def _facts(record: Record) -> list[tuple[str, str]]:
         ("Time of the search", duration(clock.get("seconds"))),
         ("Ended", f"{record['status']}: {record.get('reason') or 'the optimiser was done'}"),
         ("Seed", str(record["seed"])),
-        ("Time step", f"{significant(record.get('time_step'), 4, 1e6)} µs, {record.get('precision', 'f64')}"),
+        ("Time step", f"{significant(record.get('time_step'), 4, 1e6)} µs, {record.get('precision', 'f64')}{bits}"),
         ("Software", ", ".join(f"{name} {number}" for name, number in software.items())),
     ]

@@ -11,7 +11,7 @@ from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.plausibility.finding import found
 from commonrail.calibration.search import Listeners, Search
 from commonrail.calibration.study import Study
-from commonrail.compile_target import describe, differences
+from commonrail.compile_target import describe, differences, package_versions
 from commonrail.store.journal import Journal
 from commonrail.workers.interrupt import Wish
 
@@ -32,8 +32,11 @@ def other_targets(journal: Journal, study: Study, threads: int | None) -> tuple[
     study : Study
     threads : int or None
     """
+    records = [*journal.targets, describe().record]
+    if study.same_bits:  # whose kernels are for one fixed processor
+        records = [{name: text for name, text in record.items() if name in package_versions()} for record in records]
     text = other_bits(
-        differing([*journal.targets, describe().record]),
+        differing(records),
         "the best candidates",
         *_best_again(journal, study, threads),
     )

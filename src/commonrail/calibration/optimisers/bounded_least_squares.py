@@ -66,8 +66,8 @@ def soft_l1(residuals: Floats, scale: float) -> float:
     scale : float
         Residual beyond which the loss grows linearly.
     """
-    ratio = residuals / scale
-    return float(scale**2 * np.sum(np.sqrt(1.0 + ratio * ratio) - 1.0))
+    square = (residuals / scale) * (residuals / scale)
+    return float(scale * scale * np.sum(square / (1.0 + np.sqrt(1.0 + square))))
 
 
 def within_unit_box(

@@ -1,0 +1,137 @@
+"""A study with `same_bits`: one result, byte for byte, whatever processor the libraries take this one for.
+
+Other processors are other child processes: NumPy, OpenBLAS and the C library each have a variable of their own that
+hides features of this one, and Numba has one that names another. Machine code is another test's:
+tests/verification/test_machine_code.py.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from commonrail import fixed_target
+from commonrail.errors import StudyError
+from commonrail.files.study_file import load_study
+from commonrail.store.content import content_of
+from commonrail.store.run import calibrate_into, resume
+from tests.store.conftest import Whole, stopped_run, timeless, write_small
+
+ROOT = Path(__file__).resolve().parents[2]
+CASES = ROOT / "cases"
+pytestmark = pytest.mark.skipif(
+    fixed_target.missing() is not None, reason="this processor lacks AVX2 or FMA, or is no x86-64"
+)
+
+
+class Machine(NamedTuple):
+    """Variables that make libraries take this processor for another one, and options of the run."""
+
+    variables: dict[str, str]
+    options: tuple[str, ...]
+
+
+# NumPy names its kernels by level (2.4 and later) or by feature (before); it ignores names that it does not know.
+_WIDE = "X86_V4 AVX512_ICL AVX512_SPR AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL"
+HASWELL = Machine(
+    {
+        "NPY_DISABLE_CPU_FEATURES": _WIDE,
+        "OPENBLAS_CORETYPE": "Haswell",
+        "NUMBA_CPU_NAME": "haswell",
+        "NUMBA_CPU_FEATURES": "+avx2,+fma",
+    },
+    ("--threads", "2"),
+)
+GENERIC = Machine(
+    {
+        "NPY_DISABLE_CPU_FEATURES": f"{_WIDE} X86_V3 AVX2 FMA3",
+        "OPENBLAS_CORETYPE": "Prescott",
+        "NUMBA_CPU_NAME": "generic",
+        "NUMBA_CPU_FEATURES": "+avx2",
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX2,-FMA",
+    },
+    ("--workers", "2"),
+)
+OUTPUTS = ("calibrated.toml", "traces.csv")
+
+
+def run_elsewhere(study: Path, run: Path, machine: Machine) -> None:
+    """Calibrate in a child process that takes this processor for another one."""
+    environment = os.environ | machine.variables | {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONWARNINGS": "ignore"}
+    command = [sys.executable, "-m", "commonrail", "calibrate", str(study), "--out", str(run), *machine.options]
+    done = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def with_same_bits(study: Path) -> None:
+    """Set the key in a study file."""
+    text = study.read_text(encoding="utf-8")
+    assert text.count("\nseed = ") == 1
+    study.write_text(text.replace("\nseed = ", "\nsame_bits = true\nseed = "), encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def exact(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    """The small study with a rigid body, so that one kernel is compiled, and its run on this machine."""
+    folder = tmp_path_factory.mktemp("exact")
+    study = write_small(folder / "small")
+    with_same_bits(study)
+    text = study.read_text(encoding="utf-8")
+    parameter = '[[parameter]]\nname = "nozzle.discharge_maximum"\n'
+    assert parameter in text
+    bent = parameter + 'scale = "log"\n'
+    order = '[constraints]\norder = ["control_chamber.z_hole_diameter < control_chamber.a_hole_diameter"]\n'
+    study.write_text(text.replace(parameter, bent).replace("[optimiser]", order + "\n[optimiser]"), encoding="utf-8")
+    injector = study.with_name("injector.toml")
+    text = injector.read_text(encoding="utf-8")
+    assert 'variant = "flexible"' in text
+    injector.write_text(text.replace('variant = "flexible"', 'variant = "rigid"'), encoding="utf-8")
+    calibrate_into(folder / "run", load_study(study), threads=1)
+    return Whole(study, folder / "run")
+
+
+@pytest.mark.parametrize("machine", [HASWELL, GENERIC], ids=["haswell", "generic"])
+def test_another_processor_gives_the_same_bytes(exact: Whole, tmp_path: Path, machine: Machine) -> None:
+    """Search with constraints and a logarithmic scale, refinement, scores, standard errors: all of result.json."""
+    run_elsewhere(exact.study, tmp_path / "run", machine)
+    assert timeless(tmp_path / "run") == timeless(exact.run)
+    for name in OUTPUTS:
+        assert (tmp_path / "run" / name).read_bytes() == (exact.run / name).read_bytes()
+
+
+def test_the_result_says_so(exact: Whole) -> None:
+    assert json.loads((exact.run / "result.json").read_text(encoding="utf-8"))["same_bits"] is True
+
+
+def test_it_is_another_study_than_without(exact: Whole, tmp_path: Path) -> None:
+    """A run is not resumed in the other mode: its bits would be of both."""
+    study = load_study(exact.study)
+    fast = replace(study, same_bits=False)
+    assert content_of(study) != content_of(fast)
+    run = stopped_run(tmp_path / "run", fast, 2)  # its file says otherwise
+    with pytest.raises(StudyError, match="reads differently"):
+        resume(run, study=study)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["paper", "cri2-16"])
+def test_the_cases_give_the_same_bytes(case: str, tmp_path: Path) -> None:
+    """Both cases with short searches: fewer generations and refinements of fewer steps, on the same path."""
+    study = tmp_path / "study.toml"
+    text = (CASES / case / "study.toml").read_text(encoding="utf-8")
+    shutil.copytree(CASES / case / "data", tmp_path / "data")
+    optimiser = "[optimiser]\nmembers = 24\ngenerations = 4\npolish = 2\npolish_iterations = 3\n"
+    study.write_text(text[: text.index("[optimiser]")] + optimiser, encoding="utf-8")
+    with_same_bits(study)
+    calibrate_into(tmp_path / "run", load_study(study), threads=1)
+    for name, machine in (("haswell", HASWELL), ("generic", GENERIC)):
+        run_elsewhere(study, tmp_path / name, machine)
+        assert timeless(tmp_path / name) == timeless(tmp_path / "run")
