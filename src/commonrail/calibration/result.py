@@ -54,7 +54,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
             "variant": study.injector.variant.label,
         },
         "parameters": _parameters(calibration, identified),
-        "constraints": list(dict.fromkeys(study.space.rows.labels)),
+        "constraints": list(study.space.labels),
         "optimiser": _optimiser(study.method),
         "labels": {label: text for label, text in LABELS.items() if label in calibration.scores},
         **({"loss": study.loss.value} if study.loss is not Loss.KINDS else {}),

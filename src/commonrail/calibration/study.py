@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from commonrail.arguments import chosen, instance, instances, plain_text, settle, whole
+from commonrail.calibration.conditions import Condition
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers import EvolutionSettings, Settings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
@@ -73,6 +74,8 @@ class Study:
         Of the search. The scores of its result are simulated in f64.
     loss : Loss
         Loss on the data that the search makes small.
+    conditions : tuple of Condition
+        Behaviour that a candidate must have at operating points besides the data.
     files : mapping of Path to str
         SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
 
@@ -94,6 +97,7 @@ class Study:
     note: str = ""
     precision: Precision = Precision.F64
     loss: Loss = Loss.KINDS
+    conditions: tuple[Condition, ...] = ()
     files: Mapping[Path, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -115,6 +119,7 @@ class Study:
             time_step=check_step(self.time_step),
             precision=chosen(self.precision, Precision, "precision"),
             loss=chosen(self.loss, Loss, "loss"),
+            conditions=instances(self.conditions, Condition, "conditions"),
         )
 
     @property

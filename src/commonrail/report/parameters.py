@@ -82,7 +82,7 @@ def parameter_table(parameters: Sequence[Record]) -> Table:
         (r.name, r.verdict, r.start, r.best, r.error or MISSING, r.change, f"{r.lower} to {r.upper}", _bound(r))
         for r in found
     ]
-    columns = _COLUMNS
+    columns: tuple[str, ...] = _COLUMNS
     if any(r.pull for r in found):
         columns = (*_COLUMNS, "from its prior")
         rows = [(*row, r.pull or MISSING) for row, r in zip(rows, found, strict=True)]
