@@ -50,6 +50,9 @@ POWERS = {"²": "**2", "³": "**3", "⁴": "**4"}
 CONSTANTS = {
     "_PER_100_MPA": "1/Pa",
     "RESIDUAL_LIFT": "m",
+    "TINY_GAP": "m",
+    "CATALOGUE_PRESSURE": "Pa",
+    "ROUNDED": "m/s",
     "MU0": "T m/A",
     "TINY_CURRENT": "A",
     "TINY_GAIN": "A/V",
@@ -73,12 +76,14 @@ FIELDS: dict[type, str] = {
     drive.Schedule: "1, 1",
     drive.Rate: "V, V, 1/s",
     drive.Change: "V, 1",
+    drive.Backward: "V, V",
     feed_pipe.State: "kg/s, kg/s",
     feed_pipe.Coefficients: "Pa s/kg, kg/(s Pa), Pa s2/kg2, s",
     needle_seat.Coefficients: "m2, m, 1, kg/s, N/m, s/m",
-    nozzle.Coefficients: "m4, m4, kg/s, 1, m, m, 1/m, 1/m",
+    nozzle.Coefficients: "m4, m4, kg/s, 1, m, m, 1/m, 1/m, of its own",
+    nozzle.Shape: "1, m, 1/m",
     plunger_needle.Coefficients: "N/m, N s/m, 1/kg, s/kg, N/m, kg, of their own",
-    plunger_needle.Guides: "m2, m2, m2, m3, m3, N, N/m, m, N/m, s/m",
+    plunger_needle.Guides: "m2, m2, m2, m3, m3, N, N/m, m, N/m, s/m, N s/m, N",
     plunger_needle.Loads: "N, N, N, N, N",
     plunger_needle.Motion: "m, m, m",
     plunger_needle.Needle: "N, N, N, N",
@@ -90,7 +95,7 @@ FIELDS: dict[type, str] = {
     solenoid.Circuit: "A, A/Wb, A",
     solenoid.Coefficients: "A/(Wb m), A/Wb, 1/Wb2, N/Wb2, m, ohm, 1, s",
     valve.State: "m, m/s",
-    valve.Coefficients: "1/kg, m, N, N/m, N s/m, m2, m, N/m, s/m",
+    valve.Coefficients: "1/kg, m, N, N/m, N s/m, m2, m, N/m, s/m, m",
 }
 
 

@@ -12,6 +12,7 @@ from commonrail.choices import Body, Boundary, Drive
 from commonrail.errors import InputError
 from commonrail.files.injector_file import injector_catalogue, load_injector
 from commonrail.injector.definition import Source, parameter_quantities
+from commonrail.injector.variants import Variant
 
 from .conftest import TEMPLATES
 
@@ -19,7 +20,7 @@ Edit = Callable[..., Path]
 
 
 def test_catalogue_lists_what_can_be_loaded() -> None:
-    assert injector_catalogue() == ["cri2-16", "virtual-lino-2016"]
+    assert injector_catalogue() == ["cri2-16", "crin", "virtual-lino-2016"]
 
 
 @pytest.mark.parametrize("name", injector_catalogue())
@@ -65,7 +66,7 @@ def test_real_injector_marks_what_is_measured() -> None:
         "nozzle.holes",
         "nozzle.hole_diameter",
     }
-    assert injector.variant == (Body.FLEXIBLE, Boundary.VOLUME, Drive.REGULATED)
+    assert injector.variant == Variant(Body.FLEXIBLE, Boundary.VOLUME, Drive.REGULATED)
 
 
 def test_real_injectors_discharge_follows_from_the_catalogue_flow() -> None:
@@ -74,6 +75,13 @@ def test_real_injectors_discharge_follows_from_the_catalogue_flow() -> None:
     ideal = section * math.sqrt(2 * 10e6 / 825.0)  # oil of 825 kg/m3 (ISO 4113 at 15 °C), Eq. (4)
     # 0.005: stated to two digits
     assert values["nozzle.discharge_maximum"] == pytest.approx(440e-6 / 30 / ideal, abs=0.005)
+
+
+def test_heavy_duty_injectors_discharge_follows_from_the_catalogue_flow() -> None:
+    values = load_injector("crin").values
+    section = values["nozzle.holes"] * math.pi / 4 * values["nozzle.hole_diameter"] ** 2
+    ideal = section * math.sqrt(2 * 10e6 / 825.0)
+    assert values["nozzle.discharge_maximum"] == pytest.approx(900e-6 / 30 / ideal, abs=0.005)
 
 
 def test_values_become_si(injector_file: Edit) -> None:
@@ -138,7 +146,7 @@ def test_variant_is_read(injector_file: Edit) -> None:
         ('rail_boundary = "ideal"', 'rail_boundary = "volume"'),
         ('drive_kind = "regulated"', 'drive_kind = "current trace"'),
     )
-    assert load_injector(path).variant == (Body.RIGID, Boundary.VOLUME, Drive.CURRENT)
+    assert load_injector(path).variant == Variant(Body.RIGID, Boundary.VOLUME, Drive.CURRENT)
 
 
 def test_name_is_that_of_the_file_if_not_given(injector_file: Edit) -> None:

@@ -65,7 +65,7 @@ def test_fixed_values_are_those_of_the_injector(study_file: Edit) -> None:
     study = load_study(study_file((UPPER, UPPER + fixed)))
     assert study.injector.values["valve.mass"] == 6e-3
     assert study.injector.sources["valve.mass"] == ("M", "weighed")
-    with pytest.raises(CommonrailError, match="valve.mass is given a second time"):
+    with pytest.raises(CommonrailError, match=r"valve\.mass is given a second time"):
         load_study(study_file((UPPER, UPPER + fixed + MASS)))
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from commonrail.parts import drive, solenoid
 
-P = drive.Parameters(65.0, 14.0, 19.0, 350e-6, 12.0, 14.0, 2.0, 2.0, 100.0)
+P = drive.Parameters(65.0, 14.0, 19.0, 350e-6, 12.0, 14.0, 2.0, 2.0, 100.0, 0.7)
 COIL = solenoid.coefficients(solenoid.Parameters(30.0, 0.2, 70e-6, 50e-6, 2.0, 0.0, 2000.0, 1.4, 0.0))
 PER_AMPERE = 30.0 * 4e-7 * math.pi * 70e-6 / (2 * 105e-6)  # flux per ampere, no iron, armature down
 GAP = 55e-6
@@ -157,3 +158,31 @@ def test_pwm_that_begins_beyond_its_limit_switches_at_once(conducting: float, ba
     other = drive.pwm(moved, COIL, drive.State(1.0 - conducting), ON, now, DT)
     assert found.conducting == other.conducting == 1.0 - conducting
     assert found.flux_rate == pytest.approx(other.flux_rate, rel=1e-12)
+
+
+def test_free_wheeling_current_decays_through_resistance_and_diode() -> None:
+    """L di/dt = −R i − V_d from 12 A to zero, where it stays, against the closed form."""
+    inductance, current, course = 30.0 * PER_AMPERE, 12.0, []
+    off = drive.Supply(drive.Schedule(0.0, 0.0), 0.0)
+    for _ in range(4000):
+        course.append(current)
+        change = drive.free_wheel(P, COIL, drive.State(1.0), off, circuit(current), DT)
+        current += DT * change.flux_rate / PER_AMPERE
+    time = DT * np.arange(4000)
+    exact = (12.0 + 0.7 / 0.2) * np.exp(-0.2 / inductance * time) - 0.7 / 0.2
+    flowing = exact > 0.5  # [A]; below it the regulator rounds the end off
+    assert 2000 < flowing.sum() < 3500
+    # 2e-4: one step's decay y = dt R/L is 0.01, and its mean is of second order in y
+    assert np.array(course)[flowing] == pytest.approx(exact[flowing], rel=2e-4, abs=2e-3)
+    assert 0.0 <= current < 1e-6
+
+
+def test_a_free_wheel_applies_no_voltage_backwards() -> None:
+    def voltage(current: float, on: float, peak: float) -> float:
+        now = circuit(current)
+        supply = drive.Supply(drive.Schedule(on, peak), 0.0)
+        return 30.0 * drive.free_wheel(P, COIL, drive.State(1.0), supply, now, 0.0).flux_rate + 0.2 * now.current
+
+    assert voltage(2.0, 1.0, 1.0) == pytest.approx(65.0)  # it rises as any regulator's
+    assert voltage(19.0, 1.0, 0.0) == pytest.approx(-0.7)  # peak to hold
+    assert voltage(12.0, 0.0, 0.0) == pytest.approx(-0.7)  # after the end

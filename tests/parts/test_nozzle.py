@@ -10,7 +10,9 @@ import pytest
 from commonrail.parts import nozzle
 
 RAIL = 160e6
-P = nozzle.Parameters(7.0, 0.13e-3, 0.55, 0.82, 0.85, 0.25e-12, 180e-6, 0.05e-12, 52e-6, 10.0)
+KNOTS = (40e-6, 90e-6, 150e-6, 230e-6, 340e-6, 0.0, 0.0, 0.0)
+LIFTS = (0.0, 20e-6, 40e-6, 66e-6, 90e-6, 121e-6, 200e-6, 231e-6, 340e-6, 1e-3)  # below, on, between, above knots
+P = nozzle.Parameters(7.0, 0.13e-3, 0.55, 0.82, 0.85, 0.25e-12, 180e-6, 0.05e-12, 52e-6, 10.0, 0.0, *KNOTS, *[0.0] * 8)
 C = nozzle.coefficients(P, RAIL, 2e-3)
 KNEE = 0.05e-12 * RAIL + 52e-6  # z0 = K3 p + K4 = 60 um
 TOP = 0.25e-12 * RAIL + 180e-6  # zM = K1 p + K2 = 220 um
@@ -51,3 +53,60 @@ def test_quarter_sine_is_within_its_stated_error() -> None:
 
 def test_area_is_that_of_all_holes() -> None:
     assert C.area_squared == pytest.approx((7 * math.pi * 0.13e-3**2 / 4) ** 2, rel=1e-14)
+
+
+def shaped(*values: float, **others: float) -> nozzle.Coefficients:
+    changes = {f"shape_{i}": value for i, value in enumerate(values, start=1)}
+    return nozzle.coefficients(P._replace(**changes, **others), RAIL, 2e-3)
+
+
+@pytest.mark.parametrize("lift", LIFTS)
+def test_shape_is_linear_between_its_knots_and_constant_outside(lift: float) -> None:
+    values = (-0.28, 0.07, -0.14, -0.2, -0.08)
+    factor = 1.0 + np.interp(lift, KNOTS[:5], values)
+    # 1e-12: slopes of 1e4/m summed over 1 mm, in rounding
+    found = nozzle.shaped_discharge(shaped(*values), lift)
+    assert found == pytest.approx(nozzle.discharge(C, lift) * factor, rel=1e-12)
+
+
+@pytest.mark.parametrize("lift", LIFTS)
+def test_all_eight_knots_act(lift: float) -> None:
+    knots = [25e-6 * i for i in range(1, 9)]
+    values = (0.1, -0.1, 0.2, -0.2, 0.3, -0.3, 0.4, -0.4)
+    c = shaped(*values, **{f"knot_{i}": knot for i, knot in enumerate(knots, start=1)})
+    factor = 1.0 + np.interp(lift, knots, values)
+    assert nozzle.shaped_discharge(c, lift) == pytest.approx(nozzle.discharge(C, lift) * factor, rel=1e-12)
+
+
+def test_the_value_of_a_knot_that_is_not_used_is_ignored() -> None:
+    values = (0.1, 0.1, 0.1, 0.1, 0.2)
+    for lift in LIFTS:
+        expected = nozzle.shaped_discharge(shaped(*values), lift)
+        assert nozzle.shaped_discharge(shaped(*values, 0.9, -0.9, 0.5), lift) == expected
+
+
+@pytest.mark.parametrize("lift", LIFTS)
+def test_without_a_shape_it_is_equation_9_to_the_bit(lift: float) -> None:
+    assert nozzle.shaped_discharge(C, lift) == nozzle.discharge(C, lift)
+
+
+def test_knots_in_the_wrong_order_are_moved_apart() -> None:
+    c = shaped(0.1, -0.1, 0.2, knot_2=10e-6, knot_3=10e-6)
+    knots = np.array(c.shape.knots)
+    assert np.all(np.diff(knots) >= 0.99e-6)
+    assert np.isfinite([nozzle.shaped_discharge(c, lift) for lift in LIFTS]).all()
+
+
+def test_growth_changes_the_greatest_discharge_with_rail_pressure_above_10_mpa() -> None:
+    growth = 2e-10
+    for rail in (10e6, RAIL):
+        plain, grown = (nozzle.coefficients(P._replace(discharge_growth=g), rail, 2e-3) for g in (0.0, growth))
+        full, knee = 1e-3, plain.lift_transition
+        rise = nozzle.discharge(grown, full) - nozzle.discharge(plain, full)
+        assert rise == pytest.approx(growth * (rail - 10e6), abs=1e-15)
+        assert nozzle.discharge(grown, 0.5 * knee) == nozzle.discharge(plain, 0.5 * knee)
+
+
+def test_a_growth_that_leaves_nothing_of_the_discharge_shuts_the_holes() -> None:
+    c = nozzle.coefficients(P._replace(discharge_growth=-1e-7), RAIL, 2e-3)
+    assert nozzle.discharge(c, 1e-3) == pytest.approx(0.0, abs=4e-6)  # the sine's polynomial

@@ -44,15 +44,17 @@ def speed_at_step(v: float, v_before: float) -> float:
 def advance_chain(
     c: Coefficients, seat: SeatContact, s: plunger_needle.State, load: Loads, dt: float
 ) -> plunger_needle.State:
-    """State of the chain after one leapfrog step, friction implicit: it never makes the step unstable.
+    """State of the chain after one leapfrog step [m], [m/s], [m/s].
 
-    The damping coefficient is that of the speed at t_n; the force is it times the mean of the velocities half a step
-    before and after.
+    Friction is implicit and never makes the step unstable: the damping coefficient of the speed at t_n times the mean
+    of the velocities half a step before and after.
 
     Parameters
     ----------
-    c, seat, s, load, dt
+    c, seat, s, load
         As in `plunger_needle.advance`.
+    dt : float
+        Step [s].
     """
     after, m = plunger_needle.advance(c, seat, s, load, dt), c.impulse
     per1, per7 = reciprocals(speed_at_step(s.v.i1, s.v_before.i1), speed_at_step(s.v.i7, s.v_before.i7))
@@ -68,7 +70,7 @@ def advance_chain(
 
 @physics
 def with_guided(x: Nine, top: float, head: float) -> Nine:
-    """The same values with those of the guided masses 1 and 7 replaced, in their unit.
+    """Velocities of the chain [m/s] with those of the guided masses 1 and 7 replaced; positions alike.
 
     Parameters
     ----------
@@ -86,8 +88,12 @@ def accelerate_chain(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load:
 
     Parameters
     ----------
-    c, seat, z, v, load
-        As in `plunger_needle.accelerations`.
+    c, seat, load
+        As in `plunger_needle.advance`.
+    z : Nine
+        Positions [m].
+    v : Nine
+        Velocities [m/s].
     """
     a = plunger_needle.accelerations(c, seat, z, v, load)
     top = guide_damping(c.guides, 1.0 / (abs(v.i1) + ROUNDED)) * v.i1
@@ -97,22 +103,44 @@ def accelerate_chain(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load:
 
 @physics
 def advance_body(c: Coefficients, seat: SeatContact, s: rigid_body.State, load: Loads, dt: float) -> rigid_body.State:
-    """State of the rigid body after one leapfrog step, friction of both guides implicit.
+    """State of the rigid body after one leapfrog step [m], [m/s], friction of both guides implicit.
 
-    The damping coefficient is that of the mean of the velocities before and after a step without friction.
+    The body keeps no older velocity: the speed at t_n is the mean of those before the step and after a first one.
 
     Parameters
     ----------
-    c, seat, s, load, dt
+    c, seat, s, load
         As in `rigid_body.advance`.
+    dt : float
+        Step [s].
     """
-    after = rigid_body.advance(c, seat, s, load, dt)
-    half_impulse = 0.5 * dt / c.total_mass
-    both = 2.0 * half_impulse * guide_damping(c.guides, 1.0 / (abs(0.5 * (s.v + after.v)) + ROUNDED))
+    free = rigid_body.advance(c, seat, s, load, dt).v
+    per_mass = dt / c.total_mass
     held = plunger_needle.at_stop(c.guides, s.z).damping + plunger_needle.on_seat(seat, s.z).damping
-    touching = 1.0 + half_impulse * held
-    v = (touching * after.v - both * s.v) / (touching + both)
+    touching = 1.0 + 0.5 * per_mass * held
+    first = _slowed(c.guides, s.v, touching * free, touching, (per_mass, s.v))
+    v = _slowed(c.guides, s.v, touching * free, touching, (per_mass, 0.5 * (s.v + first)))
     return rigid_body.State(s.z + dt * v, v)
+
+
+@physics
+def _slowed(g: Guides, v: float, free: float, touching: float, friction: tuple[float, float]) -> float:
+    """Velocity after a step [m/s] in which both guides rub.
+
+    Parameters
+    ----------
+    g : Guides
+        Of plunger and needle.
+    v, free : float
+        Velocity before the step, and after one without friction times `touching` [m/s].
+    touching : float
+        One plus what the contacts' damping takes in half a step [1].
+    friction : (float, float)
+        Step over mass [s/kg], and velocity at which friction is taken [m/s].
+    """
+    per_mass, at = friction
+    both = per_mass * guide_damping(g, 1.0 / (abs(at) + ROUNDED))
+    return (free - both * v) / (touching + both)
 
 
 @physics
@@ -121,8 +149,12 @@ def accelerate_body(c: Coefficients, seat: SeatContact, z: float, v: float, load
 
     Parameters
     ----------
-    c, seat, z, v, load
-        As in `rigid_body.accelerations`.
+    c, seat, load
+        As in `rigid_body.advance`.
+    z : float
+        Lift [m].
+    v : float
+        Velocity [m/s].
     """
     both = 2.0 * guide_damping(c.guides, 1.0 / (abs(v) + ROUNDED)) * v
     return rigid_body.accelerations(c, seat, z, v, load) - both / c.total_mass
