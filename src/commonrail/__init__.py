@@ -16,16 +16,20 @@ if TYPE_CHECKING:
     from commonrail.analysis.virtual_bench import PAPER_OPTIMUM, Bench, bench_curve
     from commonrail.calibration.checkpoint import Generation
     from commonrail.calibration.comparison import Comparison, compare
+    from commonrail.calibration.conditions import Condition
+    from commonrail.calibration.goal import Loss
     from commonrail.calibration.objective import Objective
     from commonrail.calibration.optimisers import (
         Counts,
         DifferentialEvolution,
         EvolutionSettings,
         InitialSampling,
+        StagedSettings,
         Treatment,
     )
     from commonrail.calibration.parameter import Parameter, percent_bounds
     from commonrail.calibration.plausibility.finding import Finding
+    from commonrail.calibration.prior import Prior
     from commonrail.calibration.result import validate
     from commonrail.calibration.run import Calibration, Progress, calibrate, check_study
     from commonrail.calibration.sampling import sample_feasible
@@ -70,10 +74,13 @@ _HOMES = {
     "analysis.virtual_bench": "Bench PAPER_OPTIMUM bench_curve",
     "calibration.checkpoint": "Generation",
     "calibration.comparison": "Comparison compare",
+    "calibration.conditions": "Condition",
+    "calibration.goal": "Loss",
     "calibration.objective": "Objective",
-    "calibration.optimisers": "Counts DifferentialEvolution EvolutionSettings InitialSampling Treatment",
+    "calibration.optimisers": "Counts DifferentialEvolution EvolutionSettings InitialSampling StagedSettings Treatment",
     "calibration.parameter": "Parameter percent_bounds",
     "calibration.plausibility.finding": "Finding",
+    "calibration.prior": "Prior",
     "calibration.result": "validate",
     "calibration.run": "Calibration Progress calibrate check_study",
     "calibration.sampling": "sample_feasible",
@@ -110,6 +117,7 @@ __all__ = [
     "Calibration",
     "CommonrailError",
     "Comparison",
+    "Condition",
     "ConfigurationError",
     "Counts",
     "DifferentialEvolution",
@@ -121,12 +129,14 @@ __all__ = [
     "InitialSampling",
     "Injector",
     "InputError",
+    "Loss",
     "Method",
     "Objective",
     "OperatingPoint",
     "OutputError",
     "PAPER_OPTIMUM",
     "Parameter",
+    "Prior",
     "Progress",
     "QuantityData",
     "RateData",
@@ -137,6 +147,7 @@ __all__ = [
     "Solution",
     "Source",
     "Space",
+    "StagedSettings",
     "Status",
     "Study",
     "StudyError",
@@ -153,7 +164,6 @@ __all__ = [
     "create_run_folder",
     "dump_injector",
     "for_seeds",
-    "steps",
     "identify",
     "identify_at",
     "injector_catalogue",
@@ -171,6 +181,7 @@ __all__ = [
     "simulate",
     "simulate_batch",
     "simulation_figure",
+    "steps",
     "validate",
     "write_report",
     "write_run",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from commonrail.calibration import Parameter, Space
 from commonrail.calibration.optimisers import Optimiser, Trials, Wanted
+from commonrail.calibration.products import parse_products
 from commonrail.errors import ConfigurationError, StudyError
 from commonrail.store.states import pack, unpack
 
@@ -32,6 +34,7 @@ SPACES = {
     "a box": _space(0.5, 2.0, "abc"),
     "an ordering": _space(0.5, 2.0, "ab", "a < b"),
     "logarithms": _space(1.0, 50.0, "ab", scale="log"),
+    "a product": replace(_space(0.5, 2.0, "ab"), products=parse_products(["a >= 1.4 * b^2"], "ab", {})),
 }
 
 

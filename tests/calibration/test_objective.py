@@ -8,7 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from commonrail.calibration.conditions import Condition, Wanted
+from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective
+from commonrail.calibration.prior import Prior, Priors
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
@@ -138,3 +141,42 @@ def test_an_objective_in_use_travels_as_small_as_a_new_one(regulated: Injector) 
 def test_a_senseless_time_step_is_refused(regulated: Injector) -> None:
     with pytest.raises(ConfigurationError, match="time step"):
         Objective(regulated, (), [a_map("low", 60e6)], 0.0, 1).costs(np.empty((1, 0)))
+
+
+def test_squares_and_priors_are_those_of_the_residuals(regulated: Injector) -> None:
+    own = np.array([regulated.values[name] for name in NAMES])
+    priors = Priors([None, Prior(1.1 * own[1], 0.05 * own[1])])
+    values = candidates(regulated, 3)
+    objective = Objective(regulated, NAMES, [a_map("low", 60e6, 2.5)], STEP, 1, goal=Goal(Loss.SQUARES, priors))
+    residuals = objective.residuals(values)
+    assert residuals.shape == (3, 3)
+    assert residuals[:, 2] == pytest.approx((values[:, 1] / own[1] - 1.1) / 0.05, rel=1e-9)
+    # both sum the same squares, the batch in the order of its points
+    assert objective.costs(values).costs == pytest.approx(np.sum(residuals**2, axis=1), rel=1e-9)
+    plain = Objective(regulated, NAMES, [a_map("low", 60e6, 2.5)], STEP, 1).costs(values).costs
+    pulled = Objective(regulated, NAMES, [a_map("low", 60e6, 2.5)], STEP, 1, goal=Goal(priors=priors))
+    assert pulled.costs(values).costs == pytest.approx(plain + residuals[:, 2] ** 2, rel=1e-9)
+
+
+def test_a_candidate_that_breaks_a_condition_loses(regulated: Injector) -> None:
+    point = OperatingPoint(60e6, 700e-6)
+    values, data = candidates(regulated, 2), [a_map("low", 60e6)]
+    found = []
+    for wanted in (Wanted.INJECTS, Wanted.SHUT):
+        goal = Goal(conditions=(Condition(wanted, point),))
+        objective = Objective(regulated, NAMES, data, STEP, 1, goal=goal)
+        scores = objective.costs(values)
+        assert scores.simulations == 2 * objective.injections == 6
+        found.append((np.isfinite(scores.costs).all(), np.isfinite(objective.residuals(values)).all()))
+    assert found == [(True, True), (False, False)]
+    assert scores.statuses.tolist() == [Status.CONDITION_NOT_MET] * 2
+
+
+def test_screening_is_coarser_and_near_the_residuals(regulated: Injector) -> None:
+    values = candidates(regulated, 3)
+    goal = Goal(screening_step=1.5e-6)
+    objective = Objective(regulated, NAMES, [a_map("low", 60e6)], STEP, 1, goal=goal)
+    fine, coarse = objective.residuals(values), objective.screened(values)
+    assert not np.array_equal(fine, coarse)
+    # f32 and a step half as long again: less than 1 % of quantities of up to 40 mm³, whose tolerance is 10 % and more
+    assert coarse == pytest.approx(fine, abs=0.1)

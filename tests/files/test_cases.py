@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from commonrail.analysis.virtual_bench import bench_curve
+from commonrail.calibration.optimisers import StagedSettings
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.simulate import simulate_batch
 from commonrail.files.bench_data import ENERGISING_TIME
@@ -56,8 +57,10 @@ def test_real_injectors_map_is_that_of_its_source() -> None:
 def test_real_injectors_study_is_not_synthetic() -> None:
     study = load_study(CASES / "cri2-16" / "study.toml")
     assert study.synthetic == ""
-    assert 10 <= study.space.dimension <= 16
-    assert study.method.polish > 0
+    assert study.space.dimension == 37
+    assert all(p.prior is not None and p.mark == "F" and "map 164" in p.source for p in study.space.parameters)
+    assert study.space.satisfies(study.space.reference)
+    assert isinstance(study.method.evolution, StagedSettings)
 
 
 def test_the_fleets_quantities_are_its_truths_with_the_noise_that_it_states() -> None:

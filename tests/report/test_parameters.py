@@ -47,3 +47,14 @@ def test_the_terminal_has_value_error_and_bounds_of_each_parameter() -> None:
     assert first[:2] == [record["name"], "pinned down"]
     assert first[3:] == ["82.6 N/µm", "± 2.48 N/µm", "+2.2", "8.08 N/µm to 162 N/µm", "no"]
     assert second[4:] == ["–", "+2.2", "8.08 N/µm to 162 N/µm", "yes"]
+
+
+def test_a_prior_is_shown_with_its_pull() -> None:
+    record = rate_record()["parameters"][1]
+    prior = {"prior": {"value": 8e7, "sigma": 2e6, "source": "a sister part"}, "pull": 1.3}
+    assert parameter_rows([record])[0].pull == ""
+    assert parameter_rows([record | prior])[0].pull == "+1.3 σ"
+    table = parameter_table([record | prior, record])
+    assert table.columns[-1] == "from its prior"
+    assert [row[-1].plain for row in table.rows] == ["+1.3 σ", "–"]
+    assert "from its prior" not in parameter_table([record]).columns

@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import NamedTuple
 
+from commonrail.calibration.conditions import Condition
 from commonrail.calibration.prior import Priors
 
 __all__ = ["PLAIN", "Goal", "Loss"]
@@ -28,12 +29,15 @@ class Goal(NamedTuple):
     loss : Loss
     priors : Priors
         Their squared residuals are added to the loss.
+    conditions : tuple of Condition
+        A candidate that does not meet one of them loses, whatever its loss.
     screening_step : float or None
         Time step [s] of the simulations that screen candidates in f32; None for that of the search.
     """
 
     loss: Loss = Loss.KINDS
     priors: Priors = Priors()
+    conditions: tuple[Condition, ...] = ()
     screening_step: float | None = None
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.calibration.conditions import broken
 from commonrail.calibration.goal import PLAIN, Goal, Loss
 from commonrail.choices import Precision
 from commonrail.engine.status import OK, Status
@@ -78,6 +79,7 @@ class Objective:
         self.simulator = Simulator(injector, names, time_step, threads, same_bits=same_bits)
         coarse = goal.screening_step or time_step
         self._screening = Simulator(injector, names, coarse, threads, precision=Precision.F32, same_bits=same_bits)
+        self._points = tuple(condition.point for condition in goal.conditions)
         groups = ((kind, [d for d in self.data if d.kind == name]) for name, kind in KINDS.items())
         self._terms = [term for kind, group in groups if group for term in kind.terms(group, time_step)]
 
@@ -93,7 +95,7 @@ class Objective:
     @property
     def injections(self) -> int:
         """Single injections that a candidate takes."""
-        return sum(data.injections for data in self.data)
+        return sum(data.injections for data in self.data) + len(self.goal.conditions)
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""
@@ -104,6 +106,11 @@ class Objective:
             losses = term.squares if self.goal.loss is Loss.SQUARES else term.misfits
             total += np.sum(losses(batch) * term.weights, axis=1)
             _note_failures(statuses, batch.status, term.failed(batch.status))
+        if self._points:
+            batch = self.simulator.batch(self._points, values, self.precision)
+            lost = broken(self.goal.conditions, batch)
+            total[lost.any(axis=1)] = np.inf
+            _note_failures(statuses, np.where(batch.status == OK, Status.CONDITION_NOT_MET, batch.status), lost)
         if len(self.goal.priors):
             total += self.goal.priors.costs(values)
         finite = np.isfinite(total)
@@ -120,7 +127,8 @@ class Objective:
     def residuals(self, values: Floats) -> Floats:
         """Residuals for least squares (n, all samples and points, then priors).
 
-        Those of a data set are scaled by the root of its weight.
+        Those of a data set are scaled by the root of its weight; of a candidate that does not meet a condition they are
+        NaN.
         """
         return self._residuals(self.simulator, values)
 
@@ -131,7 +139,10 @@ class Objective:
     def _residuals(self, simulator: Simulator, values: Floats) -> Floats:
         simulator.threads = self.threads
         found = [d.residuals(d.simulated(simulator, values)) for d in self.data]
-        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+        residuals = np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+        if self._points:
+            residuals[broken(self.goal.conditions, simulator.batch(self._points, values)).any(axis=1)] = np.nan
+        return residuals
 
 
 def _note_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]], failed: NDArray[np.bool_]) -> None:

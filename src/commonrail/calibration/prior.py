@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arguments import number, plain_text, settle
 from commonrail.errors import ConfigurationError
 
 __all__ = ["Prior", "Priors"]
@@ -41,9 +41,13 @@ class Prior:
     source: str = "no source stated"
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.value) and isfinite(self.sigma) and self.sigma > 0.0):
+        plain_text(self.source, "source of a prior")
+        settle(
+            self, value=number(self.value, "1", "value of a prior"), sigma=number(self.sigma, "1", "sigma of a prior")
+        )
+        if not self.sigma > 0.0:
             raise ConfigurationError(
-                f"A prior needs a finite value and a sigma greater than zero, not {self.value:g} and {self.sigma:g}."
+                f"A prior needs a value and a sigma greater than zero, not {self.value:g} and {self.sigma:g}."
             )
 
     def pull(self, value: float) -> float:

@@ -6,7 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from commonrail.arguments import instance, thread_count
+from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
+from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.run import Calibration, score_all
 from commonrail.calibration.study import Method, Study
@@ -53,10 +55,12 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
             "variant": study.injector.variant.label,
         },
         "parameters": _parameters(calibration, identified),
-        "constraints": list(dict.fromkeys(study.space.rows.labels)),
+        "constraints": list(study.space.labels),
         "optimiser": _optimiser(study.method),
         "labels": {label: text for label, text in LABELS.items() if label in calibration.scores},
+        **({"loss": study.loss.value} if study.loss is not Loss.KINDS else {}),
         "objective": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
+        **_identifiability(identified),
         "data": data_records(study.data, calibration.scores),
         "warnings": warning_records(calibration.warnings),
         "evaluations": {
@@ -111,6 +115,12 @@ def data_records(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]])
     ]
 
 
+def _identifiability(identified: Mapping[str, Any]) -> dict[str, Any]:
+    """Effective parameters and combinations, if `identified` has them."""
+    summary = getattr(identified, "summary", None)
+    return {"identifiability": summary} if summary else {}
+
+
 def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
     known = parameter_quantities()
     records = []
@@ -129,10 +139,19 @@ def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, 
                 "source": p.source,
                 "position": p.position(best),
                 "at_bound": p.is_at_bound(best),
+                **_prior(p, best),
                 **identified.get(p.name, {}),
             }
         )
     return records
+
+
+def _prior(parameter: Parameter, best: float) -> dict[str, Any]:
+    """Prior of a parameter and the pull of its best value, in standard deviations; empty without one."""
+    if parameter.prior is None:
+        return {}
+    prior = {"value": parameter.prior.value, "sigma": parameter.prior.sigma, "source": parameter.prior.source}
+    return {"prior": prior, "pull": parameter.prior.pull(best)}
 
 
 def _optimiser(method: Method) -> dict[str, Any]:

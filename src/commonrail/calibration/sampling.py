@@ -72,7 +72,7 @@ def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> FloatArra
     (n, d) array
         Points, SI, each of which satisfies `space` and its constraints.
     """
-    if not len(space.rows):
+    if not space.constrained:
         return sample_uniform(space, n, rng)
     walk = _plan(space)
     unit = np.tile(walk.start, (n, 1))
@@ -107,7 +107,7 @@ def sample_priors(space: Space, n: int, rng: np.random.Generator) -> FloatArray:
     from scipy.special import ndtr, ndtri  # slow to import
 
     priors = [parameter.prior for parameter in space.parameters]
-    if len(space.rows) and not any(priors):
+    if space.constrained and not any(priors):
         x = sample_feasible(space, n, rng)
     else:
         ranks = np.argsort(rng.random((n, space.dimension)), axis=0)
@@ -158,7 +158,7 @@ def _plan(space: Space) -> _Walk:
     upper = np.where(bent, log(np.where(bent, space.upper, 1.0)), space.upper)
     polytope = Polytope.of(constraints, lower, upper)
     centre, shape = _barrier(polytope)
-    curved = not bool(straight.all())
+    curved = bool(len(space.products)) or not bool(straight.all())
     return _Walk(space, polytope, shape, space.to_unit(space.centre) if curved else centre, curved)
 
 

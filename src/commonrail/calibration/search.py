@@ -96,7 +96,7 @@ def _costs(trials: Trials, objective: Objective) -> Step:
 def goal_of(study: Study) -> Goal:
     """Goal of a study's search."""
     step = min(max(COARSEST_SCREENING, study.time_step), nice_step(longest_for_all(study.injector, study.space)))
-    return Goal(study.loss, Priors.of(study.space.parameters), max(step, study.time_step))
+    return Goal(study.loss, Priors.of(study.space.parameters), study.conditions, max(step, study.time_step))
 
 
 class Search:

@@ -18,6 +18,7 @@ from commonrail.calibration.constraints import (
     deepest_point,
 )
 from commonrail.calibration.parameter import Parameter, percent_bounds
+from commonrail.calibration.products import NONE, Products
 from commonrail.elementary import exp, log, product
 from commonrail.errors import ConfigurationError
 
@@ -28,6 +29,8 @@ BoolArray = NDArray[np.bool_]
 
 # A point pulled back to a boundary stops this fraction short of it, clear of rounding.
 _SHORT_OF_BOUNDARY = 1e-9
+_HALVINGS = 40  # of a segment that a curved constraint cuts
+_DRAWS = 4096  # points that are tried where the centre of the bounds breaks a curved constraint
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +46,8 @@ class Space:
         At least one, each name once.
     constraints : LinearConstraints or sequence of str, optional
         Rows, or texts for `parse_constraints`.
+    products : Products, optional
+        Constraints between products of the parameters, which are curved.
 
     Raises
     ------
@@ -53,6 +58,7 @@ class Space:
 
     parameters: Sequence[Parameter]
     constraints: LinearConstraints | Sequence[str] = ()
+    products: Products = NONE
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", tuple(self.parameters))
@@ -65,6 +71,8 @@ class Space:
         conflict = conflicting_rows(self.rows, self.lower, self.upper) if len(self.rows) else ()
         if conflict:
             raise ConfigurationError(self._conflict(conflict))
+        if len(self.products):
+            self._check_products()
 
     def _check_names(self) -> None:
         if not self.parameters:
@@ -72,6 +80,14 @@ class Space:
         repeated = sorted({name for name in self.names if self.names.count(name) > 1})
         if repeated:
             raise ConfigurationError(f"parameters: {', '.join(repeated)} given more than once, keep one of each")
+
+    def _check_products(self) -> None:
+        if not self.satisfies(self.centre):
+            texts = " and ".join(f'"{label}"' for label in self.products.labels)
+            raise ConfigurationError(
+                f"constraints: no point was found within the bounds where {texts} holds with the others; widen a "
+                "bound, or correct or remove a constraint"
+            )
 
     def _conflict(self, conflict: tuple[int, ...]) -> str:
         """One sentence that names constraints in conflict and the bounds they meet."""
@@ -95,6 +111,16 @@ class Space:
     def names(self) -> tuple[str, ...]:
         """Names, in the order of the columns."""
         return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def constrained(self) -> bool:
+        """Return whether there are constraints besides the bounds."""
+        return bool(len(self.rows) or len(self.products))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Texts of all constraints, each once."""
+        return tuple(dict.fromkeys((*self.rows.labels, *self.products.labels)))
 
     @property
     def dimension(self) -> int:
@@ -128,9 +154,17 @@ class Space:
 
     @cached_property
     def centre(self) -> FloatArray:
-        """The feasible point (d,) farthest from bounds and constraints, SI."""
+        """The feasible point (d,) farthest from bounds and linear constraints, SI.
+
+        Where it breaks a constraint between products, the reference or a drawn point that does not.
+        """
         depth, _ = deepest_point(self.polytope)
-        return _frozen(self.lower + depth * (self.upper - self.lower))
+        deepest = self.lower + depth * (self.upper - self.lower)
+        if not len(self.products):
+            return _frozen(deepest)
+        drawn = self.from_unit(np.random.default_rng(0).random((_DRAWS, self.dimension)))
+        candidates = np.vstack([deepest, self.reference, drawn])
+        return _frozen(candidates[int(np.argmax(self.satisfies(candidates)))])
 
     def to_unit(self, x: ArrayLike) -> FloatArray:
         """Unit coordinates (..., d) of points (..., d); 0 and 1 exactly at the bounds."""
@@ -206,13 +240,23 @@ class Space:
         return self._distances(np.asarray(x, dtype=float))[..., : len(self.rows)]
 
     def shortfall(self, x: ArrayLike) -> FloatArray:
-        """Shortfall of each constraint (..., m) at points (..., d), by its span in the bounds."""
-        return np.maximum(0.0, -self.slack(x)) / self._span
+        """Shortfall of each constraint (..., m) at points (..., d), by its span in the bounds.
+
+        Those of products, which stand last, are relative.
+        """
+        linear = np.maximum(0.0, -self.slack(x)) / self._span
+        if not len(self.products):
+            return linear
+        return np.concatenate([linear, self.products.shortfall(np.asarray(x, dtype=float))], axis=-1)
 
     def satisfies(self, x: ArrayLike) -> BoolArray:
         """Return whether points (..., d) keep to bounds (exactly) and constraints (within rounding)."""
-        distances = self._distances(np.asarray(x, dtype=float))
-        return np.asarray((distances >= self._least).all(axis=-1))
+        # A distance to a bound is exact: its row has a single coefficient, 1 or -1.
+        points = np.asarray(x, dtype=float)
+        linear = np.asarray((self._distances(points) >= self._least).all(axis=-1))
+        if not len(self.products):
+            return linear
+        return linear & (self.products.shortfall(points) <= ROUNDING).all(axis=-1)
 
     def violation(self, x: ArrayLike) -> FloatArray:
         """Sum (...) of what points (..., d) lack of bounds and constraints; 0 where they satisfy.
@@ -231,8 +275,11 @@ class Space:
         """The last feasible points (n, d) on the segments from `anchor` (n, d) to `x` (n, d).
 
         `anchor` must satisfy the space: the segment then starts inside a convex set and leaves
-        it once. Points that satisfy the space already come back unchanged.
+        it once. Points that satisfy the space already come back unchanged. A constraint between products, which need
+        not be convex, is met by halving what is left of the segment.
         """
+        if len(self.products):
+            return self._halved(np.asarray(anchor, dtype=float), np.asarray(x, dtype=float))
         start, goal = np.asarray(anchor, dtype=float), np.asarray(x, dtype=float)
         here, there = self._distances(start), self._distances(goal)
         crossed = there < 0.0
@@ -243,6 +290,17 @@ class Space:
         pulled = np.where(self.satisfies(pulled)[..., None], pulled, start)
         feasible = (there >= self._least).all(axis=-1, keepdims=True)
         return np.asarray(np.where(feasible, goal, pulled))
+
+    def _halved(self, start: FloatArray, goal: FloatArray) -> FloatArray:
+        """Last feasible points (..., d) that halving finds on segments from feasible points (..., d)."""
+        inside, outside = np.zeros(goal.shape[:-1]), np.ones(goal.shape[:-1])
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (inside + outside)
+            feasible = self.satisfies(start + middle[..., None] * (goal - start))
+            inside, outside = np.where(feasible, middle, inside), np.where(feasible, outside, middle)
+        found = start + inside[..., None] * (goal - start)
+        found = np.where(self.satisfies(found)[..., None], found, start)
+        return np.where(self.satisfies(goal)[..., None], goal, found)
 
 
 def _frozen(values: ArrayLike) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from commonrail.arguments import chosen, flag, instance, instances, plain_text, settle, whole
+from commonrail.calibration.conditions import Condition
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers import EvolutionSettings, Settings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
@@ -75,6 +76,8 @@ class Study:
         Loss on the data that the search makes small.
     same_bits : bool
         Give the same result, bit for bit, on every x86-64 processor with AVX2 and FMA; at some cost of speed.
+    conditions : tuple of Condition
+        Behaviour that a candidate must have at operating points besides the data.
     files : mapping of Path to str
         SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
 
@@ -96,6 +99,7 @@ class Study:
     note: str = ""
     precision: Precision = Precision.F64
     loss: Loss = Loss.KINDS
+    conditions: tuple[Condition, ...] = ()
     files: Mapping[Path, str] = field(default_factory=dict)
     same_bits: bool = False
 
@@ -119,6 +123,7 @@ class Study:
             precision=chosen(self.precision, Precision, "precision"),
             loss=chosen(self.loss, Loss, "loss"),
             same_bits=flag(self.same_bits, "same_bits"),
+            conditions=instances(self.conditions, Condition, "conditions"),
         )
 
     @property

@@ -19,6 +19,7 @@ class Status(IntEnum):
     NOT_FINITE = 4
     STILL_INJECTING = 5
     OUTSIDE_DOMAIN = 6
+    CONDITION_NOT_MET = 7  # of a study; no simulation by itself ends so
 
     @property
     def sentence(self) -> str:
@@ -46,6 +47,10 @@ _SENTENCES = {
     Status.OUTSIDE_DOMAIN: (
         "A parameter is not finite or lies outside its domain, such as a length that is not positive; narrow the "
         "bounds (`commonrail catalogue parameters` lists the domains)."
+    ),
+    Status.CONDITION_NOT_MET: (
+        "The injector does not behave as a condition of the study wants it; check the start values at that operating "
+        "point, or correct the condition."
     ),
     Status.STILL_INJECTING: "The needle had not closed at the end of the simulated time; take a longer horizon.",
 }

@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from commonrail.arguments import file_path
+from commonrail.calibration.conditions import Condition
 from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.prior import Prior
+from commonrail.calibration.products import parse_products
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.time_step import step_for_all
+from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.time_step import check_step
+from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
 from commonrail.files.injector_file import load_injector
-from commonrail.files.study_models import MOST_CONSTRAINTS, ConstraintsModel, Optimisers, ParameterModel, StudyModel
+from commonrail.files.study_models import (
+    MOST_CONSTRAINTS,
+    ConditionModel,
+    ConstraintsModel,
+    Optimisers,
+    ParameterModel,
+    StudyModel,
+)
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.kinds import KINDS, DataSet
+from commonrail.kinds.maps.reading import AFTER_ENERGISING
 from commonrail.kinds.reading import Context, DataModel
 from commonrail.parts.furniture import Q
 from commonrail.reading.faults import read_model
@@ -72,6 +85,7 @@ def _study(file: Path) -> Study:
     with located(at / "time_step"):
         time_step = step_for_all(injector, space) if model.time_step is None else check_step(model.time_step)
     data = _data(model.data, Context(injector, time_step, reach, at), at / "data")
+    space = _with_products(space, model.constraints.products, injector, data, at / "constraints")
     return Study(
         model.title,
         injector,
@@ -84,6 +98,7 @@ def _study(file: Path) -> Study:
         model.note,
         model.precision,
         model.loss,
+        _conditions(model.condition, injector, at / "condition"),
         same_bits=model.same_bits,
     )
 
@@ -183,6 +198,28 @@ def _space(models: list[ParameterModel], constraints: ConstraintsModel, injector
         raise (at / "constraints").error(f"there are {rows} relations, and at most {MOST_CONSTRAINTS} are read")
     with located(at):
         return Space(parameters, texts)
+
+
+def _conditions(models: list[ConditionModel], injector: Injector, at: Place) -> tuple[Condition, ...]:
+    found = []
+    for i, model in enumerate(models):
+        with located(at[i]):
+            for rail, time in itertools.product(model.rail_pressure, model.energising_time):
+                horizon = time + AFTER_ENERGISING
+                point = OperatingPoint(rail, time, model.cylinder_pressure, model.return_pressure, horizon=horizon)
+                check_point(injector, point)
+                found.append(Condition(model.wanted, point))
+    return tuple(found)
+
+
+def _with_products(space: Space, texts: list[str], injector: Injector, data: Sequence[DataSet], at: Place) -> Space:
+    """The space with the constraints between products, in which the values that do not vary are known."""
+    if not texts:
+        return space
+    known = {name: value for name, value in injector.values.items() if name not in space.names}
+    largest = max(point.initial_pressures()[0] for d in data for point in d.points)
+    with located(at / "products"):
+        return replace(space, products=parse_products(texts, space.names, {**known, "rail_pressure_max": largest}))
 
 
 def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Parameter:

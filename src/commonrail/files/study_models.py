@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, ge
 
 from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, create_model
 
+from commonrail.calibration.conditions import Wanted
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.registry import Registered
@@ -22,6 +23,7 @@ from commonrail.kinds.reading import DataModel, Name
 from commonrail.reading.fields import UNSTATED, FileModel, Mark, OneOf, Text, Unit, fault
 
 __all__ = [
+    "ConditionModel",
     "ConstraintsModel",
     "Optimisers",
     "FixedModel",
@@ -34,6 +36,7 @@ __all__ = [
 MOST_SETS = 1000
 MOST_PARAMETERS = 1000
 MOST_CONSTRAINTS = 1000
+MOST_CONDITIONS = 100
 
 _BLOCK = OneOf("kind", {name: kind.model for name, kind in KINDS.items()})
 
@@ -73,6 +76,16 @@ class PriorModel(FileModel):
     source: Text
 
 
+class ConditionModel(FileModel):
+    """Behaviour that is wanted at all pairs of rail pressures and energising times."""
+
+    wanted: Wanted = Field(strict=False)
+    rail_pressure: list[Annotated[float, Unit("Pa")]] = Field(min_length=1, max_length=MOST_CONDITIONS)
+    energising_time: list[Annotated[float, Unit("s")]] = Field(min_length=1, max_length=MOST_CONDITIONS)
+    cylinder_pressure: Annotated[float, Unit("Pa")]
+    return_pressure: Annotated[float, Unit("Pa")]
+
+
 class FixedModel(FileModel):
     """A value of the injector that the study changes and does not calibrate."""
 
@@ -99,10 +112,11 @@ class ParameterModel(FileModel):
 
 
 class ConstraintsModel(FileModel):
-    """Orderings and other linear inequalities between parameters, Eq. (14), (15)."""
+    """Orderings and other linear inequalities between parameters, Eq. (14), (15), and those between products."""
 
     order: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
     linear: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
+    products: list[str] = Field(default=[], max_length=MOST_CONSTRAINTS)
 
 
 def _known_method(name: str) -> str:
@@ -173,6 +187,7 @@ class StudyModel(FileModel):
     data: list[Annotated[DataModel, _BLOCK]] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()
+    condition: list[ConditionModel] = Field(default=[], max_length=MOST_CONDITIONS)
     optimiser: Annotated[Optimisers, PlainValidator(read_optimisers)] = Field(
         default_factory=lambda: read_optimisers({})
     )

@@ -44,6 +44,8 @@ class ParameterRow:
         Where the start value comes from, in words.
     effect, pinned : str
         Change of the residuals for a move of 1 % of the range: alone, and after the others have readjusted.
+    pull : str
+        Distance of the best from the prior's value in its standard deviations, "+0.8 σ"; empty without a prior.
     best_at, start_at : float
         Position between the bounds [%]; `start_at` is held within the bar.
     at_bound : bool
@@ -62,6 +64,7 @@ class ParameterRow:
     mark: str
     effect: str
     pinned: str
+    pull: str
     best_at: float
     start_at: float
     at_bound: bool
@@ -74,13 +77,18 @@ def parameter_rows(parameters: Sequence[Record]) -> list[ParameterRow]:
 
 def parameter_table(parameters: Sequence[Record]) -> Table:
     """Calibrated parameters for the terminal: what the report sets with bars."""
-    rows = [
+    found = parameter_rows(parameters)
+    rows: list[tuple[str, ...]] = [
         (r.name, r.verdict, r.start, r.best, r.error or MISSING, r.change, f"{r.lower} to {r.upper}", _bound(r))
-        for r in parameter_rows(parameters)
+        for r in found
     ]
+    columns: tuple[str, ...] = _COLUMNS
+    if any(r.pull for r in found):
+        columns = (*_COLUMNS, "from its prior")
+        rows = [(*row, r.pull or MISSING) for row, r in zip(rows, found, strict=True)]
     return Table(
         "Parameters",
-        _COLUMNS,
+        columns,
         tuple(tuple(Cell(text) for text in row) for row in rows),
         texts=2,
     )
@@ -106,6 +114,7 @@ def _row(p: Record) -> ParameterRow:
         mark=MARKS.get(p["mark"], str(p["mark"])),
         effect=significant(p.get("effect"), 2),
         pinned=significant(p.get("pinned"), 2),
+        pull=f"{signed(p['pull'], 1)} σ" if number(p.get("pull")) is not None else "",
         best_at=_percent(p, best),
         start_at=_percent(p, start),
         at_bound=bool(p.get("at_bound")),

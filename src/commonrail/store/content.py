@@ -39,6 +39,10 @@ def content_of(study: Study) -> str:
         more += (study.loss,)
     if any(parameter.prior for parameter in study.space.parameters):
         more += (tuple(parameter.prior for parameter in study.space.parameters),)
+    if study.conditions:
+        more += (study.conditions,)
+    if len(study.space.products):
+        more += (study.space.products.constraints,)
     tolerances = tuple(getattr(data, "dead_time_tolerance", None) for data in study.data)
     if any(tolerances):
         more += (tolerances,)

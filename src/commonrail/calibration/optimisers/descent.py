@@ -188,7 +188,7 @@ def _squares(residuals: FloatArray) -> FloatArray:
 
 def _pulled(space: Space, unit: FloatArray, trials: FloatArray) -> FloatArray:
     """Trials (n, d) pulled to the last feasible point on their way from a feasible point (d,), unit coordinates."""
-    if not len(space.rows):
+    if not space.constrained:
         return trials
     x, own = space.from_unit(trials), space.from_unit(unit)
     inside = space.pull_back(np.tile(own, (len(x), 1)), x)

@@ -1,0 +1,87 @@
+"""Linear algebra of a fit near its best values: effective parameters, and combinations that the data pin down."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Influence", "influence_of"]
+
+Floats = NDArray[np.float64]
+
+SHOWN = 0.2  # weight in a combination from which a parameter is named
+NEGLIGIBLE = 1e-12  # singular value relative to the largest, below which a direction counts as free
+
+
+class Influence(NamedTuple):
+    """Influence of the data on the parameters.
+
+    Attributes
+    ----------
+    effective : float
+        Effective number of parameters: trace of the influence matrix J (JᵀJ + PᵀP)⁻¹ Jᵀ, with the priors P.
+    scatter : float
+        s = sqrt(|r|²/(n − effective)) of the data's residuals; 1 where the tolerances are the standard errors.
+    errors : (d,)
+        Standard errors in positions between the bounds, with the priors: roots of the diagonal of
+        max(s², 1) (JᵀJ + PᵀP)⁻¹; +inf where nothing holds a parameter.
+    singular : (k,)
+        Singular values of J, of residuals per width of the bounds, in falling order.
+    directions : (k, d)
+        Unit vectors in positions between the bounds that belong to them.
+    """
+
+    effective: float
+    scatter: float
+    errors: Floats
+    singular: Floats
+    directions: Floats
+
+    def record(self, names: tuple[str, ...]) -> dict[str, Any]:
+        """JSON-able form; a combination names the parameters whose weight is `SHOWN` or more.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Names of the parameters, in order.
+        """
+        combinations = []
+        for value, vector in zip(self.singular.tolist(), self.directions, strict=True):
+            order = [i for i in np.argsort(-np.abs(vector), kind="stable").tolist() if abs(vector[i]) >= SHOWN]
+            weights = {names[i]: round(float(vector[i]), 4) for i in order}
+            combinations.append({"singular_value": value, "weights": weights})
+        return {
+            "effective_parameters": self.effective,
+            "scatter": self.scatter,
+            "combinations": combinations,
+        }
+
+
+def influence_of(residuals: Floats, jacobian: Floats, priors: Floats) -> Influence:
+    """Influence of data on parameters.
+
+    Parameters
+    ----------
+    residuals : (n,)
+        Of the data, at the best values.
+    jacobian : (n, d)
+        Their derivatives with respect to the positions between the bounds; zero columns where they are unknown.
+    priors : (p, d)
+        Derivatives of the residuals of the priors.
+
+    Returns
+    -------
+    Influence
+    """
+    _, all_values, all_directions = np.linalg.svd(np.vstack([jacobian, priors]), full_matrices=False)
+    held = all_values > NEGLIGIBLE * max(all_values.max(initial=0.0), 1e-300)
+    inverse = all_directions[held].T / all_values[held]  # root of the pseudo-inverse of JᵀJ + PᵀP
+    effective = float(np.sum((jacobian @ inverse) ** 2))
+    scatter = float(np.sqrt(np.sum(residuals**2) / max(len(residuals) - effective, 1.0)))
+    errors = max(scatter, 1.0) * np.sqrt(np.sum(inverse**2, axis=1))
+    loose = np.sum(all_directions[held] ** 2, axis=0) < 1.0 - 1e-6
+    _, singular, directions = np.linalg.svd(jacobian, full_matrices=False)
+    signs = np.sign(directions[np.arange(len(directions)), np.argmax(np.abs(directions), axis=1)])
+    return Influence(effective, scatter, np.where(loose, np.inf, errors), singular, directions * signs[:, None])
