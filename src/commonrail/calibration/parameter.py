@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from math import isfinite
 from typing import Literal
 
@@ -74,6 +74,8 @@ class Parameter:
         Source of the reference and the bounds.
     scale : {"linear", "log"}
         Scale on which the optimiser moves.
+    signed : bool
+        True for a quantity that may have either sign, such as the delay of a meter.
 
     Raises
     ------
@@ -91,6 +93,7 @@ class Parameter:
     mark: Mark
     source: str
     scale: Scale = "linear"
+    signed: bool = field(default=False, metadata={"later": True})
 
     def __post_init__(self) -> None:
         if not all(map(isfinite, (self.reference, self.lower, self.upper))):
@@ -99,7 +102,7 @@ class Parameter:
             self._refuse("the lower bound lies above the upper; exchange them")
         if self.lower == self.upper:
             self._refuse("the lower bound must be less than the upper; fix the value instead")
-        if self.lower < 0.0 < self.reference:
+        if self.lower < 0.0 < self.reference and not self.signed:
             self._refuse("the lower bound of a positive quantity must not be negative")
         if self.mark not in ("M", "C", "F", "E"):
             self._refuse(f'mark "{self.mark}" must be M, C, F or E')

@@ -23,7 +23,9 @@ from commonrail.kinds.maps.reading import QuantitiesModel, read_map
 from commonrail.kinds.maps.view import MapView
 from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, point_record
-from commonrail.kinds.simulator import Simulator
+from commonrail.kinds.simulator import Candidates, Simulator
+from commonrail.observation.meter import Meter
+from commonrail.observation.signal import shown_quantities
 
 __all__ = ["SMALL_QUANTITY", "QuantityData", "QuantityScore", "soft_l1"]
 
@@ -78,6 +80,8 @@ class QuantityData(DataSet):
     source, synthetic : str
     mass_density : float or (n,)
         As in `RateData`, of each quantity.
+    meter : Meter or None
+        Of the bench; of its quantities, `gain`, `quantity_offset`, `density` and `temperature` concern a map.
 
     Raises
     ------
@@ -91,6 +95,7 @@ class QuantityData(DataSet):
     error_head: ClassVar[tuple[str, str]] = ("rms", "%")
     model: ClassVar[type[QuantitiesModel]] = QuantitiesModel
     view: ClassVar[MapView] = MapView()
+    seen: ClassVar[frozenset[str]] = frozenset({"gain", "quantity_offset", "density", "temperature"})
 
     name: str
     role: Role
@@ -103,6 +108,7 @@ class QuantityData(DataSet):
     source: str
     synthetic: str
     mass_density: Floats | float = field(default=math.nan, metadata=LATER)
+    meter: Meter | None = field(default=None, metadata=LATER)
 
     bounds = None
 
@@ -131,7 +137,9 @@ class QuantityData(DataSet):
         rows = read_map(model, context)
         labels = model.weight, model.source, model.synthetic
         values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
-        return cls(model.name, Role(model.role), rows.points, *values, *labels, rows.mass_density)
+        return cls(
+            model.name, Role(model.role), rows.points, *values, *labels, rows.mass_density, context.meter(model.meter)
+        )
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
@@ -155,12 +163,35 @@ class QuantityData(DataSet):
 
     def simulated(self, simulator: Simulator, values: Floats) -> Floats:
         """Quantities (candidates, points) [m³]; NaN for a failed simulation or a needle that never closes."""
-        return self.volumes(simulator.batch(self.points, values), self.mass_density)
+        batch = simulator.batch(self.points, values)
+        return self.shown(batch, self.mass_density, Candidates(simulator, values), self.points)
 
     def volumes(self, batch: Batch, mass_density: ArrayLike) -> Floats:
         """Volumes (candidates, points) of a batch [m³], at the data's density or the candidates' own."""
         density = np.where(np.isnan(mass_density), batch.reference_density, mass_density)
         return np.where(batch.status == OK, self.mass_of(batch) / density, np.nan)
+
+    def shown(
+        self, batch: Batch, mass_density: ArrayLike, candidates: Candidates, points: Sequence[OperatingPoint]
+    ) -> Floats:
+        """Volumes (candidates, points) of a batch [m³], as the meter shows them if there is one.
+
+        Parameters
+        ----------
+        batch : Batch
+        mass_density : float or (points,)
+            As in the data.
+        candidates : Candidates
+            Those of the batch.
+        points : sequence of OperatingPoint
+            Those of the batch.
+        """
+        if self.meter is None or not self.is_metered(candidates.simulator):
+            return self.volumes(batch, mass_density)
+        given = candidates.given(self.meter)
+        if {"density", "temperature"} & given.keys():
+            mass_density = np.where(np.isnan(mass_density), candidates.densities(points, given), mass_density)
+        return shown_quantities(given, self.volumes(batch, mass_density))
 
     def errors(self, values: Floats) -> Floats:
         """(Q − Q_measured)/(absolute + relative · Q_measured) of simulated quantities (…, points)."""
@@ -228,8 +259,8 @@ class QuantityData(DataSet):
         }
         return {"rows": rows, "figures": figures}
 
-    def _j_of(self, batch: Batch) -> Floats:
-        return self.misfit(self.volumes(batch, self.mass_density))[:, None]
+    def _j_of(self, batch: Batch, candidates: Candidates) -> Floats:
+        return self.misfit(self.shown(batch, self.mass_density, candidates, self.points))[:, None]
 
 
 def soft_l1(residuals: Floats) -> Floats:
