@@ -15,6 +15,7 @@ from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.registry import Registered
 from commonrail.choices import Precision
 from commonrail.errors import nearest
+from commonrail.files.meter_models import MeterTables
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import KINDS
 from commonrail.kinds.reading import DataModel, Name
@@ -146,6 +147,7 @@ class StudyModel(FileModel):
     seed: int = Field(default=1, ge=0)
     time_step: Annotated[float | None, PlainValidator(_step)] = None  # "auto": short enough for every candidate
     precision: Precision = Field(default=Precision.F64, strict=False)
+    meters: MeterTables = Field(default_factory=dict)
     data: list[Annotated[DataModel, _BLOCK]] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()

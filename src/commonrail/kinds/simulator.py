@@ -61,6 +61,15 @@ class Candidates(NamedTuple):
         return reference_densities(injector, points, *self.simulator.of_injector(self.values))
 
 
+class _Longer(NamedTuple):
+    """A point, the same with a later end, the bounds of its steps [s], and what its simulations share."""
+
+    point: OperatingPoint
+    longer: OperatingPoint
+    times: Floats
+    prepared: Prepared
+
+
 class Simulator:
     """An injector, the parameters of it that vary, and how it is simulated.
 
@@ -79,11 +88,12 @@ class Simulator:
     def __init__(self, injector: Injector, names: Sequence[str], time_step: float, threads: int | None = None) -> None:
         self.injector, self.names, self.time_step, self.threads = injector, tuple(names), time_step, threads
         self._own = [i for i, name in enumerate(self.names) if not is_of_meter(name)]
+        self._longer: dict[tuple[int, float], _Longer] = {}  # by the identity of a point and the time beyond it
         self._prepared: dict[int, Prepared] = {}  # by the identity of their points, which they hold
 
     def __getstate__(self) -> dict[str, Any]:
         """For workers, which prepare their simulations themselves."""
-        return self.__dict__ | {"_prepared": {}}
+        return self.__dict__ | {"_prepared": {}, "_longer": {}}
 
     def of_injector(self, values: Floats) -> tuple[tuple[str, ...], Floats]:
         """Names and values (candidates, names) of the injector's own parameters."""
@@ -145,18 +155,25 @@ class Simulator:
         ahead : float
             Time beyond the point's horizon [s].
         """
+        if (id(point), ahead) not in self._longer:
+            self._longer[id(point), ahead] = self._made_longer(point, ahead)
+        _, longer, times, prepared = self._longer[id(point), ahead]
         names, own = self.of_injector(values)
         distinct, which = np.unique(own, axis=0, return_inverse=True) if names else (own[:1], np.zeros(len(own), int))
-        steps = max(round((point.duration + ahead) / self.time_step), 1)
-        longer = replace(point, horizon=steps * self.time_step) if ahead > 0.0 else point
-        times: Floats = point.start + self.time_step * np.arange(steps + 1, dtype=np.float64)
-        rates = np.empty((len(distinct), steps))
+        rates = np.empty((len(distinct), len(times) - 1))
 
         def simulate(first: int) -> None:
             part = slice(first, first + SHARE)
-            rates[part] = sampled_rates(self.injector, longer, times, names, distinct[part], self.time_step)
+            how = self.injector, longer, times, names, distinct[part], self.time_step
+            rates[part] = sampled_rates(*how, prepared=prepared)
 
         firsts, threads = range(0, len(distinct), SHARE), self.threads or usable_threads()
         for turn in range(0, len(firsts), threads):
             side_by_side(simulate, firsts[turn : turn + threads])
         return Flow(rates[which.reshape(-1)], point.start, self.time_step)
+
+    def _made_longer(self, point: OperatingPoint, ahead: float) -> _Longer:
+        steps = max(round((point.duration + ahead) / self.time_step), 1)
+        longer = replace(point, horizon=steps * self.time_step) if ahead > 0.0 else point
+        times: Floats = point.start + self.time_step * np.arange(steps + 1, dtype=np.float64)
+        return _Longer(point, longer, times, prepare(self.injector, [longer], self.time_step))
