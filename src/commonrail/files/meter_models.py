@@ -11,12 +11,12 @@ from pydantic_core import CoreSchema, core_schema
 
 from commonrail.observation.low_pass import LowPass
 from commonrail.observation.meter import HIGHEST_ORDER, Meter
-from commonrail.observation.quantities import QUANTITIES
+from commonrail.observation.quantities import QUANTITIES, parameter_name
 from commonrail.parts.furniture import Q
 from commonrail.reading.fields import Sourced, Unit, choice, fault
 from commonrail.reading.place import Place, located
 
-__all__ = ["Amount", "MeterModel", "MeterTables", "MeterHead", "meters_of_tables"]
+__all__ = ["Amount", "MeterModel", "MeterTables", "MeterHead", "free_names", "meters_of_tables"]
 
 MOST_METERS = 100
 
@@ -89,6 +89,13 @@ class MeterHead(Sourced):
 _quantities: Any = {key: (Annotated[Amount | None, _Amounts(q)], None) for key, q in QUANTITIES.items()}
 MeterModel = create_model("MeterModel", __base__=MeterHead, **_quantities)
 MeterTables = Annotated[dict[str, MeterModel], Field(max_length=MOST_METERS)]  # type: ignore[valid-type]
+
+
+def free_names(tables: Mapping[str, MeterHead]) -> list[str]:
+    """Names of the parameters of a search that the tables give bounds, such as meter.bench.delay."""
+    return [
+        parameter_name(name, key) for name, table in tables.items() for key, amount in table.amounts() if amount.free
+    ]
 
 
 def meters_of_tables(tables: Mapping[str, MeterHead], at: Place) -> dict[str, Meter]:
