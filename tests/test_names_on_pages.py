@@ -192,7 +192,7 @@ def markers() -> frozenset[str]:
     return frozenset(text.partition(":")[0] for text in settings["markers"])
 
 
-KEYS = {"data", "fuel", "values", "p"}  # what begins a path in a file, or a formula's parameters
+KEYS = {"data", "fuel", "meter", "meters", "values", "p"}  # what begins a path in a file, or a formula's parameters
 
 
 def unknown(token: str, page: Path) -> list[str]:

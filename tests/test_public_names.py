@@ -40,7 +40,7 @@ SHOWCASE = sorted(
     for path in ROOT.glob(pattern)
 )
 # Rooms whose public names the reproduction may use, and what its report may use besides: tables, charts, units.
-BELOW = {"analysis", "calibration", "choices", "engine", "errors", "fuel", "injector", "kinds"}
+BELOW = {"analysis", "calibration", "choices", "engine", "errors", "fuel", "injector", "kinds", "observation"}
 SHOWN = {"report": ("commonrail.display.", "commonrail.kinds.records.")}
 
 

@@ -152,6 +152,7 @@ def blocks(record: Record, perfect: Record) -> dict[str, str]:
         "edges": markdown(tables.edges_table(record)),
         "phases": markdown(tables.phases_table(record)),
         "overfitting": markdown(tables.overfitting_table(record)),
+        "meter": "\n\n".join(markdown(table) for table in tables.meter_tables(record)),
         "treatments": markdown(tables.treatments_table(record)),
         "ideal": ideal(perfect),
         "friction": friction(),

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
         StudyError,
     )
     from commonrail.files.fuel_file import load_fuel
-    from commonrail.files.injector_file import dump_injector, injector_catalogue, load_injector
+    from commonrail.files.injector_file import dump_injector, injector_catalogue, load_injector, load_meters
     from commonrail.files.run_folder import create_run_folder, read_run, write_run
     from commonrail.files.study_file import load_study
     from commonrail.files.truth_file import load_truth
@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from commonrail.injector.definition import Injector, Source, parameter_quantities
     from commonrail.injector.variants import Variant
     from commonrail.kinds import QuantityData, RateData, Role
+    from commonrail.observation.low_pass import LowPass
+    from commonrail.observation.meter import Meter
     from commonrail.report.build import write_report
     from commonrail.report.simulation import simulation_figure
     from commonrail.reproduction.run import Reproduction, reproduce
@@ -94,7 +96,7 @@ _HOMES = {
     "engine.status": "Status",
     "errors": "CommonrailError ConfigurationError InputError OutputError SimulationError StudyError",
     "files.fuel_file": "load_fuel",
-    "files.injector_file": "dump_injector injector_catalogue load_injector",
+    "files.injector_file": "dump_injector injector_catalogue load_injector load_meters",
     "files.run_folder": "create_run_folder read_run write_run",
     "files.study_file": "load_study",
     "files.truth_file": "load_truth",
@@ -102,6 +104,8 @@ _HOMES = {
     "injector.definition": "Injector Source parameter_quantities",
     "injector.variants": "Variant",
     "kinds": "QuantityData RateData Role",
+    "observation.low_pass": "LowPass",
+    "observation.meter": "Meter",
     "report.build": "write_report",
     "report.simulation": "simulation_figure",
     "reproduction.run": "Reproduction reproduce",
@@ -130,6 +134,8 @@ __all__ = [
     "Injector",
     "InputError",
     "Loss",
+    "LowPass",
+    "Meter",
     "Method",
     "Objective",
     "OperatingPoint",
@@ -170,6 +176,7 @@ __all__ = [
     "list_runs",
     "load_fuel",
     "load_injector",
+    "load_meters",
     "load_study",
     "load_truth",
     "parameter_quantities",

@@ -11,6 +11,7 @@ import pytest
 from commonrail.files.study_file import load_study
 from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.member import folders_of, seed_of, shared_files, write_study
+from commonrail.fleet.summary import units_of
 from commonrail.kinds import RateData
 from tests.fleet.conftest import edited, small_fleet
 
@@ -39,6 +40,21 @@ def test_a_data_set_without_file_is_left_out(fleet_file: Path, tmp_path: Path) -
     edited(fleet_file.parent / "injectors.csv", "data/SN000003_80MPa.csv", "")
     study = load_study(write_study(load_fleet(fleet_file), "SN000003", tmp_path / "own"))
     assert [d.name for d in study.data] == ["160 MPa"]
+
+
+def test_a_meter_goes_along_with_the_data_that_name_it(fleet_file: Path, tmp_path: Path) -> None:
+    """One that no data set of an injector names is left out; bounds make a column of the fleet's table."""
+    folder = fleet_file.parent
+    edited(folder / "injectors.csv", "data/SN000003_80MPa.csv", "")
+    edited(folder / "study.toml", 'role = "fit"', 'role = "fit"\nmeter = "first"')
+    edited(folder / "study.toml", 'role = "validation"', 'role = "validation"\nmeter = "second"')
+    with (folder / "study.toml").open("a", encoding="utf-8") as stream:
+        stream.write("\n[meters.first]\ngain = { lower = 0.9, upper = 1.1 }\n[meters.second]\ngain = 1.02\n")
+    fleet = load_fleet(fleet_file)
+    both, one = (load_study(write_study(fleet, name, tmp_path / name)) for name in ("SN000002", "SN000003"))
+    assert [meter.name for meter in both.meters] == ["first", "second"]
+    assert [meter.name for meter in one.meters] == ["first"]
+    assert one.space.names[-1] == both.space.names[-1] == list(units_of(fleet))[-1] == "meter.first.gain"
 
 
 def test_files_of_the_template_are_found_from_anywhere(

@@ -92,6 +92,16 @@ def record() -> dict[str, Any]:
             }
             for i in range(1, 8)
         ],
+        "meter": [
+            {
+                "label": label,
+                "text": text,
+                "J": {name: three(200.0 + i) for i, name in enumerate(DATA)},
+                "stiffness": {f"k{i}": {"values": [6e7, 6.1e7], **three(6.05e7)} for i in range(1, 8)},
+                "delay": three(5.3e-6) if label == "delay" else None,
+            }
+            for label, text in (("none", "no meter"), ("known", "a known meter"), ("delay", "a fitted delay"))
+        ],
         "rigid_fit": [
             {
                 "name": "plunger_needle.stop_lift",
@@ -177,6 +187,7 @@ def former_record() -> dict[str, Any]:
     """As the first version made it: no rigid body that is fitted, no share of random points beside a claim."""
     found = record() | {"schema": 1, "labels": FORMER_LABELS}
     del found["rigid_fit"]
+    del found["meter"]
     for each in found["claims"]:
         del each["chance"]
     return found

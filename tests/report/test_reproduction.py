@@ -81,6 +81,15 @@ def test_an_interrupted_run_says_how_far_it_came() -> None:
     assert "2 of 20 repetitions were complete" in page
 
 
+def test_what_the_meter_changes_stands_beside_the_fit_without_it() -> None:
+    (table,) = tables.meter_tables(record())
+    found = rows(table)
+    assert [row[0] for row in found] == ["no meter", "a known meter", "a fitted delay"]
+    assert found[0][1:4] == ["200 (180–220)", "201 (180.9–221.1)", "202 (181.8–222.2)"]
+    assert [row[5:] for row in found[1:]] == [["60.5 (54.4–66.6)", ""], ["60.5 (54.4–66.6)", "5.3 (4.77–5.83)"]]
+    assert tables.meter_tables(former_record()) == []
+
+
 def test_table_1_is_in_newtons_per_micrometre() -> None:
     found = rows(tables.table1(record()))
     assert found[0] == ["k1", "100", "150", "123 (111–136)", "+50", "−25", "5.5", "pinned down: 2"]

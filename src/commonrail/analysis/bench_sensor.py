@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.observation.low_pass import LowPass, first_order
+from commonrail.observation.meter import Meter
+
 __all__ = ["Sensor"]
 
 Floats = NDArray[np.float64]
+
+PASSES = 2  # low-passes in a row
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,7 @@ class Sensor:
         rng : Generator
             Of the noise.
         """
-        return self._shown(_twice(_low_pass_of_means, signal, 0.0, self._decay(interval)), rng)
+        return self._shown(self._passed(signal, 0.0, interval), rng)
 
     def of_values(self, signal: Floats, interval: float, rng: np.random.Generator) -> Floats:
         """Shown signal of one that rested at its first value before, given as values.
@@ -56,38 +60,18 @@ class Sensor:
         rng : Generator
             Of the noise.
         """
-        return self._shown(_twice(_low_pass_of_values, signal, float(signal[0]), self._decay(interval)), rng)
+        return self._shown(self._passed(signal, float(signal[0]), interval), rng)
 
-    def _decay(self, interval: float) -> float:
-        """Interval in time constants of a low-pass."""
-        return 2.0 * math.pi * self.bandwidth * interval
+    def as_meter(self, name: str) -> Meter:
+        """The low-passes as a meter of a fit; noise and resolution are no part of it."""
+        return Meter(name, {} if math.isinf(self.bandwidth) else {"cutoff": self.bandwidth}, LowPass.CASCADE, PASSES)
+
+    def _passed(self, signal: Floats, rest: float, interval: float) -> Floats:
+        """Signal behind the low-passes."""
+        for _ in range(PASSES):
+            signal = first_order(signal, 2.0 * math.pi * self.bandwidth * interval, rest)
+        return signal
 
     def _shown(self, signal: Floats, rng: np.random.Generator) -> Floats:
         noisy = signal + self.noise * rng.standard_normal(len(signal))
         return np.asarray(np.round(noisy / self.resolution) * self.resolution) if self.resolution > 0.0 else noisy
-
-
-def _twice(low_pass: Callable[[Floats, float, float], Floats], signal: Floats, rest: float, decay: float) -> Floats:
-    return signal if math.isinf(decay) else low_pass(low_pass(signal, rest, decay), rest, decay)
-
-
-def _low_pass_of_means(signal: Floats, state: float, decay: float) -> Floats:
-    """Means over the intervals, exact for an input that is constant over each."""
-    keep, mean = math.exp(-decay), -math.expm1(-decay) / decay
-    passed = np.empty_like(signal)
-    for k, value in enumerate(signal):
-        passed[k] = value + (state - value) * mean
-        state = value + (state - value) * keep
-    return passed
-
-
-def _low_pass_of_values(signal: Floats, state: float, decay: float) -> Floats:
-    """Values at the samples, exact for an input that is linear between them."""
-    keep = math.exp(-decay)
-    passed = np.empty_like(signal)
-    passed[0], before = state, float(signal[0])
-    for k, value in enumerate(signal[1:], start=1):
-        lag = (value - before) / decay
-        state = value - lag + (state - before + lag) * keep
-        passed[k], before = state, value
-    return passed

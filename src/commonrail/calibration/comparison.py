@@ -16,7 +16,9 @@ from commonrail.errors import CommonrailError, ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.base import Missing
+from commonrail.kinds.metering import with_meters
 from commonrail.kinds.simulator import Simulator
+from commonrail.observation.meter import Meter
 
 __all__ = ["MOST_MODELS", "Comparison", "Failure", "check_drive", "check_labels", "compare"]
 
@@ -71,7 +73,11 @@ class Comparison:
 
 
 def compare(
-    models: Mapping[str, Injector], studies: Study | Sequence[Study], *, threads: int | None = None
+    models: Mapping[str, Injector],
+    studies: Study | Sequence[Study],
+    *,
+    threads: int | None = None,
+    meters: Mapping[str, Sequence[Meter]] | None = None,
 ) -> Comparison:
     """Simulate every injector at every point of the data; roles, parameters and optimisers of the studies do not count.
 
@@ -83,6 +89,8 @@ def compare(
         Whose data are used.
     threads : int, optional
         All usable processors by default; the result does not depend on it.
+    meters : mapping of str to sequence of Meter, optional
+        By label, meters that the model was calibrated with: they replace those of the data with the same names.
 
     Raises
     ------
@@ -103,9 +111,10 @@ def compare(
     scores: dict[str, tuple[Score, ...]] = {}
     failures: dict[str, tuple[tuple[Failure, ...], ...]] = {}
     for label, injector in models.items():
+        seen = with_meters(data, (meters or {}).get(label, ()))
         judged = [
             _judged(label, Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits), d)
-            for d, study in zip(data, origins, strict=True)
+            for d, study in zip(seen, origins, strict=True)
         ]
         scores[label], failures[label] = tuple(score for score, _ in judged), tuple(failed for _, failed in judged)
     return Comparison(dict(models), studies, data, scores, failures)

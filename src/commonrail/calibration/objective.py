@@ -14,7 +14,9 @@ from commonrail.choices import Precision
 from commonrail.engine.status import OK, Status
 from commonrail.injector.definition import Injector
 from commonrail.kinds import KINDS, DataSet, in_order
-from commonrail.kinds.simulator import Simulator
+from commonrail.kinds.metering import meters_of
+from commonrail.kinds.simulator import Candidates, Simulator
+from commonrail.observation.signal import given_values
 
 __all__ = ["Objective", "Scores"]
 
@@ -55,7 +57,8 @@ class Objective:
         [s].
     threads : int or None
     precision : Precision
-        Of the costs; the residuals for least squares, which are differences of small changes, are f64 always.
+        Of the costs; the residuals for least squares, which are differences of small changes, are f64 always, and so
+        are the costs of curves that are seen through a meter.
     goal : Goal
         Loss, priors of the parameters that vary, and how candidates are screened.
     same_bits : bool
@@ -75,13 +78,18 @@ class Objective:
         same_bits: bool = False,
     ) -> None:
         self.injector, self.names, self.time_step = injector, tuple(names), time_step
-        self.data, self.precision, self.goal = in_order(data), precision, goal
+        self.precision, self.goal = precision, goal
         self.simulator = Simulator(injector, names, time_step, threads, same_bits=same_bits)
         coarse = goal.screening_step or time_step
         self._screening = Simulator(injector, names, coarse, threads, precision=Precision.F32, same_bits=same_bits)
         self._points = tuple(condition.point for condition in goal.conditions)
+        self.data = tuple(self._without_neutral_meter(d) for d in in_order(data))
         groups = ((kind, [d for d in self.data if d.kind == name]) for name, kind in KINDS.items())
         self._terms = [term for kind, group in groups if group for term in kind.terms(group, time_step)]
+
+    def _without_neutral_meter(self, data: DataSet) -> DataSet:
+        """The data set itself, or without its meter if that shows what it is given."""
+        return data if data.meter is None or data.is_metered(self.simulator) else data.with_meter(None)
 
     @property
     def threads(self) -> int | None:
@@ -91,6 +99,15 @@ class Objective:
     @threads.setter
     def threads(self, threads: int | None) -> None:
         self.simulator.threads = threads
+
+    def own_values(self) -> list[float]:
+        """Values of the parameters that vary as injector and meters have them [SI]."""
+        meters = {
+            meter.parameter(key): float(value[0])
+            for meter in meters_of(self.data)
+            for key, value in given_values(meter, {}, 1).items()
+        }
+        return [self.injector.values[n] if n in self.injector.values else meters[n] for n in self.names]
 
     @property
     def injections(self) -> int:
@@ -104,7 +121,7 @@ class Objective:
         for term in self._terms:
             batch = self.simulator.batch(term.points, values, self.precision, term.misfit)
             losses = term.squares if self.goal.loss is Loss.SQUARES else term.misfits
-            total += np.sum(losses(batch) * term.weights, axis=1)
+            total += np.sum(losses(batch, Candidates(self.simulator, values)) * term.weights, axis=1)
             _note_failures(statuses, batch.status, term.failed(batch.status))
         if self._points:
             batch = self.simulator.batch(self._points, values, self.precision)
@@ -121,8 +138,9 @@ class Objective:
 
     def misfits(self, values: Floats) -> Floats:
         """J of each data set, (n, data sets) in the order of `data`, without weights; NaN for a failed simulation."""
+        candidates = Candidates(self.simulator, values)
         batches = ((t, self.simulator.batch(t.points, values, self.precision, t.misfit)) for t in self._terms)
-        return np.concatenate([term.misfits(batch) for term, batch in batches], axis=1)
+        return np.concatenate([term.misfits(batch, candidates) for term, batch in batches], axis=1)
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals for least squares (n, all samples and points, then priors).

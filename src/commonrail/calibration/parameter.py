@@ -78,6 +78,8 @@ class Parameter:
         Scale on which the optimiser moves.
     prior : Prior, optional
         Knowledge of the parameter besides the data; its value lies within the bounds.
+    signed : bool
+        True for a quantity that may have either sign, such as the delay of a meter.
 
     Raises
     ------
@@ -97,6 +99,7 @@ class Parameter:
     source: str
     scale: Scale = "linear"
     prior: Prior | None = field(default=None, metadata={"later": True})
+    signed: bool = field(default=False, metadata={"later": True})
 
     def __post_init__(self) -> None:
         if not all(map(isfinite, (self.reference, self.lower, self.upper))):
@@ -105,7 +108,7 @@ class Parameter:
             self._refuse("the lower bound lies above the upper; exchange them")
         if self.lower == self.upper:
             self._refuse("the lower bound must be less than the upper; fix the value instead")
-        if self.lower < 0.0 < self.reference and not self._may_be_negative:
+        if self.lower < 0.0 < self.reference and not (self.signed or self._may_be_negative):
             self._refuse("the lower bound of a positive quantity must not be negative")
         if self.mark not in ("M", "C", "F", "E"):
             self._refuse(f'mark "{self.mark}" must be M, C, F or E')

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from commonrail.arguments import instance, thread_count
+from commonrail.arguments import instance, instances, thread_count
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.parameter import Parameter
@@ -14,9 +14,12 @@ from commonrail.calibration.run import Calibration, score_all
 from commonrail.calibration.study import Method, Study
 from commonrail.compile_target import describe, package_versions
 from commonrail.display.text import number
-from commonrail.injector.definition import Injector, parameter_quantities
+from commonrail.injector.definition import Injector
 from commonrail.kinds import DataSet, Score
+from commonrail.kinds.metering import meter_records, with_meters
 from commonrail.kinds.records import LABELS
+from commonrail.observation.meter import Meter
+from commonrail.observation.quantities import known_quantity
 
 __all__ = ["CLOCK", "SCHEMA", "data_records", "result_record", "validate", "warning_records"]
 
@@ -62,6 +65,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         "objective": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
         **_identifiability(identified),
         "data": data_records(study.data, calibration.scores),
+        **meter_records(calibration.meters),
         "warnings": warning_records(calibration.warnings),
         "evaluations": {
             "slots": calibration.counts.slots,
@@ -85,7 +89,9 @@ def warning_records(warnings: Iterable[Finding]) -> list[dict[str, str]]:
     return [finding._asdict() for finding in warnings]
 
 
-def validate(study: Study, injector: Injector, threads: int | None = None) -> list[dict[str, Any]]:
+def validate(
+    study: Study, injector: Injector, threads: int | None = None, meters: Sequence[Meter] = ()
+) -> list[dict[str, Any]]:
     """Figures of an injector on all data of a study, as in ``result.json``'s "data" with the one label "best".
 
     Parameters
@@ -94,6 +100,8 @@ def validate(study: Study, injector: Injector, threads: int | None = None) -> li
     injector : Injector
     threads : int, optional
         All usable processors by default; the result does not depend on it.
+    meters : sequence of Meter
+        Replace those of the study with the same names, such as the calibrated ones, `Calibration.meters`.
 
     Raises
     ------
@@ -102,14 +110,16 @@ def validate(study: Study, injector: Injector, threads: int | None = None) -> li
     """
     instance(study, Study, "study")
     instance(injector, Injector, "injector")
+    data = with_meters(study.data, instances(meters, Meter, "meters"))
     threads = thread_count(threads)
-    return data_records(study.data, {"best": score_all(study, injector, threads)})
+    return data_records(data, {"best": score_all(study, injector, threads, data)})
 
 
 def data_records(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]]) -> list[dict[str, Any]]:
     """One record for each data set, with the figures of every label in `scores`."""
     return [
         {"name": d.name, "role": d.role.value, "source": d.source, "synthetic": d.synthetic, "kind": d.kind}
+        | ({} if d.meter is None else {"meter": d.meter.name})
         | d.record({label: own[i] for label, own in scores.items()})
         for i, d in enumerate(data)
     ]
@@ -122,15 +132,14 @@ def _identifiability(identified: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    known = parameter_quantities()
     records = []
     for p in calibration.study.space.parameters:
         best = calibration.best[p.name]
         records.append(
             {
                 "name": p.name,
-                "unit": known[p.name].unit,
-                "meaning": known[p.name].meaning,
+                "unit": known_quantity(p.name).unit,
+                "meaning": known_quantity(p.name).meaning,
                 "reference": p.reference,
                 "lower": p.lower,
                 "upper": p.upper,

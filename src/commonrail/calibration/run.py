@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,9 +17,12 @@ from commonrail.calibration.study import Study
 from commonrail.choices import Body
 from commonrail.engine.status import Status
 from commonrail.errors import SimulationError, StudyError
-from commonrail.injector.definition import Injector
-from commonrail.kinds import Score
+from commonrail.injector.definition import Injector, Source
+from commonrail.kinds import DataSet, Score
+from commonrail.kinds.metering import with_meters
 from commonrail.kinds.simulator import Simulator
+from commonrail.observation.meter import Meter
+from commonrail.observation.quantities import is_of_meter
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 
@@ -72,6 +75,17 @@ class Calibration:
     simulations: int
     failures: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[Finding, ...] = ()
+
+    @property
+    def meters(self) -> tuple[Meter, ...]:
+        """Meters of the data with their calibrated quantities, which are marked F."""
+        source = Source("F", f'calibrated by "{self.study.title}"')
+        return tuple(meter.with_best(self.best, source) for meter in self.study.meters)
+
+    @property
+    def data(self) -> tuple[DataSet, ...]:
+        """Data of the study with the calibrated meters."""
+        return with_meters(self.study.data, self.meters)
 
 
 def calibrate(
@@ -192,7 +206,8 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
             raise KeyboardInterrupt
         raise SimulationError(_all_failed(study.title, search.failures))
     best = dict(zip(study.space.names, x.tolist(), strict=True))
-    calibrated = replace(study.injector.with_values(best), name=f"{study.injector.name}-calibrated")
+    own = {name: value for name, value in best.items() if not is_of_meter(name)}
+    calibrated = replace(study.injector.with_values(own), name=f"{study.injector.name}-calibrated")
     return Calibration(
         study,
         calibrated,
@@ -203,7 +218,7 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
         search.counts,
         status,
         reason,
-        scores_of(study, calibrated, threads, with_rigid=status == "finished", start=start),
+        scores_of(study, calibrated, threads, with_rigid=status == "finished", start=start, best=best),
         seconds,
         search.simulations,
         dict(search.failures),
@@ -230,6 +245,7 @@ def scores_of(
     threads: int | None = None,
     with_rigid: bool = True,
     start: Scores | None = None,
+    best: Mapping[str, float] | None = None,
 ) -> dict[str, Scores]:
     """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body.
 
@@ -241,6 +257,8 @@ def scores_of(
     with_rigid : bool
     start : tuple of DataScore, optional
         Of the start values, if they are known.
+    best : mapping of str to float, optional
+        Calibrated values: those of meters count for "best"; start values and rigid body keep the study's meters.
     """
     injectors = {"best": calibrated}
     traces = any(d.bounds is not None for d in study.data)  # what a rigid body lacks is seen in a course in time
@@ -248,20 +266,26 @@ def scores_of(
         rigid = study.injector.variant._replace(body=Body.RIGID)
         injectors["rigid"] = replace(study.injector, variant=rigid)
     known = {"start": start or score_all(study, study.injector, threads)}
-    return known | {label: score_all(study, injector, threads) for label, injector in injectors.items()}
+    data = {"best": with_meters(study.data, [meter.with_best(best or {}) for meter in study.meters])}
+    return known | {
+        label: score_all(study, injector, threads, data.get(label)) for label, injector in injectors.items()
+    }
 
 
-def score_all(study: Study, injector: Injector, threads: int | None = None) -> tuple[Score, ...]:
-    """Score of one injector on each data set of a study.
+def score_all(
+    study: Study, injector: Injector, threads: int | None = None, data: Sequence[DataSet] | None = None
+) -> tuple[Score, ...]:
+    """Score of each data set, in their order, with the injector as it is.
 
     Parameters
     ----------
     study : Study
-        Gives data, time step and bits.
+        Its time step and its `same_bits` are taken.
     injector : Injector
     threads : int, optional
         All usable processors by default.
+    data : sequence of DataSet, optional
+        In place of the study's own.
     """
-    return tuple(
-        d.score(Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits)) for d in study.data
-    )
+    simulator = Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits)
+    return tuple(d.score(simulator) for d in (study.data if data is None else data))

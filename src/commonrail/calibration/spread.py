@@ -19,7 +19,7 @@ from commonrail.calibration.objective import Objective, Scores
 from commonrail.choices import Precision
 from commonrail.engine.lanes import VECTORS
 from commonrail.errors import StudyError
-from commonrail.injector.definition import parameter_quantities
+from commonrail.observation.quantities import known_quantity
 from commonrail.workers.task import Answer, Lost, Task, pack
 from commonrail.workers.workers import Workers
 
@@ -62,7 +62,7 @@ class Evaluation:
 
     def probe(self) -> bytes:
         """Bits of the objective of the injector's own values."""
-        own = np.array([[self.objective.injector.values[name] for name in self.objective.names]])
+        own = np.array([self.objective.own_values()])
         return self.objective.costs(own).costs.tobytes()
 
     def bits(self, argument: tuple[str, Floats], result: Any) -> bytes:
@@ -148,9 +148,9 @@ class SpreadObjective(Objective):
         return [one.answer.result for one in ordered]
 
     def _what_failed(self, task: Task, lost: Lost, values: Floats) -> str:
-        piece, units = _piece(task), parameter_quantities()
+        piece = _piece(task)
         first = list(zip(self.names, values[piece.first], strict=True))
-        shown = ", ".join(f"{name} = {value:.6g} {units[name].unit}".strip() for name, value in first[:3])
+        shown = ", ".join(f"{name} = {value:.6g} {known_quantity(name).unit}".strip() for name, value in first[:3])
         more = ", …" if len(first) > 3 else ""
         return (
             f"Candidates {piece.first + 1} to {piece.stop} of {len(values)} were lost {task.losses} times (the worker "

@@ -17,6 +17,9 @@ from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.injector.definition import Injector
 from commonrail.kinds import ANY_KIND, DataSet
+from commonrail.kinds.metering import check_meters, meters_of
+from commonrail.observation.meter import Meter
+from commonrail.observation.quantities import QUANTITIES
 
 
 @dataclass(frozen=True)
@@ -85,7 +88,8 @@ class Study:
     ------
     ConfigurationError
         If an argument is of another kind, the seed is negative or has a fraction, the time step does not lie between
-        1 ns and 100 us, or a free parameter is not the injector's.
+        1 ns and 100 us, a free parameter is neither the injector's nor a meter's, or a meter is described in two ways,
+        leaves the fuel's range of temperature or has a free quantity that no data set sees.
     """
 
     title: str
@@ -109,12 +113,6 @@ class Study:
         instance(self.injector, Injector, "injector of the study")
         instance(self.method, Method, "method of the study")
         instance(self.space, Space, "space of the study")
-        for name in self.space.names:
-            if name not in self.injector.values:
-                raise ConfigurationError(
-                    f"The space of the study has {name}, which is no parameter of the injector"
-                    f"{nearest(name, self.injector.values)}."
-                )
         settle(
             self,
             data=instances(self.data, ANY_KIND, "data"),
@@ -125,6 +123,23 @@ class Study:
             same_bits=flag(self.same_bits, "same_bits"),
             conditions=instances(self.conditions, Condition, "conditions"),
         )
+        self._check_names()
+        check_meters(self.injector, self.data, self.space)
+
+    def _check_names(self) -> None:
+        """Refuse a free parameter that neither the injector nor a meter of the data has."""
+        meters = [name for meter in self.meters for name in map(meter.parameter, QUANTITIES)]
+        for name in self.space.names:
+            if name not in self.injector.values and name not in meters:
+                raise ConfigurationError(
+                    f"The space of the study has {name}, which is no parameter of the injector, and of no meter of "
+                    f"the data{nearest(name, [*self.injector.values, *meters])}."
+                )
+
+    @property
+    def meters(self) -> tuple[Meter, ...]:
+        """Meters of the data, each once."""
+        return meters_of(self.data)
 
     @property
     def synthetic(self) -> str:

@@ -7,13 +7,17 @@ from commonrail.engine.stability import longest, medium_of, stiffest_corner
 from commonrail.engine.time_step import DEFAULT_STEP, TIME_STEPS, nice_step
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
+from commonrail.observation.quantities import is_of_meter
 
 __all__ = ["longest_for_all", "step_for_all"]
 
 
 def longest_for_all(injector: Injector, space: Space) -> float:
     """Longest step [s] that every candidate within the bounds bears, at any pressure of the fuel's range."""
-    lower, upper = (dict(zip(space.names, bound.tolist(), strict=True)) for bound in (space.lower, space.upper))
+    lower, upper = (
+        {name: value for name, value in zip(space.names, bound.tolist(), strict=True) if not is_of_meter(name)}
+        for bound in (space.lower, space.upper)
+    )
     corner = stiffest_corner(injector.values, lower, upper)
     return longest(injector.variant, corner, medium_of(injector, injector.fuel.pressure_range[1]))
 

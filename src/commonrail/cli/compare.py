@@ -67,7 +67,8 @@ def _compared(models: Sequence[str], files: Sequence[Path], threads: int | None)
     named = read_model_names(models)
     studies = [load_study(file) for file in files]
     say(SIMULATING)
-    comparison = run({model.label: model.injector for model in named}, studies, threads=threads)
+    meters = {model.label: model.meters for model in named}
+    comparison = run({model.label: model.injector for model in named}, studies, threads=threads, meters=meters)
     if not comparison.simulated:
         first = next(f for found in comparison.failures.values() for points in found for f in points)
         raise SimulationError(f"No model could be simulated on any of the data. {first.sentence}")

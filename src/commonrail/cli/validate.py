@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -32,12 +33,17 @@ def validate(
     from commonrail.calibration.plausibility import of_model
     from commonrail.calibration.result import data_records, warning_records
     from commonrail.calibration.run import score_all
-    from commonrail.files.injector_file import load_injector
+    from commonrail.files.injector_file import injector_catalogue, load_injector, load_meters
     from commonrail.files.study_file import load_study
+    from commonrail.kinds.metering import meter_records, meters_of, with_meters
+    from commonrail.report.meters import meter_lines
     from commonrail.report.tables import tables_of
 
-    chosen = load_injector(_source(injector, run))
+    source = _source(injector, run)
+    chosen = load_injector(source)
+    meters = () if source in injector_catalogue() else load_meters(source)
     loaded = load_study(study)
+    loaded = replace(loaded, data=with_meters(loaded.data, meters))
     check_drive(chosen, loaded, chosen.name)
     say(SIMULATING)
     scores = score_all(loaded, chosen)
@@ -49,9 +55,15 @@ def validate(
     if json:
         named = {"name": chosen.name, "title": chosen.title, "variant": chosen.variant.label}
         record = {"schema": 1, "kind": "validation", "title": loaded.title, "injector": named}
-        print_json(record | {"labels": labels, "data": data, "warnings": warning_records(warnings)})
+        print_json(
+            record
+            | {"labels": labels, "data": data, "warnings": warning_records(warnings)}
+            | meter_records(meters_of(loaded.data))
+        )
         return
     typer.echo(f"{chosen.title} on the data of: {loaded.title}")
+    for line in meter_lines(meter_records(meters_of(loaded.data))):
+        typer.echo(line)
     if loaded.synthetic:
         typer.echo(f"SYNTHETIC: {loaded.synthetic}")
     for table in tables_of(data, labels):

@@ -124,6 +124,8 @@ def run(
     precision: Precision = Precision.F64,
     traced: bool = False,
     threads: int = 1,
+    *,
+    injected_only: bool = False,
     same_bits: bool = False,
 ) -> tuple[Outcome, Floats]:
     """Run all blocks of a job.
@@ -139,6 +141,8 @@ def run(
         Keep the state after every step.
     threads : int
         The result does not depend on it.
+    injected_only : bool
+        Of a traced run, keep only the mass injected: one row, some hundredth of the memory.
     same_bits : bool
         As in `compiled`.
 
@@ -152,7 +156,8 @@ def run(
     loop, steps = compiled(variant, precision, same_bits), job.courses.steps
     samples = (misfit or Misfit.none(len(steps))).samples(job.dt, steps)
     out, share = np.empty((n, lanes, len(Outcome._fields))), max(1, -(-n // threads))
-    kept = (int(steps.max()) + 1, len(trace_paths(variant)), min(lanes, len(job.theta)))
+    rows = 1 if injected_only else len(trace_paths(variant))
+    kept = (int(steps.max()) + 1, rows, min(lanes, len(job.theta)))
     trace = np.full((n, *kept) if traced else (0, 0, 0, 0), np.nan)
     side_by_side(lambda first: loop(job, samples, trace, out, first, min(first + share, n)), range(0, n, share))
     return Outcome(*np.moveaxis(out, 2, 0)), trace

@@ -196,7 +196,8 @@ def report_rest(work, rows, cylinder, out):  # type: ignore[no-untyped-def]
 
 @physics
 def record(work, rows, trace):  # type: ignore[no-untyped-def]
-    """Copy state and leaving waves into a trace, (rows, lanes that are kept)."""
+    """Copy state and leaving waves into a trace, (rows, lanes that are kept); of one row, the mass injected alone."""
+    first = rows.injected if trace.shape[0] == 1 else rows.state
     for row in range(trace.shape[0]):
         for lane in range(trace.shape[1]):
-            trace[row, lane] = work[at(rows, rows.state + row, lane)]
+            trace[row, lane] = work[at(rows, first + row, lane)]

@@ -22,6 +22,8 @@ def sampled_rates(
     names: Sequence[str],
     values: Floats,
     time_step: float,
+    *,
+    prepared: plan.Prepared | None = None,
     same_bits: bool = False,
 ) -> Floats:
     """Mean mass flow between time bounds [s] for each candidate: (candidates, bounds − 1) [kg/s].
@@ -34,12 +36,13 @@ def sampled_rates(
         As in `simulate_batch`.
     bounds : (n,)
         [s].
+    prepared : Prepared, optional
+        Of the injector at this point and time step, known already.
     """
     theta = candidate_matrix(injector, names, values)
-    job = plan.make_job(plan.prepare(injector, [point], time_step), theta, False)
-    outcome, trace = lanes.run(job, injector.wired(names), traced=True, same_bits=same_bits)
-    row = lanes.trace_paths(injector.variant).index("nozzle.injected")
-    injected = np.moveaxis(trace[:, :, row, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
+    job = plan.make_job(prepared or plan.prepare(injector, [point], time_step), theta, False)
+    outcome, trace = lanes.run(job, injector.wired(names), traced=True, injected_only=True, same_bits=same_bits)
+    injected = np.moveaxis(trace[:, :, 0, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
     time = point.start + time_step * np.arange(trace.shape[1])
     masses = np.array([np.interp(bounds, time, mass) for mass in injected])
     rates = np.diff(masses, axis=1) / np.diff(bounds)

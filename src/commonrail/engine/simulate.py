@@ -276,7 +276,7 @@ def _run(theta: Floats, how: _How, densities: Floats) -> tuple[Outcome, Floats]:
         job = plan.make_job(how.prepared, theta, how.stop_when_closed, 1)
         return cuda.run(job, how.variant, misfit, how.precision, how.traced)
     job = plan.make_job(how.prepared, theta, how.stop_when_closed, VECTORS[how.precision].lanes)
-    return lanes.run(job, how.variant, misfit, how.precision, how.traced, how.threads, how.same_bits)
+    return lanes.run(job, how.variant, misfit, how.precision, how.traced, how.threads, same_bits=how.same_bits)
 
 
 def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:

@@ -10,19 +10,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
-from pydantic import create_model
+from pydantic import Field, create_model
 
-from commonrail.arguments import source_of
+from commonrail.arguments import file_path, source_of
 from commonrail.choices import Body, Boundary, Drive
 from commonrail.files.catalogue import Catalogue
 from commonrail.files.drawing import DrawnRoom
 from commonrail.files.fuel_file import FuelModel, load_fuel, parse_fuel
 from commonrail.files.injector_writer import dump_injector
+from commonrail.files.meter_models import MeterHead, MeterTables, meters_of_tables
 from commonrail.files.sums import check_sum
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.injector.model import Parameters
 from commonrail.injector.variants import Variant
+from commonrail.observation.meter import Meter
 from commonrail.parts.furniture import Q
 from commonrail.reading.faults import read_model
 from commonrail.reading.fields import FileModel, Given, Number, Quantities, Room, Sourced, Stated, Values, choice
@@ -30,7 +32,7 @@ from commonrail.reading.place import Place, located
 from commonrail.reading.reach import Reach
 from commonrail.reading.toml_file import parse_toml, read_toml
 
-__all__ = ["dump_injector", "injector_catalogue", "load_injector", "room_quantities"]
+__all__ = ["dump_injector", "injector_catalogue", "load_injector", "load_meters", "room_quantities"]
 
 ROOMS = tuple(get_type_hints(Parameters))
 
@@ -68,6 +70,7 @@ class _Head(FileModel):
     variant: Annotated[Body, choice(Body)] = Body.FLEXIBLE
     rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
     drive_kind: Annotated[Drive, choice(Drive)] = Drive.REGULATED
+    meters: MeterTables = Field(default_factory=dict)  # of the bench that it was calibrated on: see `load_meters`
 
 
 _kinds = dict.fromkeys(ROOMS, Room) | {"plunger_needle": DrawnRoom}
@@ -111,6 +114,36 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     file = f"{source}.toml"
     text = _CATALOGUE.text(source, _similar(file, reach))
     return _injector(parse_toml(text, file), Place(file), source, Reach(Path(file), False))
+
+
+def load_meters(path: str | Path) -> tuple[Meter, ...]:
+    """Read the meters that a calibration has left beside its injector, in ``calibrated.toml``.
+
+    Parameters
+    ----------
+    path : str or Path
+        Injector file.
+
+    Returns
+    -------
+    tuple of Meter
+        Empty if there are none.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or something in it is unknown or of the wrong kind.
+    ConfigurationError
+        If `path` is no path, or a meter makes no sense.
+    """
+    file = file_path(path, "path of an injector")
+    at = Place(str(file))
+    tables: Mapping[str, MeterHead] = read_model(_InjectorModel, read_toml(file)[0], at).meters
+    for name, table in tables.items():
+        for key, amount in table.amounts():
+            if amount.free:
+                raise (at / "meters" / name / key).error("bounds belong in a study; give a value here")
+    return tuple(meters_of_tables(tables, at / "meters").values())
 
 
 def _similar(file: str, reach: Reach | None) -> str:

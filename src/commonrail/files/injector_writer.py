@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import tomlkit
 from tomlkit.items import InlineTable
 
-from commonrail.arguments import file_path, instance, known_names, mapping, plain_text
+from commonrail.arguments import file_path, instance, instances, known_names, mapping, plain_text
 from commonrail.files.atomic import write_text
 from commonrail.files.fuel_file import fuel_catalogue, load_fuel
 from commonrail.fuel.fuel import Fuel, Law
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.observation.meter import Meter
+from commonrail.observation.quantities import QUANTITIES
 from commonrail.parts.furniture import Q
 from commonrail.units import to_text
 
 __all__ = ["FORMAT", "dump_injector"]
 
 FORMAT = "commonrail-injector/1"
+_UNSTATED = Source("E", "no source stated")
 
 
 def dump_injector(
-    injector: Injector, path: str | Path, notes: Mapping[str, str] | None = None, header: str = ""
+    injector: Injector,
+    path: str | Path,
+    notes: Mapping[str, str] | None = None,
+    header: str = "",
+    meters: Sequence[Meter] = (),
 ) -> None:
     """Write a complete injector file, which `load_injector` reads back bit by bit.
 
@@ -35,6 +42,8 @@ def dump_injector(
         Sources of values that a calibration has fitted, by dotted name; they are marked F.
     header : str
         Comment at the top of the file.
+    meters : sequence of Meter
+        Those that the injector was calibrated with, to be kept beside it; `load_meters` reads them.
 
     Raises
     ------
@@ -49,10 +58,11 @@ def dump_injector(
     known_names(list(notes), parameter_quantities(), "notes", "nozzle.holes")
     for note in notes.values():
         plain_text(note, "notes")
-    write_text(path, injector_text(injector, notes, plain_text(header, "header")))
+    known = instances(meters, Meter, "meters")
+    write_text(path, injector_text(injector, notes, plain_text(header, "header"), known))
 
 
-def injector_text(injector: Injector, notes: Mapping[str, str], header: str) -> str:
+def injector_text(injector: Injector, notes: Mapping[str, str], header: str, meters: Sequence[Meter] = ()) -> str:
     """The file's text."""
     document = tomlkit.document()
     for line in header.splitlines():
@@ -66,10 +76,24 @@ def injector_text(injector: Injector, notes: Mapping[str, str], header: str) -> 
         if room not in tables:
             tables[room] = tomlkit.table()
             document.add(room, tables[room])
-        source = sources.get(name, Source("E", "no source stated"))
+        source = sources.get(name, _UNSTATED)
         tables[room].add(key, _entry(injector.values[name], q, source))
     _add_fuel(tables[FUEL_TEMPERATURE.split(".")[0]], injector.fuel)
+    _add_meters(document, meters)
     return tomlkit.dumps(document)
+
+
+def _add_meters(document: tomlkit.TOMLDocument, meters: Sequence[Meter]) -> None:
+    """Tables of the meters, which belong to the bench and not to the injector; none if there are no meters."""
+    tables = tomlkit.table(is_super_table=True)
+    for meter in meters:
+        table = tomlkit.table()
+        table.update({"law": meter.law.value, "order": meter.order})
+        for key, value in meter.values.items():
+            table.add(key, _entry(value, QUANTITIES[key], meter.sources.get(key, _UNSTATED)))
+        tables.add(meter.name, table)
+    if meters:
+        document.add("meters", tables)
 
 
 def _identity(injector: Injector) -> dict[str, str]:

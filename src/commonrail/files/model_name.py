@@ -11,9 +11,10 @@ from typing import NamedTuple
 from commonrail.calibration.comparison import check_labels
 from commonrail.choices import Body, Boundary, Drive
 from commonrail.errors import InputError, nearest
-from commonrail.files.injector_file import injector_catalogue, load_injector
+from commonrail.files.injector_file import injector_catalogue, load_injector, load_meters
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Variant
+from commonrail.observation.meter import Meter
 from commonrail.reading.place import Place, located
 
 __all__ = ["NamedModel", "read_model_name", "read_model_names"]
@@ -27,12 +28,13 @@ _WORDS: dict[str, tuple[str, Enum]] = {
 
 
 class NamedModel(NamedTuple):
-    """A label, the injector, the text that named it, and whether the label was given in it."""
+    """A label, the injector, the text that named it, whether the label was given in it, and meters kept beside it."""
 
     label: str
     injector: Injector
     text: str
     stated: bool
+    meters: tuple[Meter, ...] = ()
 
 
 def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
@@ -78,13 +80,13 @@ def read_model_name(text: str) -> NamedModel:
     label, source, words = _split(text)
     if label is not None and not label.strip():
         raise InputError(f"{text}: there is no label before the equals sign; write LABEL=INJECTOR.")
-    injector = _injector(source)
+    injector, meters = _injector(source), _meters(source)
     if words is not None:
         with located(Place(text)):
             injector = replace(injector, variant=_varied(injector.variant, words))
     if label is not None:
-        return NamedModel(label.strip(), injector, text, True)
-    return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False)
+        return NamedModel(label.strip(), injector, text, True, meters)
+    return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, meters)
 
 
 def _split(text: str) -> tuple[str | None, str, str | None]:
@@ -129,6 +131,14 @@ def _injector(source: str) -> Injector:
             "name of the catalogue."
         )
     return load_injector(path / CALIBRATED)
+
+
+def _meters(source: str) -> tuple[Meter, ...]:
+    """Meters that a calibration has left in the injector's file."""
+    if source in injector_catalogue():
+        return ()
+    path = Path(source)
+    return load_meters(path / CALIBRATED if path.is_dir() else path)
 
 
 def _varied(variant: Variant, words: str) -> Variant:

@@ -18,6 +18,7 @@ from commonrail.files.sums import summed
 from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.records import LABELS, MEASURED
+from commonrail.observation.quantities import is_of_meter
 
 __all__ = [
     "RESULT",
@@ -115,9 +116,9 @@ def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[
 def write_results(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
     """Write calibrated.toml, result.json and traces.csv, and their checksums."""
     title = calibration.study.title
-    notes = {name: f'calibrated by "{title}"' for name in calibration.best}
+    notes = {name: f'calibrated by "{title}"' for name in calibration.best if not is_of_meter(name)}
     with summed(folder, RESULT, CALIBRATED, TRACES):
-        dump_injector(calibration.injector, folder / CALIBRATED, notes)
+        dump_injector(calibration.injector, folder / CALIBRATED, notes, meters=calibration.meters)
         write_record(folder / RESULT, result_record(calibration, identified))
         _write_traces(folder / TRACES, calibration)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +20,8 @@ from commonrail.engine.time_step import check_step
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
 from commonrail.files.injector_file import load_injector
+from commonrail.files.meter_models import meters_of_tables
+from commonrail.files.meter_parameters import free_parameters
 from commonrail.files.study_models import (
     MOST_CONSTRAINTS,
     ConditionModel,
@@ -32,6 +34,7 @@ from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, p
 from commonrail.kinds import KINDS, DataSet
 from commonrail.kinds.maps.reading import AFTER_ENERGISING
 from commonrail.kinds.reading import Context, DataModel
+from commonrail.observation.meter import Meter
 from commonrail.parts.furniture import Q
 from commonrail.reading.faults import read_model
 from commonrail.reading.fields import UNSTATED
@@ -81,26 +84,30 @@ def _study(file: Path) -> Study:
     model = read_model(StudyModel, document, at)
     reach = Reach(file, model.allow_outside)
     injector = _started(_injector(model.injector, reach, at / "injector"), model, at)
-    space = _space(model.parameter, model.constraints, injector, at)
+    free = free_parameters(model.meters, at / "meters")
+    space = _space(model.parameter, model.constraints, injector, at, free)
     with located(at / "time_step"):
         time_step = step_for_all(injector, space) if model.time_step is None else check_step(model.time_step)
-    data = _data(model.data, Context(injector, time_step, reach, at), at / "data")
+    meters = meters_of_tables(model.meters, at / "meters")
+    data = _data(model.data, Context(injector, time_step, reach, at, meters), at / "data")
+    _refuse_unused(meters, data, at / "meters")
     space = _with_products(space, model.constraints.products, injector, data, at / "constraints")
-    return Study(
-        model.title,
-        injector,
-        data,
-        space,
-        _method(model.optimiser, space, at / "optimiser"),
-        model.seed,
-        time_step,
-        text,
-        model.note,
-        model.precision,
-        model.loss,
-        _conditions(model.condition, injector, at / "condition"),
-        same_bits=model.same_bits,
-    )
+    with located(at):
+        return Study(
+            model.title,
+            injector,
+            data,
+            space,
+            _method(model.optimiser, space, at / "optimiser"),
+            model.seed,
+            time_step,
+            text,
+            model.note,
+            model.precision,
+            model.loss,
+            _conditions(model.condition, injector, at / "condition"),
+            same_bits=model.same_bits,
+        )
 
 
 def _injector(text: str, reach: Reach, at: Place) -> Injector:
@@ -180,6 +187,14 @@ def _refuse_twice(models: Sequence[DataModel], at: Place) -> None:
         names.add(model.name)
 
 
+def _refuse_unused(meters: Mapping[str, Meter], data: Sequence[DataSet], at: Place) -> None:
+    """Refuse a meter that no data set names: most likely a slip in one of the two names."""
+    used = {d.meter.name for d in data if d.meter is not None}
+    for name in meters:
+        if name not in used:
+            raise at.error(f'no data set has meter = "{name}"; add that key to a [[data]] block, or remove the meter')
+
+
 def _method(stated: Optimisers, space: Space, at: Place) -> Method:
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in stated.settings.items()}
     with located(at):
@@ -190,8 +205,11 @@ def _method(stated: Optimisers, space: Space, at: Place) -> Method:
     return Method(settings, stated.polish, stated.polish_iterations)
 
 
-def _space(models: list[ParameterModel], constraints: ConstraintsModel, injector: Injector, at: Place) -> Space:
-    parameters = [_parameter(m, injector, (at / "parameter")[i]) for i, m in enumerate(models)]
+def _space(
+    models: list[ParameterModel], constraints: ConstraintsModel, injector: Injector, at: Place, free: list[Parameter]
+) -> Space:
+    """Space of the injector's free parameters and, after them, those of meters, `free`."""
+    parameters = [_parameter(m, injector, (at / "parameter")[i]) for i, m in enumerate(models)] + free
     texts = [*constraints.order, *constraints.linear]
     rows = sum(sign in "<>" for text in texts for sign in text)
     if rows > MOST_CONSTRAINTS:

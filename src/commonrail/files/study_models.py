@@ -17,6 +17,7 @@ from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.registry import Registered
 from commonrail.choices import Precision
 from commonrail.errors import nearest
+from commonrail.files.meter_models import MeterTables
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import KINDS
 from commonrail.kinds.reading import DataModel, Name
@@ -184,6 +185,7 @@ class StudyModel(FileModel):
     loss: Loss = Field(default=Loss.KINDS, strict=False)
     fixed: list[FixedModel] = Field(default=[], max_length=MOST_PARAMETERS)
     same_bits: bool = False
+    meters: MeterTables = Field(default_factory=dict)
     data: list[Annotated[DataModel, _BLOCK]] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
     constraints: ConstraintsModel = ConstraintsModel()

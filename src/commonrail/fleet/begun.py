@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from commonrail.compile_target import package_versions
 from commonrail.errors import StudyError
+from commonrail.files.meter_models import free_names
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, JOURNAL, Entry, Journal
 from commonrail.fleet.member import shared_files
@@ -87,7 +88,7 @@ def check_entries(fleet: Fleet, entries: Mapping[str, Entry], folder: Path) -> N
         If there is such a record.
     """
     model = fleet.template.model
-    data, parameters = {d.name for d in model.data}, {p.name for p in model.parameter}
+    data, parameters = {d.name for d in model.data}, {p.name for p in model.parameter} | {*free_names(model.meters)}
     with trusted(folder / JOURNAL):
         for entry in entries.values():
             if entry.status == FINISHED:

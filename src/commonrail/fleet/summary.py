@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from commonrail.compile_target import describe, package_versions
+from commonrail.files.meter_models import free_names
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, Entry
-from commonrail.injector.definition import parameter_quantities
+from commonrail.observation.quantities import known_quantity
 
 __all__ = ["SCHEMA", "WORST", "fleet_record", "units_of"]
 
@@ -23,8 +24,9 @@ Record = dict[str, Any]
 
 def units_of(fleet: Fleet) -> dict[str, str]:
     """Unit of each free parameter, in the order of the template."""
-    known = parameter_quantities()
-    return {p.name: known[p.name].unit for p in fleet.template.model.parameter}
+    model = fleet.template.model
+    names = [*(p.name for p in model.parameter), *free_names(model.meters)]
+    return {name: known_quantity(name).unit for name in names}
 
 
 def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Mapping[str, Any]) -> Record:
@@ -106,7 +108,7 @@ def _parameter(name: str, unit: str, finished: Sequence[Entry]) -> Record:
     return {
         "name": name,
         "unit": unit,
-        "meaning": parameter_quantities()[name].meaning,
+        "meaning": known_quantity(name).meaning,
         "best": spread_of([p["best"] for p in own]),
         "position": spread_of([p["position"] for p in own]),
         "at_bound": sum(p["at_bound"] for p in own),

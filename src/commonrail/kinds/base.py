@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.arguments import chosen, number, plain_text, settle
+from commonrail.arguments import chosen, instance, number, plain_text, settle
 from commonrail.display.chart import Figure
 from commonrail.display.table import Table
 from commonrail.engine.lanes import Misfit
@@ -24,7 +24,8 @@ from commonrail.engine.solution import Batch
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.reading import Context, DataModel
 from commonrail.kinds.records import Plotted, Record, Texts
-from commonrail.kinds.simulator import Simulator
+from commonrail.kinds.simulator import Candidates, Simulator
+from commonrail.observation.meter import Meter
 
 __all__ = ["LATER", "DataSet", "Missing", "Role", "Score", "Term", "View", "share_of"]
 
@@ -50,9 +51,9 @@ class Term(NamedTuple):
     ----------
     points : sequence of OperatingPoint
     weights : (data sets,)
-    misfits : function of Batch
+    misfits : function of Batch and Candidates
         J of each data set, (candidates, data sets); not finite for a failed simulation.
-    squares : function of Batch
+    squares : function of Batch and Candidates
         Sum of the squared residuals of each data set without its weight, in the same shape.
     failed : function of (candidates, points) statuses
         Which simulations count as failed.
@@ -62,8 +63,8 @@ class Term(NamedTuple):
 
     points: Sequence[OperatingPoint]
     weights: Floats
-    misfits: Callable[[Batch], Floats]
-    squares: Callable[[Batch], Floats]
+    misfits: Callable[[Batch, Candidates], Floats]
+    squares: Callable[[Batch, Candidates], Floats]
     failed: Callable[[NDArray[np.int64]], Bools]
     misfit: Misfit | None = None
 
@@ -139,6 +140,8 @@ class DataSet(ABC):
         Of the kind: keys of its block in a study file.
     view : View
         Of the kind: what reports show of it.
+    seen : set of str
+        Of the kind: quantities of a meter that its values depend on.
     name, source, synthetic : str
         Where the data come from; what about them is synthetic, empty if measured.
     role : Role
@@ -153,6 +156,8 @@ class DataSet(ABC):
         Values of the kind itself; not those that stand for another figure, such as a dead time.
     mass_density : float or (n,)
         Density [kg/m³] that made volumes of masses; NaN where volumes were measured.
+    meter : Meter or None
+        Law between the simulated flow and the measured values; None where they are compared as they are.
     """
 
     kind: ClassVar[str]
@@ -161,6 +166,7 @@ class DataSet(ABC):
     error_head: ClassVar[tuple[str, str]]
     model: ClassVar[type[DataModel]]
     view: ClassVar[View]
+    seen: ClassVar[frozenset[str]]
 
     name: str
     role: Role
@@ -170,6 +176,7 @@ class DataSet(ABC):
     points: tuple[OperatingPoint, ...]
     mass_density: Floats | float
     bounds: Floats | None
+    meter: Meter | None
 
     @classmethod
     @abstractmethod
@@ -256,6 +263,14 @@ class DataSet(ABC):
     def record(self, scores: Mapping[str, Any]) -> dict[str, Any]:
         """JSON-able figures of the scores by label; the keys that all kinds have are added by the caller."""
 
+    def is_metered(self, simulator: Simulator) -> bool:
+        """True if the simulated values are seen through a meter that changes them, or may do so."""
+        return self.meter is not None and not (self.meter.neutral and not simulator.varies(self.meter))
+
+    def with_meter(self, meter: Meter | None) -> Self:
+        """The same data with another meter."""
+        return replace(self, meter=meter)  # type: ignore[type-var]  # every kind is a dataclass
+
     def renamed(self, name: str) -> Self:
         """The same data by another name."""
         return replace(self, name=name)  # type: ignore[type-var]  # every kind is a dataclass
@@ -273,6 +288,17 @@ class DataSet(ABC):
         if not weight > 0.0:
             raise ConfigurationError(f"The weight of {self.name} must be greater than zero, not {weight:g}.")
         settle(self, role=chosen(self.role, Role, "role of the data"), weight=weight)
+        if self.meter is not None:
+            self._check_meter(instance(self.meter, Meter, "meter of the data"))
+
+    def _check_meter(self, meter: Meter) -> None:
+        """Refuse a density of the meter for what was measured by mass."""
+        given = [key for key in ("density", "temperature") if key in meter.values]
+        if given and not np.isnan(self.mass_density).all():
+            raise ConfigurationError(
+                f"{self.name} was measured by mass, and the {given[0]} of its meter {meter.name} has no effect on it; "
+                "remove it, or give the data by volume."
+            )
 
 
 def share_of(error: float, level: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
@@ -11,7 +11,9 @@ from pydantic import AfterValidator, Discriminator, Field, Tag
 from commonrail.choices import Drive
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
+from commonrail.errors import nearest
 from commonrail.injector.definition import Injector
+from commonrail.observation.meter import Meter
 from commonrail.reading.fields import FileModel, Unit, fault
 from commonrail.reading.place import Place
 from commonrail.reading.reach import Reach
@@ -34,12 +36,25 @@ class Context(NamedTuple):
         Folders where its files may lie.
     at : Place
         Of its block in the study file.
+    meters : mapping of str to Meter
+        Those that the study describes, by name.
     """
 
     injector: Injector
     time_step: float
     reach: Reach
     at: Place
+    meters: Mapping[str, Meter] = {}
+
+    def meter(self, name: str | None) -> Meter | None:
+        """Meter that a block names, or None; `InputError` if the study does not describe it."""
+        if name is None:
+            return None
+        if name not in self.meters:
+            raise (self.at / "meter").error(
+                f'there is no meter "{name}"{nearest(name, self.meters)}; describe it in a table [meters.{name}]'
+            )
+        return self.meters[name]
 
     def columns(self, file: str, at: Place, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
         """Columns of a file; see `read_columns`.
@@ -114,6 +129,7 @@ class DataModel(FileModel):
     role: Literal["fit", "validation"]
     file: str
     weight: float = Field(default=1.0, gt=0.0)
+    meter: str | None = None
     source: str = "no source stated"
     synthetic: str = ""
 

@@ -1,9 +1,10 @@
-"""Candidates of an injector, simulated at the operating points of data sets."""
+"""Candidates of an injector, simulated at the operating points of data sets and seen through their meters."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +12,62 @@ from numpy.typing import NDArray
 from commonrail.choices import Precision
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.plan import Prepared, prepare
-from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.plan import Prepared, prepare, reference_densities
+from commonrail.engine.sampling import sampled_rates
+from commonrail.engine.simulate import simulate_batch, usable_threads
 from commonrail.engine.solution import Batch
+from commonrail.engine.threads import side_by_side
 from commonrail.engine.time_step import check_step
-from commonrail.injector.definition import Injector
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.observation.meter import Meter
+from commonrail.observation.quantities import is_of_meter, parts_of
+from commonrail.observation.signal import Flow, given_values
 
-__all__ = ["Simulator"]
+__all__ = ["ITSELF", "Candidates", "Simulator"]
 
 Floats = NDArray[np.float64]
+
+ITSELF = np.empty((1, 0))  # values of the one candidate that is the injector as it is
+SHARE = 32  # candidates whose steps are kept at a time: some 40 MB for 1.5 ms in steps of 1 us
+
+
+class Candidates(NamedTuple):
+    """Simulator and values (candidates, names) of candidates: what their meters' quantities are read from."""
+
+    simulator: Simulator
+    values: Floats
+
+    def given(self, meter: Meter) -> dict[str, Floats]:
+        """Values of a meter's quantities, (candidates,) each."""
+        columns = {
+            parts_of(name)[1]: self.values[:, i] for i, name in enumerate(self.simulator.names) if meter.owns(name)
+        }
+        return given_values(meter, columns, len(self.values))
+
+    def densities(self, points: Sequence[OperatingPoint], given: Mapping[str, Floats] | None = None) -> Floats:
+        """Densities [kg/m³] that make volumes of masses, (1 or candidates, points).
+
+        Parameters
+        ----------
+        points : sequence of OperatingPoint
+        given : mapping of str to (candidates,), optional
+            Quantities of a meter with a density or a temperature of its own.
+        """
+        injector = self.simulator.injector
+        if given and "density" in given:
+            return np.repeat(given["density"][:, None], len(points), axis=1)
+        if given and "temperature" in given:
+            return reference_densities(injector, points, [FUEL_TEMPERATURE], given["temperature"][:, None])
+        return reference_densities(injector, points, *self.simulator.of_injector(self.values))
+
+
+class _Longer(NamedTuple):
+    """A point, the same with a later end, the bounds of its steps [s], and what its simulations share."""
+
+    point: OperatingPoint
+    longer: OperatingPoint
+    times: Floats
+    prepared: Prepared
 
 
 class Simulator:
@@ -30,7 +78,7 @@ class Simulator:
     injector : Injector
         Gives the values that do not vary.
     names : sequence of str
-        Parameters that vary; none for the injector as it is.
+        Parameters that vary, of the injector and of meters; none for the injector as it is.
     time_step : float
         [s].
     threads : int, optional
@@ -53,11 +101,23 @@ class Simulator:
     ) -> None:
         self.injector, self.names, self.time_step, self.threads = injector, tuple(names), time_step, threads
         self.precision, self.same_bits = precision, same_bits
+        self._own = [i for i, name in enumerate(self.names) if not is_of_meter(name)]
+        self._longer: dict[tuple[int, float], _Longer] = {}  # by the identity of a point and the time beyond it
         self._prepared: dict[int, Prepared] = {}  # by the identity of their points, which they hold
 
     def __getstate__(self) -> dict[str, Any]:
         """For workers, which prepare their simulations themselves."""
-        return self.__dict__ | {"_prepared": {}}
+        return self.__dict__ | {"_prepared": {}, "_longer": {}}
+
+    def of_injector(self, values: Floats) -> tuple[tuple[str, ...], Floats]:
+        """Names and values (candidates, names) of the injector's own parameters."""
+        if len(self._own) == len(self.names):
+            return self.names, values
+        return tuple(self.names[i] for i in self._own), values[:, self._own]
+
+    def varies(self, meter: Meter) -> bool:
+        """True if a quantity of the meter is among the parameters that vary."""
+        return any(meter.owns(name) for name in self.names)
 
     def batch(
         self,
@@ -84,8 +144,7 @@ class Simulator:
         return simulate_batch(
             self.injector,
             points,
-            self.names,
-            values,
+            *self.of_injector(values),
             time_step=self.time_step,
             threads=self.threads,
             misfit=misfit,
@@ -99,3 +158,39 @@ class Simulator:
         return simulate_batch(
             self.injector, points, time_step=self.time_step, threads=self.threads, same_bits=self.same_bits
         )
+
+    def flow(self, point: OperatingPoint, values: Floats, ahead: float = 0.0) -> Flow:
+        """Mean mass flow of candidates in each time step [kg/s].
+
+        Candidates that differ in quantities of meters alone are simulated once.
+
+        Parameters
+        ----------
+        point : OperatingPoint
+        values : (candidates, names)
+            [SI].
+        ahead : float
+            Time beyond the point's horizon [s].
+        """
+        if (id(point), ahead) not in self._longer:
+            self._longer[id(point), ahead] = self._made_longer(point, ahead)
+        _, longer, times, prepared = self._longer[id(point), ahead]
+        names, own = self.of_injector(values)
+        distinct, which = np.unique(own, axis=0, return_inverse=True) if names else (own[:1], np.zeros(len(own), int))
+        rates = np.empty((len(distinct), len(times) - 1))
+
+        def simulate(first: int) -> None:
+            part = slice(first, first + SHARE)
+            how = self.injector, longer, times, names, distinct[part], self.time_step
+            rates[part] = sampled_rates(*how, prepared=prepared, same_bits=self.same_bits)
+
+        firsts, threads = range(0, len(distinct), SHARE), self.threads or usable_threads()
+        for turn in range(0, len(firsts), threads):
+            side_by_side(simulate, firsts[turn : turn + threads])
+        return Flow(rates[which.reshape(-1)], point.start, self.time_step)
+
+    def _made_longer(self, point: OperatingPoint, ahead: float) -> _Longer:
+        steps = max(round((point.duration + ahead) / self.time_step), 1)
+        longer = replace(point, horizon=steps * self.time_step) if ahead > 0.0 else point
+        times: Floats = point.start + self.time_step * np.arange(steps + 1, dtype=np.float64)
+        return _Longer(point, longer, times, prepare(self.injector, [longer], self.time_step))

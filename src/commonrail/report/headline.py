@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from commonrail.display.text import fixed, listed, number, significant
 from commonrail.kinds.records import Record
+from commonrail.report.meters import meter_lines
 from commonrail.report.record import by_kind, of_role
 
 __all__ = ["data_lines", "headline", "parameter_lines", "synthetic_notes", "warning_lines"]
@@ -15,7 +16,7 @@ _ROLES = {"fit": "On the fitted data", "validation": "On data that the fit never
 
 def headline(record: Record) -> list[str]:
     """Sentences on what was calibrated, how far the objective fell, and how well each role is met."""
-    return [_task(record), _objective(record), *data_lines(record["data"])]
+    return [_task(record), _objective(record), *data_lines(record["data"]), *meter_lines(record)]
 
 
 def data_lines(data: Sequence[Record]) -> list[str]:

@@ -70,6 +70,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
         models=[
             tables.j_table(record),
             *tables.rigid_tables(record),
+            *tables.meter_tables(record),
             tables.phases_table(record),
             tables.edges_table(record),
             tables.overfitting_table(record),

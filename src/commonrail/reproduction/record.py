@@ -16,7 +16,7 @@ from commonrail.reproduction.claims import claims
 from commonrail.reproduction.figures import Figures
 from commonrail.reproduction.measures import PHASES, box, spread
 from commonrail.reproduction.paper import Configuration
-from commonrail.reproduction.repetition import LABELS, Found
+from commonrail.reproduction.repetition import LABELS, METERED, Found
 from commonrail.reproduction.run import Reproduction
 
 __all__ = ["SCHEMA", "reproduction_record"]
@@ -61,6 +61,7 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
         "phases": _phases(f),
         "edges": _edges(f),
         "overfitting": {name: _overfitting(f, name) for name in paper.VALIDATION},
+        "meter": _meter(f),
         "claims": [c._asdict() | {"interval": list(c.interval)} for c in claims(f)],
         "shown_seed": f.seeds[0],
         "seconds": reproduction.seconds,
@@ -201,6 +202,29 @@ def _phases(f: Figures) -> dict[str, Any]:
         "J": _each(f.phases, lambda js: [_numbers(row) for row in js]),
         "median": _each(f.phases, lambda js: _numbers(np.median(js, axis=0))),
     }
+
+
+def _meter(f: Figures) -> list[dict[str, Any]]:
+    """Search (70, 50) at 160 MPa without a meter and with each: stiffness, J at all pressures, delay."""
+    searches = {"none": [(r.best, r.table3[paper.BEST][1]) for r in f.repetitions]}
+    searches |= {label: [r.metered[label] for r in f.repetitions] for label in METERED}
+    texts = {"none": "none, as in the paper"} | METERED
+    rows = []
+    for label, found in searches.items():
+        x, js = np.array([one.x for one, _ in found]), np.array([j for _, j in found])
+        rows.append(
+            {
+                "label": label,
+                "text": texts[label],
+                "J": {name: _spread(js[:, i]) for i, name in enumerate(paper.RAIL_PRESSURES)},
+                "stiffness": {
+                    p.name.rpartition(".")[2]: {"values": _numbers(x[:, i]), **_spread(x[:, i])}
+                    for i, p in enumerate(f.space.parameters)
+                },
+                "delay": _spread(x[:, len(paper.NAMES)]) if x.shape[1] > len(paper.NAMES) else None,
+            }
+        )
+    return rows
 
 
 def _each(found: dict[str, dict[str, Floats]], make: Callable[[Floats], Any]) -> dict[str, dict[str, Any]]:

@@ -13,7 +13,7 @@ import commonrail as cr
 from commonrail.reproduction import paper
 from commonrail.reproduction.paper import Configuration
 
-__all__ = ["LABELS", "Found", "Repetition", "generations_of_one", "measure", "repeat", "search"]
+__all__ = ["LABELS", "METERED", "Found", "Repetition", "generations_of_one", "measure", "repeat", "search"]
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +25,9 @@ LABELS = {
     "paper": "paper's optimal k",
     "optimised": "optimised",
 }
+
+# Meters that a fit sees the simulation through.
+METERED = {"known": "the bench's low-passes, known", "delay": "a delay, fitted"}
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,8 @@ class Repetition:
         J at all pressures of random feasible stiffness: of the best search's first population.
     identified : dict
         What the curve at 160 MPa says of each stiffness, see `identify_at`.
+    metered : dict of str to (Found, (3,) array)
+        By label of `METERED`: search (70, 50) at 160 MPa with a meter, and the J of its best at all pressures.
     """
 
     seed: int
@@ -93,6 +98,7 @@ class Repetition:
     rigid: Found
     random_j: Floats
     identified: dict[str, dict[str, Any]]
+    metered: dict[str, tuple[Found, Floats]]
 
     @property
     def searches(self) -> Iterator[Found]:
@@ -102,13 +108,14 @@ class Repetition:
                 yield found
         yield from self.treatments.values()  # with (70, 50)
         yield from self.own.values()
+        yield from (found for found, _ in self.metered.values())
         yield self.rigid
 
 
 def generations_of_one() -> int:
     """Generations that one repetition runs, initial populations included."""
     table3 = sum(c.generations + 1 for c in paper.CONFIGURATIONS)
-    others = len(paper.TREATMENTS) - 1 + len(paper.VALIDATION)
+    others = len(paper.TREATMENTS) - 1 + len(paper.VALIDATION) + len(METERED)
     return table3 + others * (paper.BEST.generations + 1) + paper.RIGID_FIT.generations + 1
 
 
@@ -160,7 +167,21 @@ def repeat(bench: cr.Bench, seed: int, after: Callable[[], None]) -> Repetition:
         rigid,
         flexible.costs(data, best.members[0]),
         cr.identify_at(flexible.space, flexible.objective(fit), best.x) if np.isfinite(best.cost) else {},
+        dict(_with_meters(bench, data, seed, after)),
     )
+
+
+def _with_meters(
+    bench: cr.Bench, data: Sequence[cr.RateData], seed: int, after: Callable[[], None]
+) -> Iterator[tuple[str, tuple[Found, Floats]]]:
+    """Searches that see the simulation through the bench's own low-passes, and through a delay that is fitted too."""
+    flexible, _ = _models(bench)
+    free = flexible._replace(space=paper.space_with_delay(bench.injector))
+    known = bench.truth.rate_meter.as_meter(paper.METER)
+    for label, model, meter in (("known", flexible, known), ("delay", free, cr.Meter(paper.METER))):
+        seen = [d.with_meter(meter) for d in data]
+        found = model.search(seen[0], paper.BEST.settings, seed, after)
+        yield label, (found, model.costs(seen, found.x[None, :])[:, 0])
 
 
 def measure(bench: cr.Bench, seed: int) -> tuple[cr.RateData, ...]:

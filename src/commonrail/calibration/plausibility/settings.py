@@ -17,6 +17,7 @@ from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.time_step import step_advice
 from commonrail.injector.definition import Injector, parameter_quantities
 from commonrail.kinds import DataSet
+from commonrail.observation.quantities import known_quantity
 from commonrail.units import to_text
 
 __all__ = ["bounds_findings", "data_findings", "injector_findings", "signal_findings", "step_findings"]
@@ -59,9 +60,8 @@ def injector_findings(injector: Injector) -> Iterator[Finding]:
 
 def bounds_findings(space: Space) -> Iterator[Finding]:
     """Bounds far outside the usual range of their parameter."""
-    known = parameter_quantities()
     for p in space.parameters:
-        q = known[p.name]
+        q = known_quantity(p.name)
         odd = [value for value in (p.lower, p.upper) if not q.is_usual(value, limits.BOUND_SLACK)]
         if q.usual is not None and odd:
             yield found(

@@ -14,7 +14,6 @@ from commonrail.arguments import array, instance, settle
 from commonrail.display.text import number
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint, Trace
-from commonrail.engine.plan import reference_densities
 from commonrail.engine.sampling import sampled_rates
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
@@ -24,7 +23,10 @@ from commonrail.kinds.curves.reading import RateModel, read_curve
 from commonrail.kinds.curves.view import CurveView
 from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, MM3_PER_MS, point_record
-from commonrail.kinds.simulator import Simulator
+from commonrail.kinds.simulator import Candidates, Simulator
+from commonrail.observation.meter import Meter
+from commonrail.observation.quantities import QUANTITIES
+from commonrail.observation.signal import Given, shown_rates
 
 __all__ = ["RateData", "RateScore"]
 
@@ -70,6 +72,8 @@ class RateData(DataSet):
     mass_density : float
         Density [kg/m³] that made a volume of a rate measured by mass, and makes one of the simulated rate: masses are
         compared with masses. NaN for a rate measured by volume, which is compared at each candidate's own density.
+    meter : Meter or None
+        Of the bench: the simulated rate is compared as this meter shows it.
     points : (OperatingPoint,)
         The one point.
 
@@ -85,6 +89,7 @@ class RateData(DataSet):
     error_head: ClassVar[tuple[str, str]] = ("J", "mm3/ms")
     model: ClassVar[type[RateModel]] = RateModel
     view: ClassVar[CurveView] = CurveView()
+    seen: ClassVar[frozenset[str]] = frozenset(QUANTITIES) - {"quantity_offset"}
 
     name: str
     role: Role
@@ -95,6 +100,7 @@ class RateData(DataSet):
     source: str
     synthetic: str
     mass_density: float = field(default=math.nan, metadata=LATER)
+    meter: Meter | None = field(default=None, metadata=LATER)
     points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False, metadata=LATER)
 
     def __post_init__(self) -> None:
@@ -115,13 +121,24 @@ class RateData(DataSet):
         """Read an injection curve; see `DataSet.read`."""
         curve = read_curve(model, context)
         labels = model.weight, model.source, model.synthetic
-        return cls(model.name, Role(model.role), curve.point, curve.bounds, curve.rate, *labels, curve.mass_density)
+        more = curve.mass_density, context.meter(model.meter)
+        return cls(model.name, Role(model.role), curve.point, curve.bounds, curve.rate, *labels, *more)
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
-        """One term: all curves are simulated in one batch, which adds up their errors itself."""
-        weights = np.array([d.weight for d in group])
-        return [Term([d.point for d in group], weights, _j_of, _squares_of, which_failed, _samples(group, time_step))]
+        """One term: all curves are simulated in one batch, which adds up their errors itself.
+
+        With a meter among them, a term for each curve; the errors of one with a meter are added up outside.
+        """
+        if all(d.meter is None for d in group):
+            weights, samples = np.array([d.weight for d in group]), _samples(group, time_step)
+            return [Term([d.point for d in group], weights, _j_of, _squares_of, which_failed, samples)]
+        return [
+            cls.terms([d], time_step)[0]
+            if d.meter is None
+            else Term(d.points, np.array([d.weight]), d._j_as_shown, d._squares_as_shown, which_failed)
+            for d in group
+        ]
 
     @property
     def measured(self) -> Floats:
@@ -136,10 +153,35 @@ class RateData(DataSet):
         return len(self.rate) + sum(len(course.time) for course in courses if isinstance(course, Trace))
 
     def simulated(self, simulator: Simulator, values: Floats) -> Floats:
-        """Simulated samples (candidates, samples) [m³/s]."""
-        s, density = simulator, self.mass_density
-        own = reference_densities(s.injector, [self.point], s.names, values) if math.isnan(density) else density
-        return sampled_rates(s.injector, self.point, self.bounds, s.names, values, s.time_step, s.same_bits) / own
+        """Simulated samples (candidates, samples) [m³/s], as the meter shows them if there is one."""
+        candidates = Candidates(simulator, values)
+        if self.is_metered(simulator):
+            return self._as_shown(candidates)
+        s = simulator
+        return sampled_rates(
+            s.injector, self.point, self.bounds, *s.of_injector(values), s.time_step, same_bits=s.same_bits
+        ) / self._density_of(candidates)
+
+    def _as_shown(self, candidates: Candidates) -> Floats:
+        """Samples (candidates, samples) [m³/s] as the meter shows them."""
+        assert self.meter is not None
+        given = candidates.given(self.meter)
+        mass = candidates.simulator.flow(self.point, candidates.values, self.meter.ahead)
+        flow = mass._replace(rates=mass.rates / self._density_of(candidates, given))
+        return shown_rates(self.meter, given, flow, self.bounds)
+
+    def _density_of(self, candidates: Candidates, given: Given | None = None) -> Floats | float:
+        """Density [kg/m³] that makes volumes of the simulated masses."""
+        return candidates.densities(self.points, given) if math.isnan(self.mass_density) else self.mass_density
+
+    def _j_as_shown(self, batch: Batch, candidates: Candidates) -> Floats:
+        """J (candidates, 1) of the samples as the meter shows them."""
+        return self.misfit(self._as_shown(candidates))[:, None]
+
+    def _squares_as_shown(self, batch: Batch, candidates: Candidates) -> Floats:
+        """Sum of squared errors (candidates, 1) [mm³/ms] of the samples as the meter shows them."""
+        errors = (self._as_shown(candidates) - self.rate) * MM3_PER_MS
+        return np.asarray(np.sum(errors**2, axis=1)[:, None])
 
     def misfit(self, values: Floats) -> Floats:
         """J of simulated samples: Σ |rate − measured rate| [mm³/ms], Sec. 4."""
@@ -190,11 +232,11 @@ class RateData(DataSet):
         }
 
 
-def _j_of(batch: Batch) -> Floats:
+def _j_of(batch: Batch, candidates: Candidates) -> Floats:
     return batch.absolute_error * MM3_PER_MS
 
 
-def _squares_of(batch: Batch) -> Floats:
+def _squares_of(batch: Batch, candidates: Candidates) -> Floats:
     return batch.squared_error * MM3_PER_MS**2
 
 

@@ -73,9 +73,10 @@ class CurveView(View):
             rate, error = (_points(y * MM3_PER_MS) for y in (trace[label], trace[label] - measured))
             curves.append(Series(model.text, model.look, time, rate, family=model.family))
             errors.append(Series("", model.look, time, error, family=model.family))
+        seen = f" Simulated as the meter “{data['meter']}” shows it." if data.get("meter") else ""
         caption = (
             f"Rate of injection, energising time {data['energising_time'] * MICROSECOND:.0f} µs; below, "
-            f"simulated − {origin_of(data)}."
+            f"simulated − {origin_of(data)}.{seen}"
         )
         panels = Panel(RATE, tuple(curves), 0.66), Panel(ERROR, tuple(errors), 0.34, zero_line=True)
         title = f"{data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"

@@ -23,7 +23,9 @@ from commonrail.kinds.maps.reading import QuantitiesModel, read_map
 from commonrail.kinds.maps.view import MapView
 from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, point_record
-from commonrail.kinds.simulator import Simulator
+from commonrail.kinds.simulator import Candidates, Simulator
+from commonrail.observation.meter import Meter
+from commonrail.observation.signal import shown_quantities
 
 __all__ = ["SMALL_QUANTITY", "QuantityData", "QuantityScore", "soft_l1"]
 
@@ -82,6 +84,8 @@ class QuantityData(DataSet):
     dead_time_tolerance : float or None
         Tolerance [s] against which dead times are judged as times; None compares the quantity that is injected at the
         measured dead time, whose derivative vanishes where nothing is injected.
+    meter : Meter or None
+        Of the bench; of its quantities, `gain`, `quantity_offset`, `density` and `temperature` concern a map.
 
     Raises
     ------
@@ -95,6 +99,7 @@ class QuantityData(DataSet):
     error_head: ClassVar[tuple[str, str]] = ("rms", "%")
     model: ClassVar[type[QuantitiesModel]] = QuantitiesModel
     view: ClassVar[MapView] = MapView()
+    seen: ClassVar[frozenset[str]] = frozenset({"gain", "quantity_offset", "density", "temperature"})
 
     name: str
     role: Role
@@ -108,6 +113,7 @@ class QuantityData(DataSet):
     synthetic: str
     mass_density: Floats | float = field(default=math.nan, metadata=LATER)
     dead_time_tolerance: float | None = field(default=None, metadata=LATER)
+    meter: Meter | None = field(default=None, metadata=LATER)
 
     bounds = None
 
@@ -164,7 +170,7 @@ class QuantityData(DataSet):
         rows = read_map(model, context)
         labels = model.weight, model.source, model.synthetic
         values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
-        more = rows.mass_density, rows.dead_time_tolerance
+        more = rows.mass_density, rows.dead_time_tolerance, context.meter(model.meter)
         return cls(model.name, Role(model.role), rows.points, *values, *labels, *more)
 
     @classmethod
@@ -198,12 +204,13 @@ class QuantityData(DataSet):
 
         A needle that never closes is a failure too.
         """
-        return self._values_of(simulator.batch(self._simulated_points, values))
+        return self._values_of(simulator.batch(self._simulated_points, values), Candidates(simulator, values))
 
-    def _values_of(self, batch: Batch) -> Floats:
+    def _values_of(self, batch: Batch, candidates: Candidates) -> Floats:
         """Values (candidates, points), in the units of `measured`, of a batch at `_simulated_points`."""
         rows = np.concatenate([np.arange(len(self.points)), np.repeat(self._timed, 2)])
-        found = self.volumes(batch, np.broadcast_to(self.mass_density, self.quantity.shape)[rows])
+        density = np.broadcast_to(self.mass_density, self.quantity.shape)[rows]
+        found = self.shown(batch, density, candidates, self._simulated_points)
         values = found[:, : len(self.points)]
         if not len(self._timed):
             return values
@@ -216,6 +223,28 @@ class QuantityData(DataSet):
         """Volumes (candidates, points) of a batch [m³], at the data's density or the candidates' own."""
         density = np.where(np.isnan(mass_density), batch.reference_density, mass_density)
         return np.where(batch.status == OK, self.mass_of(batch) / density, np.nan)
+
+    def shown(
+        self, batch: Batch, mass_density: ArrayLike, candidates: Candidates, points: Sequence[OperatingPoint]
+    ) -> Floats:
+        """Volumes (candidates, points) of a batch [m³], as the meter shows them if there is one.
+
+        Parameters
+        ----------
+        batch : Batch
+        mass_density : float or (points,)
+            As in the data.
+        candidates : Candidates
+            Those of the batch.
+        points : sequence of OperatingPoint
+            Those of the batch.
+        """
+        if self.meter is None or not self.is_metered(candidates.simulator):
+            return self.volumes(batch, mass_density)
+        given = candidates.given(self.meter)
+        if {"density", "temperature"} & given.keys():
+            mass_density = np.where(np.isnan(mass_density), candidates.densities(points, given), mass_density)
+        return shown_quantities(given, self.volumes(batch, mass_density))
 
     def errors(self, values: Floats) -> Floats:
         """(Q − Q_measured)/(absolute + relative · Q_measured) of simulated quantities (…, points).
@@ -286,11 +315,11 @@ class QuantityData(DataSet):
         }
         return {"rows": rows, "figures": figures}
 
-    def _j_of(self, batch: Batch) -> Floats:
-        return self.misfit(self._values_of(batch))[:, None]
+    def _j_of(self, batch: Batch, candidates: Candidates) -> Floats:
+        return self.misfit(self._values_of(batch, candidates))[:, None]
 
-    def _squares_of(self, batch: Batch) -> Floats:
-        return np.asarray(np.sum(self.errors(self._values_of(batch)) ** 2, axis=1)[:, None])
+    def _squares_of(self, batch: Batch, candidates: Candidates) -> Floats:
+        return np.asarray(np.sum(self.errors(self._values_of(batch, candidates)) ** 2, axis=1)[:, None])
 
 
 def soft_l1(residuals: Floats) -> Floats:

@@ -25,7 +25,7 @@ from commonrail.kinds.records import (
     present,
     scaled,
 )
-from commonrail.kinds.simulator import Simulator
+from commonrail.kinds.simulator import ITSELF, Candidates, Simulator
 
 if TYPE_CHECKING:
     from commonrail.kinds.maps.data import QuantityData
@@ -66,7 +66,7 @@ def find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
     for i, row in enumerate(rows):
         points = [_energised(data.points[row], float(t)) for t in _SEARCHED]
         batch = simulator.once(points)
-        quantity = data.volumes(batch, mass_density[row])[0]
+        quantity = data.shown(batch, mass_density[row], Candidates(simulator, ITSELF), points)[0]
         above = np.flatnonzero(quantity > data.quantity[row])
         if len(above) and above[0] > 0:
             k = int(above[0])
