@@ -24,7 +24,8 @@ DRAWN = "virtual-lino-2016"
 
 # Of the kernels in single precision, and of those of the reference, the first in a process takes twice to three times
 # the time of the others, because they share their laws. The process that is given the first half of the tests begins
-# with the ones, the other with the others; whoever is done takes over from the end of a half.
+# with the ones, the other with the others, in the order of these lists and with a wiring that the other does not begin
+# with; whoever is done takes over from the end of a half.
 SINGLE = ("engine/test_precision", "engine/test_streaming", "bench/test_throughput", "store/test_precision")
 REFERENCE = (
     *(f"engine/test_{name}" for name in ("closings", "reference", "explicit", "validity")),
@@ -45,7 +46,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     def begin(item: pytest.Item, names: tuple[str, ...]) -> bool:
         return item.nodeid.removeprefix("tests/").startswith(names)
 
-    first, second = ([i for i in items if begin(i, names)] for names in (SINGLE, REFERENCE))
+    first, second = ([i for name in names for i in items if begin(i, (name,))] for names in (SINGLE, REFERENCE))
     rest = [i for i in items if not begin(i, SINGLE + REFERENCE)]
     half = max(0, len(items) // 2 - len(first))
     items[:] = [*first, *rest[:half], *second, *rest[half:]]

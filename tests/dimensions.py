@@ -149,17 +149,14 @@ def _bound(choose: Callable[[Any, Any], Any], x: Any, limit: Any) -> Any:
 
 
 def _literal_zero(add: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Sum or difference in which a quantity of zero has any unit: what a law's bare 0.0 has become by a product.
-
-    Of two zeros, as forces in balance are, the sum has the unit of the one that is not a bare number.
-    """
+    """Sum or difference in which a quantity of zero has any unit: what a law's bare 0.0 has become by a product."""
 
     def summed(one: Any, other: Any) -> Any:
         if hasattr(other, "units") and not one.is_compatible_with(other):
-            if one.magnitude == 0.0 and (one.dimensionless or other.magnitude != 0.0):
-                return add(0.0 * other, other)
             if other.magnitude == 0.0:
                 return one
+            if one.magnitude == 0.0:
+                return add(0.0 * other, other)
         return add(one, other)
 
     return summed

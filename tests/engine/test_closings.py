@@ -35,7 +35,7 @@ def closings(s: Solution) -> list[float]:
 POINTS = [OperatingPoint(p, et) for p in (40e6, 80e6, 120e6, 190e6) for et in (165e-6, 200e-6, 299e-6, 440e-6, 700e-6)]
 
 
-@pytest.mark.parametrize("name", ["pwm", "regulated", "rigid"])
+@pytest.mark.parametrize("name", ["regulated", "pwm", "rigid"])
 def test_closings_are_those_of_the_lift(name: str, request: pytest.FixtureRequest) -> None:
     injector = request.getfixturevalue(name)
     batch = simulate_batch(injector, [*POINTS, TWICE], stop_when_closed=False)

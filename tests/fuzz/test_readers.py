@@ -16,14 +16,14 @@ from tests.fuzz.mutation import mutated
 from tests.fuzz.targets import TARGETS, Broken, check, write_input
 
 EXAMPLES = {
-    "study": 300,
-    "injector": 300,
-    "truth": 200,
-    "run": 100,
-    "report": 40,
-    "journal": 100,
-    "fleet": 100,
-    "fleet journal": 60,
+    "study": 150,
+    "injector": 150,
+    "truth": 100,
+    "run": 50,
+    "report": 20,
+    "journal": 50,
+    "fleet": 50,
+    "fleet journal": 30,
 }
 
 # No deadline: a first reading compiles and builds; derandomised: the same inputs on every machine.
