@@ -74,7 +74,7 @@ with Journal(Path(sys.argv[1])):
 """
 
 
-@attack(times=20, few=2)
+@attack(times=5, few=1)
 def lock_removed(folder: Path, times: int) -> str:
     """A lock file removed at work lets nobody else in, and a killed process lets go."""
     run = folder / "run"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import socket
 import sqlite3
@@ -116,13 +115,10 @@ class JournalFile:
 
     def close(self) -> None:
         """Release the lock; SQLite merges the log unless a reader is open."""
-        if not self.is_in_place:
-            _abandon(self._connection)
-            self._lock.close()
-            return
-        with suppress(sqlite3.Error):
-            self._note(holder="", log="")
-            self._connection.execute("PRAGMA journal_mode=DELETE")
+        if self.is_in_place:  # SQLite would remove a log by its name, which may by now be another journal's
+            with suppress(sqlite3.Error):
+                self._note(holder="", log="")
+                self._connection.execute("PRAGMA journal_mode=DELETE")
         self._connection.close()
         self._lock.close()
 
@@ -200,19 +196,6 @@ def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
             connection.backup(copy)
             schema.migrate(copy, path)
             yield copy
-
-
-def _abandon(connection: sqlite3.Connection) -> None:
-    """Leave a journal whose folder has been renamed as it is.
-
-    SQLite would at the end remove the write-ahead log by its name, which may by now be that of another journal.
-    """
-    if hasattr(connection, "setconfig"):  # Python 3.12
-        no_checkpoint = "SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE"
-        connection.setconfig(getattr(sqlite3, no_checkpoint), True)
-        connection.close()
-    else:
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(connection))  # never closed: the system does it
 
 
 def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log: bool) -> int:
