@@ -13,7 +13,7 @@ from commonrail.calibration.run import Progress
 from commonrail.errors import StudyError
 from tests.cli.conftest import Command, check_made_again
 
-OWN = {"calibrated.toml", "result.json", "traces.csv", "report.html", "journal.sqlite", "journal.lock"}
+OWN = {"calibrated.toml", "result.json", "traces.csv", "SHA256SUMS", "report.html", "journal.sqlite", "journal.lock"}
 FILES = OWN | {"study.toml", "injector.toml", "data"}  # the study with all that it reads
 
 

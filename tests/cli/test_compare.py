@@ -42,7 +42,7 @@ def record_of(done: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_the_folder_is_complete(done: dict[str, Any]) -> None:
-    assert {p.name for p in done["folder"].iterdir()} == {"comparison.json", "traces.csv", "report.html"}
+    assert {p.name for p in done["folder"].iterdir()} == {"comparison.json", "traces.csv", "report.html", "SHA256SUMS"}
     assert list(record_of(done)["labels"]) == [NAME, "stiff, one mass", "weak"]
 
 

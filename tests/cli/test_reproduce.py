@@ -29,6 +29,7 @@ def done(run: Path) -> Done:
 def test_the_whole_study_runs_and_leaves_its_folder(done: Done, run: Path) -> None:
     assert done.status == 0, done.err
     assert sorted(p.name for p in run.iterdir()) == [
+        "SHA256SUMS",
         "figures",
         "report.html",
         "reproduce.json",

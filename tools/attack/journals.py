@@ -75,16 +75,18 @@ def results(run: Path) -> list[Any]:
 
 
 def content(run: Path) -> list[Any]:
-    """History of a journal, all that is the same in its earlier states, and the rest that it tells."""
+    """Targets and history of a journal, all that is the same in its earlier states, and the rest that it tells."""
     listed = read_about(run)
     with Journal(run) as journal:
         about, checkpoint = journal.about, journal.checkpoint()
         steps = [(x.tolist(), costs.tolist()) for x, costs in [journal.best_step()]]
-        fixed = [journal.inputs, journal.generations, journal.targets]
+        fixed, targets = [journal.inputs, journal.generations], journal.targets
     for facts in (about, listed):
         for name in VOLATILE:
             facts.pop(name, None)
-    return [list(checkpoint.history if checkpoint else ()), [*fixed, about], [listed, steps, repr(checkpoint)]]
+    state = about.pop("state", "")  # written with the session, after the facts of the run
+    steps_so_far = list(checkpoint.history if checkpoint else ())
+    return [targets, steps_so_far, [*fixed, about], [state, listed, steps, repr(checkpoint)]]
 
 
 def entries(folder: Path) -> list[Any]:
@@ -154,14 +156,16 @@ def run_journal(folder: Path, times: int) -> str:
     """A flipped bit in the journal of a run is found, or changes no result."""
     made = ground(folder)
     expected = results(made.whole)
-    history, fixed, _ = content(Path(shutil.copytree(made.killed, folder / "read")))
+    targets, history, fixed, _ = content(Path(shutil.copytree(made.killed, folder / "read")))
 
     def settle(spoilt: Path, found: str, number: int) -> str:
         if found == REFUSED or found.startswith(CRASH):
             return found
         if found == WRONG:
-            kept, same, _ = content(spoilt)
-            found = EARLIER if kept == history[: len(kept)] and same == fixed else WRONG
+            sessions, kept, same, _ = content(spoilt)
+            known = sessions == targets[: len(sessions)] and len(sessions) >= bool(kept)
+            prefix = known and kept == history[: len(kept)]
+            found = EARLIER if prefix and same == fixed else WRONG
         if number % RESUMED and found != WRONG:
             return found
         try:

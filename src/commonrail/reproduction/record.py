@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+import platform
 from collections.abc import Callable, Mapping
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import commonrail as cr
-from commonrail.compile_target import describe, package_versions
 from commonrail.reproduction import paper
 from commonrail.reproduction.claims import claims
 from commonrail.reproduction.figures import Figures
@@ -38,8 +39,13 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
     return {
         "schema": SCHEMA,
         "kind": "reproduction",
-        "software": package_versions(),
-        "target": describe().machine,
+        "software": {
+            "commonrail": version("commonrail"),
+            "python": platform.python_version(),
+            "numpy": version("numpy"),
+            "numba": version("numba"),
+            "llvmlite": version("llvmlite"),
+        },
         "title": "The study of Lino, Maione, Saponaro, Li (2016) on a virtual test bench",
         "status": reproduction.status,
         "quick": quick,
