@@ -19,9 +19,8 @@ def free_parameters(tables: Mapping[str, MeterHead], at: Place) -> list[Paramete
 
     Parameters
     ----------
-    tables : mapping of str to MeterModel
-    at : Place
-        Of the table "meters".
+    tables, at
+        As for `meters_of_tables`.
 
     Raises
     ------
