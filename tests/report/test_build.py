@@ -81,6 +81,12 @@ def test_the_search_and_where_it_started_are_said_if_they_are_known(write_run: W
     assert "; 2 least-squares refinements" in text
 
 
+def test_a_staged_search_is_told_by_its_candidates_and_steps(write_run: WriteRun) -> None:
+    staged = {"method": "staged least squares", "members": 400, "generations": 52, "starts": 3, "polish": 0}
+    text = page_of(write_run(map_record() | {"optimiser": staged})).text
+    assert "staged least squares, 400 screened candidates, 52 steps" in text
+
+
 def test_synthetic_data_are_announced(rate_run: Path) -> None:
     page = page_of(rate_run)
     assert page.count("div", **{"class": "banner"}) == 1

@@ -193,6 +193,8 @@ def _search(settings: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     if settings is None:
         return []
     size = f"{settings['generations']} generations of {settings['members']} members"
+    if "starts" in settings:  # the staged search
+        size = f"{settings['members']} screened candidates, {settings['generations']} steps"
     polish = f"; {settings['polish']} least-squares refinements" if settings["polish"] else ""
     initial = settings.get("initial", "")
     first = f"; first population {_FIRST.get(initial, initial)}" if initial else ""
