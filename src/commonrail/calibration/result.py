@@ -15,9 +15,9 @@ from commonrail.calibration.study import Method, Study
 from commonrail.compile_target import describe, package_versions
 from commonrail.display.text import number
 from commonrail.injector.definition import Injector
-from commonrail.kinds import DataSet, Score
+from commonrail.kinds import DataSet, Role, Score, of_role
 from commonrail.kinds.metering import meter_records, with_meters
-from commonrail.kinds.records import LABELS
+from commonrail.kinds.records import JUDGED, LABELS
 from commonrail.observation.meter import Meter
 from commonrail.observation.quantities import known_quantity
 
@@ -121,8 +121,17 @@ def data_records(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]])
         {"name": d.name, "role": d.role.value, "source": d.source, "synthetic": d.synthetic, "kind": d.kind}
         | ({} if d.meter is None else {"meter": d.meter.name})
         | d.record({label: own[i] for label, own in scores.items()})
+        | _baselines(d, data, scores[JUDGED][i] if JUDGED in scores else None)
         for i, d in enumerate(data)
     ]
+
+
+def _baselines(one: DataSet, data: Sequence[DataSet], score: Score | None) -> dict[str, Any]:
+    """Trivial models beside the calibrated one on data that it was not fitted to, if there are any."""
+    if score is None or one.role is not Role.VALIDATION:
+        return {}
+    found = one.baselines(of_role(data, Role.FIT), score)
+    return {"baselines": found} if found else {}
 
 
 def _identifiability(identified: Mapping[str, Any]) -> dict[str, Any]:

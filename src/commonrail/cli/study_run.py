@@ -135,6 +135,7 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
     StudyError
         If `strict` and the run has given a warning; its files are written.
     """
+    from commonrail.report.headline import baseline_lines
     from commonrail.report.parameters import parameter_table
     from commonrail.report.tables import tables_of
 
@@ -147,6 +148,8 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
             typer.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
         for table in (*tables_of(outcome.record["data"]), parameter_table(outcome.record["parameters"])):
             print_table(table)
+        for line in baseline_lines(outcome.record["data"]):
+            typer.echo(line)
         typer.echo(f"report: {outcome.report}{_mention(warnings)}")
     if outcome.interrupted:
         say(

@@ -166,25 +166,27 @@ def _origin(model: ParameterModel, own: Source) -> Source:
 
 
 def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[DataSet, ...]:
-    _refuse_twice(models, at)
+    _refuse_twice([model.name for model in models], [at[i] / "name" for i in range(len(models))])
     found: list[DataSet] = []
     samples = 0
     for i, model in enumerate(models):
-        found.append(KINDS[model.kind].read(model, context._replace(at=at[i])))
-        samples += found[-1].samples
+        read = KINDS[model.kind].read(model, context._replace(at=at[i]))
+        found += read.divided(model, at[i])
+        samples += read.samples
         if samples > MOST_SAMPLES:
             raise at[i].error(
                 f"the data have more than {MOST_SAMPLES} samples up to here; give windows or thin them out"
             )
+    _refuse_twice([data.name for data in found], [at] * len(found))  # parts that are held out have names of their own
     return tuple(found)
 
 
-def _refuse_twice(models: Sequence[DataModel], at: Place) -> None:
-    names: set[str] = set()
-    for i, model in enumerate(models):
-        if model.name in names:
-            raise (at[i] / "name").error(f'there are two data sets "{model.name}"; rename one')
-        names.add(model.name)
+def _refuse_twice(names: Sequence[str], at: Sequence[Place]) -> None:
+    known: set[str] = set()
+    for name, place in zip(names, at, strict=True):
+        if name in known:
+            raise place.error(f'there are two data sets "{name}"; rename one')
+        known.add(name)
 
 
 def _refuse_unused(meters: Mapping[str, Meter], data: Sequence[DataSet], at: Place) -> None:

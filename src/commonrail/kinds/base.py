@@ -26,6 +26,7 @@ from commonrail.kinds.reading import Context, DataModel
 from commonrail.kinds.records import Plotted, Record, Texts
 from commonrail.kinds.simulator import Candidates, Simulator
 from commonrail.observation.meter import Meter
+from commonrail.reading.place import Place
 
 __all__ = ["LATER", "DataSet", "Missing", "Role", "Score", "Term", "View", "share_of"]
 
@@ -262,6 +263,29 @@ class DataSet(ABC):
     @abstractmethod
     def record(self, scores: Mapping[str, Any]) -> dict[str, Any]:
         """JSON-able figures of the scores by label; the keys that all kinds have are added by the caller."""
+
+    def divided(self, model: Any, at: Place) -> tuple[Self, ...]:
+        """The data set itself, or the parts that its block in a study file asks for: fitted and held out.
+
+        Parameters
+        ----------
+        model : DataModel
+        at : Place
+            Of the block.
+        """
+        return (self,)
+
+    def baselines(self, fitted: Sequence[DataSet], score: Any) -> list[dict[str, Any]]:
+        """JSON-able records of trivial models for data of validation, each with a sentence that compares a model.
+
+        Parameters
+        ----------
+        fitted : sequence of DataSet
+            Data of the fit.
+        score : Score
+            Of the model on this data set.
+        """
+        return []
 
     def is_metered(self, simulator: Simulator) -> bool:
         """True if the simulated values are seen through a meter that changes them, or may do so."""

@@ -9,14 +9,20 @@ from commonrail.kinds.records import Record
 from commonrail.report.meters import meter_lines
 from commonrail.report.record import by_kind, of_role
 
-__all__ = ["data_lines", "headline", "parameter_lines", "synthetic_notes", "warning_lines"]
+__all__ = ["baseline_lines", "data_lines", "headline", "parameter_lines", "synthetic_notes", "warning_lines"]
 
 _ROLES = {"fit": "On the fitted data", "validation": "On data that the fit never saw"}
 
 
 def headline(record: Record) -> list[str]:
     """Sentences on what was calibrated, how far the objective fell, and how well each role is met."""
-    return [_task(record), _objective(record), *data_lines(record["data"]), *meter_lines(record)]
+    return [
+        _task(record),
+        _objective(record),
+        *data_lines(record["data"]),
+        *baseline_lines(record["data"]),
+        *meter_lines(record),
+    ]
 
 
 def data_lines(data: Sequence[Record]) -> list[str]:
@@ -27,6 +33,11 @@ def data_lines(data: Sequence[Record]) -> list[str]:
         for view, own in by_kind(of_role(data, role))
         for end in view.sentences(own)
     ]
+
+
+def baseline_lines(data: Sequence[Record]) -> list[str]:
+    """One sentence for each trivial model beside data of validation: whether the calibrated model beats it."""
+    return [str(baseline["sentence"]) for d in data for baseline in d.get("baselines", ())]
 
 
 def parameter_lines(parameters: Sequence[Record]) -> list[str]:

@@ -18,7 +18,9 @@ from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
+from commonrail.kinds.maps.baselines import interpolated_baseline
 from commonrail.kinds.maps.dead_times import NO_DEAD_TIME, NOT_REACHED, crossing_times, find_dead_times, neighbours
+from commonrail.kinds.maps.hold_out import divide
 from commonrail.kinds.maps.reading import QuantitiesModel, read_map
 from commonrail.kinds.maps.view import MapView
 from commonrail.kinds.reading import Context
@@ -26,6 +28,7 @@ from commonrail.kinds.records import MEASURED, point_record
 from commonrail.kinds.simulator import Candidates, Simulator
 from commonrail.observation.meter import Meter
 from commonrail.observation.signal import shown_quantities
+from commonrail.reading.place import Place
 
 __all__ = ["SMALL_QUANTITY", "QuantityData", "QuantityScore", "soft_l1"]
 
@@ -265,12 +268,20 @@ class QuantityData(DataSet):
         """Score of the simulator's injector as it is."""
         quantity = self.simulated(simulator, np.empty((1, 0)))[0]
         found = find_dead_times(self, simulator)
+        return self.scored(quantity, found)
+
+    def scored(self, quantity: Floats, dead_time: Floats) -> QuantityScore:
+        """Score of quantities (points,) [m³] and dead times (dead-time rows,) [s], whatever predicts them."""
         error = quantity - self.quantity
         large = (self.quantity > SMALL_QUANTITY) & self.judged
         small = ~large & self.judged
         measured = np.array([self.points[i].pulses[0].duration for i in np.flatnonzero(self.dead_time)])
         return QuantityScore(
-            quantity, found, _rms(error[large] / self.quantity[large]), _rms(error[small]), _rms(found - measured)
+            quantity,
+            dead_time,
+            _rms(error[large] / self.quantity[large]),
+            _rms(error[small]),
+            _rms(dead_time - measured),
         )
 
     def missing(self, score: QuantityScore) -> list[Missing]:
@@ -304,16 +315,27 @@ class QuantityData(DataSet):
                 row[MEASURED] = quantity
                 row |= {label: number(s.quantity[i]) for label, s in scores.items()}
             rows.append(row)
-        figures = {
-            label: {
-                "rms_small": number(s.rms_small),
-                "rms_large_percent": number(100.0 * s.rms_large),
-                "dead_time_rms": number(s.rms_dead_time),
-                "limit_quantity": SMALL_QUANTITY,
-            }
-            for label, s in scores.items()
-        }
+        figures = {label: self.figures_of(s) for label, s in scores.items()}
         return {"rows": rows, "figures": figures}
+
+    def figures_of(self, score: QuantityScore) -> dict[str, float | None]:
+        """JSON-able root mean squares of a score."""
+        return {
+            "rms_small": number(score.rms_small),
+            "rms_large_percent": number(100.0 * score.rms_large),
+            "dead_time_rms": number(score.rms_dead_time),
+            "limit_quantity": SMALL_QUANTITY,
+        }
+
+    def divided(self, model: QuantitiesModel, at: Place) -> tuple[QuantityData, ...]:
+        """The map itself, or its fitted and its held-out part; see `divide`."""
+        return (self,) if model.hold_out is None else divide(self, model.hold_out, at / "hold_out")
+
+    def baselines(self, fitted: Sequence[DataSet], score: QuantityScore) -> list[dict[str, Any]]:
+        """Interpolation of the fitted maps, if there are any."""
+        maps = [d for d in fitted if isinstance(d, QuantityData)]
+        found = interpolated_baseline(self, maps, score)
+        return [found] if found else []
 
     def _j_of(self, batch: Batch, candidates: Candidates) -> Floats:
         return self.misfit(self._values_of(batch, candidates))[:, None]

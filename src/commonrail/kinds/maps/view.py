@@ -121,13 +121,16 @@ class MapView(View):
         return listed(parts) or "nothing could be simulated"
 
     def _figures_table(self, data: Sequence[Record], texts: Texts) -> Table:
-        rows = [(d, label) for d in data for label in texts if self.has(d, label)]
+        rows: list[tuple[Record, str, Record]] = []
+        for d in data:
+            rows += [(d, texts[label], d["figures"].get(label, {})) for label in texts if self.has(d, label)]
+            rows += [(d, baseline["text"], baseline["figures"]) for baseline in d.get("baselines", ())]
         parts = (
-            Part(("data set", "role", "model"), lambda row: (row[0]["name"], row[0]["role"], texts[row[1]])),
+            Part(("data set", "role", "model"), lambda row: (row[0]["name"], row[0]["role"], row[1])),
             Part((f"{self.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
-            Part(_figure_heads(data), lambda row: _figure_texts(row[0]["figures"].get(row[1], {}))),
+            Part(_figure_heads(data), lambda row: _figure_texts(row[2])),
         )
-        return table_of(f"Errors of the {self.of}quantity maps", rows, parts, "", 3)
+        return table_of(f"Errors of the {self.of}quantity maps", rows, parts, _rules(data), 3)
 
     def _figures_compared(self, data: Sequence[Record], labels: Sequence[str]) -> Table:
         rows = []
@@ -272,6 +275,12 @@ def limit_text(data: Sequence[Record]) -> str:
 def _figure_heads(data: Sequence[Record]) -> tuple[str, str, str]:
     limit = limit_text(data)
     return f"above {limit} mm³, % rms", f"up to {limit} mm³, mm³ rms", "dead time, µs rms"
+
+
+def _rules(data: Sequence[Record]) -> str:
+    """Sentences on the rules of the baselines."""
+    found = (f"{baseline['text']}: {baseline['rule']}" for d in data for baseline in d.get("baselines", ()))
+    return " ".join(f"{rule[0].upper()}{rule[1:]}." for rule in dict.fromkeys(found))
 
 
 def _figure_texts(figures: Record) -> list[str]:

@@ -1,0 +1,137 @@
+"""Trivial models beside a validation map, and whether a calibrated one predicts better."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.display.text import fixed, listed, number, significant
+from commonrail.kinds.maps.interpolation import SCALES, Interpolation, interpolate, interpolate_line
+from commonrail.kinds.records import MM3
+
+if TYPE_CHECKING:
+    from commonrail.kinds.maps.data import QuantityData
+
+__all__ = ["baseline_record", "interpolated_baseline", "places_of"]
+
+Floats = NDArray[np.float64]
+
+RULE = (
+    "linear in energising time at each fitted rail pressure, then linear in {scale} between rail pressures (of p and "
+    "√p the one that is closer to this data set); dead times linear in p; beyond the fitted points the nearest two "
+    "are continued"
+)
+
+# Figures that decide, with what they are called, decimals, factor and unit.
+_DECISIVE = (
+    ("rms_large_percent", "above {} mm³", 2, 1.0, "%"),
+    ("rms_small", "up to {} mm³", 3, MM3, "mm³"),
+)
+
+
+def interpolated_baseline(data: QuantityData, fitted: Sequence[QuantityData], model: Any) -> dict[str, Any] | None:
+    """Record of the interpolation of fitted maps at the points of another; None where that is not possible.
+
+    Parameters
+    ----------
+    data : QuantityData
+        Validation map.
+    fitted : sequence of QuantityData
+        Maps that the model was fitted to.
+    model : QuantityScore
+        Of the calibrated model.
+    """
+    if not all(_is_plain(d) for d in (data, *fitted)):
+        return None
+    known = np.concatenate([np.empty((0, 3)), *(_known(d, d.judged) for d in fitted)])
+    if not len(known) or not data.judged.any():
+        return None
+    dead_time = _dead_times(data, fitted)
+    found = [_scored(data, scale, interpolate(known, places_of(data), SCALES[scale]), dead_time) for scale in SCALES]
+    scale, interpolation, score = min(found, key=lambda item: _closeness(data, item[2].quantity))
+    return baseline_record(
+        data,
+        model,
+        score,
+        name="interpolation",
+        text=f"interpolating the {len(known)} fitted points",
+        rule=RULE.format(scale=scale),
+        extrapolated=int(np.count_nonzero(interpolation.extrapolated & data.judged)),
+    )
+
+
+def baseline_record(data: QuantityData, model: Any, baseline: Any, *, text: str, **more: Any) -> dict[str, Any]:
+    """Record of a baseline: its figures, whether the model beats it, and a sentence on both.
+
+    Parameters
+    ----------
+    data : QuantityData
+    model, baseline : QuantityScore
+        Of the calibrated model and of the baseline.
+    text : str
+        The baseline as the subject of a sentence, such as "interpolating the 21 fitted points".
+    more : mapping
+        Further keys of the record: "name", "rule", "extrapolated".
+    """
+    own, other = data.figures_of(model), data.figures_of(baseline)
+    limit = significant(own["limit_quantity"], 3, MM3)
+    keys = [item for item in _DECISIVE if number(other[item[0]]) is not None]
+    worse = [item for item in keys if not _is_less(own[item[0]], other[item[0]])]
+    pairs = listed(
+        [
+            f"{fixed(own[key], decimals, scale)} against {fixed(other[key], decimals, scale)} {unit} rms "
+            + words.format(limit)
+            for key, words, decimals, scale, unit in keys
+        ]
+    )
+    beyond = more.get("extrapolated", 0)
+    pairs += f"; {beyond} of its {np.count_nonzero(data.judged)} values are extrapolated" if beyond else ""
+    if not worse:
+        sentence = f"The model predicts {data.name} better than {text}: {pairs}."
+    else:
+        those = "these" if len(worse) == len(keys) else f"those {worse[0][1].format(limit)}"
+        sentence = f"The model does not beat its baseline on {data.name}: {text} predicts {those} better ({pairs})."
+    return {**more, "text": text, "beaten": not worse, "sentence": sentence, "figures": other}
+
+
+def places_of(data: QuantityData) -> Floats:
+    """Rail pressures [Pa] and energising times [s] of the rows, (n, 2)."""
+    return np.array([(p.initial_pressures()[0], p.pulses[0].duration) for p in data.points])
+
+
+def _is_plain(data: QuantityData) -> bool:
+    """True if every point has one energising at one rail pressure: what an interpolation knows."""
+    return all(len(p.pulses) == 1 for p in data.points)
+
+
+def _known(data: QuantityData, rows: NDArray[np.bool_]) -> Floats:
+    return np.column_stack([places_of(data), data.quantity])[rows]
+
+
+def _dead_times(data: QuantityData, fitted: Sequence[QuantityData]) -> Floats:
+    """Interpolated dead times [s] of the rows that are; NaN where no fitted one is of the same quantity."""
+    known = np.concatenate([np.empty((0, 3)), *(_known(d, d.dead_time) for d in fitted)])
+    found = []
+    for (rail, _), quantity in zip(places_of(data)[data.dead_time], data.quantity[data.dead_time], strict=True):
+        same = known[np.isclose(known[:, 2], quantity, rtol=1e-6, atol=0.0)]
+        rising = same[np.argsort(same[:, 0])]
+        single = len(np.unique(rising[:, 0])) == len(rising) > 0
+        found.append(interpolate_line(rising[:, 0], rising[:, 1], rail)[0] if single else np.nan)
+    return np.array(found)
+
+
+def _scored(data: QuantityData, scale: str, found: Interpolation, dead_time: Floats) -> tuple[str, Interpolation, Any]:
+    return scale, found, data.scored(found.values, dead_time)
+
+
+def _closeness(data: QuantityData, values: Floats) -> float:
+    """Sum of squared errors in units of the tolerances."""
+    error = (values - data.quantity) / (data.absolute + data.relative * data.quantity)
+    return float(np.sum(error[data.judged] ** 2))
+
+
+def _is_less(own: Any, other: Any) -> bool:
+    return number(own) is not None and own < other
