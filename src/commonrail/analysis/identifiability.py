@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.influence import influence_of
-from commonrail.arguments import array, instance
+from commonrail.analysis.bands import bands_of
+from commonrail.analysis.influence import Influence, influence_of
+from commonrail.analysis.neighbourhood import around
+from commonrail.arguments import instance
 from commonrail.calibration.goal import Goal
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.prior import Priors
@@ -20,27 +23,36 @@ from commonrail.linear import least_squares
 
 Floats = NDArray[np.float64]
 
-STEP = 5e-3  # of the range, to both sides: above the ripple of a PWM drive, below curvature
 WIDE = 0.05  # a standard error above this share of the range does not pin a parameter down
 
 
 class Identified(dict[str, dict[str, Any]]):
     """Findings of each free parameter by name, and in `summary` those of the fit as a whole.
 
-    The summary is that of `Influence.record`; None where the best values could not be simulated.
+    The summary is that of `Influence.record`, `influence` what it was made of; None where the best values could not be
+    simulated. `bands` are those of `bands_of`, by the name of the data set.
     """
 
     summary: dict[str, Any] | None = None
+    influence: Influence | None = None
+    bands: Mapping[str, dict[str, Any]] = {}
 
 
 def identify(calibration: Calibration, threads: int | None = None) -> Identified:
-    """Effect, standard error and verdict of each free parameter on the fitted data; see `identify_at`."""
+    """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
+
+    See `identify_at` and `bands_of`.
+    """
     study = calibration.study
     fitted, goal = of_role(study.data, Role.FIT), Goal(study.loss, Priors.of(study.space.parameters))
     objective = Objective(
         study.injector, study.space.names, fitted, study.time_step, threads, goal=goal, same_bits=study.same_bits
     )
-    return identify_at(study.space, objective, np.array([calibration.best[name] for name in study.space.names]))
+    best = np.array([calibration.best[name] for name in study.space.names])
+    found = identify_at(study.space, objective, best)
+    if found.influence:
+        found.bands = bands_of(study.data, objective.simulator, around(study.space, best), found.influence)
+    return found
 
 
 def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
@@ -67,25 +79,18 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
     """
     instance(space, Space, "space")
     instance(objective, Objective, "objective")
-    best = space.to_unit(array(best, "1", "best values", 1))
-    low, high = (
-        np.clip(best - STEP * np.eye(space.dimension), 0.0, 1.0),
-        np.clip(best + STEP * np.eye(space.dimension), 0.0, 1.0),
-    )
-    values = objective.residuals(space.from_unit(np.vstack([best, low, high])))
+    place = around(space, best)
+    values = objective.residuals(place.values)
     many = values.shape[1] - len(objective.goal.priors)  # the data's residuals stand before those of the priors
     residuals = values[:, :many]
     own = residuals[0]
-    width = np.diag(high - low)
-    # SI value per unit of position, which on a logarithmic scale is not the width of the range
-    slopes = np.diag(space.from_unit(high) - space.from_unit(low)) / width
-    jacobian = _slopes(residuals, width, space.dimension)
+    jacobian = place.slopes(residuals)
     usable = np.all(np.isfinite(jacobian), axis=0)
     spread = np.sqrt(np.sum(own**2) / max(len(own) - space.dimension, 1))
-    pulls = _slopes(values[:, many:], width, space.dimension)
+    pulls = place.slopes(values[:, many:])
     influence = influence_of(own, np.where(usable, jacobian, 0.0), pulls) if np.isfinite(own).all() else None
     found = Identified()
-    found.summary = influence.record(space.names) if influence else None
+    found.influence, found.summary = influence, influence.record(space.names) if influence else None
     for i, p in enumerate(space.parameters):
         alone, joint = _leverage(jacobian, usable, i)
         error = spread / joint if joint > 0.0 else np.inf
@@ -94,15 +99,10 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
         found[p.name] = {
             "effect": 0.01 * alone,
             "pinned": 0.01 * joint,
-            "standard_error": float(error * slopes[i]) if np.isfinite(error) else None,
+            "standard_error": float(error * place.scale[i]) if np.isfinite(error) else None,
             "verdict": _verdict(spread, alone, joint),
         }
     return found
-
-
-def _slopes(residuals: Floats, width: Floats, d: int) -> Floats:
-    """Jacobian (m, d) of residuals (1 + 2 d, m) at a point, below and above it in each parameter."""
-    return np.asarray(((residuals[1 + d :] - residuals[1 : 1 + d]) / width[:, None]).T)
 
 
 def _leverage(jacobian: Floats, usable: NDArray[np.bool_], i: int) -> tuple[float, float]:

@@ -7,11 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.elementary import product
+
 __all__ = ["Influence", "influence_of"]
 
 Floats = NDArray[np.float64]
 
 SHOWN = 0.2  # weight in a combination from which a parameter is named
+LOOSE = 1e-6  # share of a gradient outside the held directions, above which nothing holds what it predicts
 NEGLIGIBLE = 1e-12  # singular value relative to the largest, below which a direction counts as free
 
 
@@ -31,6 +34,12 @@ class Influence(NamedTuple):
         Singular values of J, of residuals per width of the bounds, in falling order.
     directions : (k, d)
         Unit vectors in positions between the bounds that belong to them.
+    held : (h, d)
+        Orthogonal unit vectors that data or priors hold.
+    strengths : (h,)
+        Singular values of data and priors together that belong to them.
+    residuals : int
+        Number of the data's residuals n.
     """
 
     effective: float
@@ -38,6 +47,23 @@ class Influence(NamedTuple):
     errors: Floats
     singular: Floats
     directions: Floats
+    held: Floats
+    strengths: Floats
+    residuals: int
+
+    def predicted(self, slopes: Floats) -> Floats:
+        """Standard errors (n,) of predictions that have the derivatives G (n, d) with respect to the positions.
+
+        Roots of the diagonal of max(s², 1) G (JᵀJ + PᵀP)⁻¹ Gᵀ; +inf where a prediction depends on what nothing holds,
+        NaN where a derivative is unknown.
+        """
+        known = np.asarray(np.isfinite(slopes).all(axis=1))
+        finite: Floats = np.where(known[:, None], slopes, 0.0)
+        parts = product(finite, self.held.T)
+        errors = max(self.scatter, 1.0) * np.sqrt(np.sum((parts / self.strengths) ** 2, axis=1))
+        rest = np.sqrt(np.sum((finite - product(parts, self.held)) ** 2, axis=1))
+        loose = rest > LOOSE * np.sqrt(np.sum(finite**2, axis=1))
+        return np.where(known, np.where(loose, np.inf, errors), np.nan)
 
     def record(self, names: tuple[str, ...]) -> dict[str, Any]:
         """JSON-able form; a combination names the parameters whose weight is `SHOWN` or more.
@@ -53,6 +79,7 @@ class Influence(NamedTuple):
             weights = {names[i]: round(float(vector[i]), 4) for i in order}
             combinations.append({"singular_value": value, "weights": weights})
         return {
+            "residuals": self.residuals,
             "effective_parameters": self.effective,
             "scatter": self.scatter,
             "combinations": combinations,
@@ -84,4 +111,13 @@ def influence_of(residuals: Floats, jacobian: Floats, priors: Floats) -> Influen
     loose = np.sum(all_directions[held] ** 2, axis=0) < 1.0 - 1e-6
     _, singular, directions = np.linalg.svd(jacobian, full_matrices=False)
     signs = np.sign(directions[np.arange(len(directions)), np.argmax(np.abs(directions), axis=1)])
-    return Influence(effective, scatter, np.where(loose, np.inf, errors), singular, directions * signs[:, None])
+    return Influence(
+        effective,
+        scatter,
+        np.where(loose, np.inf, errors),
+        singular,
+        directions * signs[:, None],
+        all_directions[held],
+        all_values[held],
+        len(residuals),
+    )

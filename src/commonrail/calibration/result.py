@@ -64,7 +64,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         **({"loss": study.loss.value} if study.loss is not Loss.KINDS else {}),
         "objective": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
         **_identifiability(identified),
-        "data": data_records(study.data, calibration.scores),
+        "data": _banded(data_records(study.data, calibration.scores), identified),
         **meter_records(calibration.meters),
         "warnings": warning_records(calibration.warnings),
         "evaluations": {
@@ -132,6 +132,12 @@ def _baselines(one: DataSet, data: Sequence[DataSet], score: Score | None) -> di
         return {}
     found = one.baselines(of_role(data, Role.FIT), score)
     return {"baselines": found} if found else {}
+
+
+def _banded(records: list[dict[str, Any]], identified: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Records of data sets with their bands, if `identified` has them."""
+    bands = getattr(identified, "bands", {})
+    return [{**one, "band": bands[one["name"]]} if one["name"] in bands else one for one in records]
 
 
 def _identifiability(identified: Mapping[str, Any]) -> dict[str, Any]:

@@ -47,12 +47,13 @@ class Series:
 
 @dataclass(frozen=True)
 class Band:
-    """Area between two lines, such as quartiles; it has the colour of a series of that look."""
+    """Area between two lines, such as quartiles; it has the colour of a series of that look, or of that family."""
 
     look: str
     x: Points
     low: Points
     high: Points
+    family: int | None = None
 
 
 @dataclass(frozen=True)

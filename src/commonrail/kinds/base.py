@@ -235,6 +235,10 @@ class DataSet(ABC):
     def residuals(self, values: Floats) -> Floats:
         """Residuals of simulated values (candidates, n) for least squares, scaled by the root of the weight."""
 
+    def discrepancy(self, values: Floats) -> Floats | None:
+        """Standard deviations of model and measurement about predicted values (n,); None where the kind states none."""
+        return None
+
     @abstractmethod
     def score(self, simulator: Simulator) -> Score:
         """Score of the simulator's injector as it is."""

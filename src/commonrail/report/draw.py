@@ -128,8 +128,10 @@ def _traces(panel: Panel) -> list[Any]:
 def _edges(band: Band) -> list[go.Scatter]:
     """Lower edge, and upper edge with what lies between them filled."""
     shared: dict[str, Any] = {"x": band.x, "mode": "lines", "line": {"width": 0}, "showlegend": False}
-    shared |= {"hoverinfo": "skip", "legendgroup": band.look}
-    fill = _faint(_LOOKS[band.look]["color"])
+    group = band.look if band.family is None else f"family {band.family}"
+    shared |= {"hoverinfo": "skip", "legendgroup": group}
+    colour = _LOOKS[band.look]["color"] if band.family is None else _FAMILIES[band.family % len(_FAMILIES)]
+    fill = _faint(colour)
     return [go.Scatter(y=band.low, **shared), go.Scatter(y=band.high, fill="tonexty", fillcolor=fill, **shared)]
 
 

@@ -264,6 +264,10 @@ class QuantityData(DataSet):
         """`errors`, scaled by the root of the weight."""
         return np.asarray(np.sqrt(self.weight) * self.errors(values))
 
+    def discrepancy(self, values: Floats) -> Floats:
+        """Tolerance of predicted quantities [m³]; NaN for dead times."""
+        return np.where(self.judged, self.absolute + self.relative * np.abs(values), np.nan)
+
     def score(self, simulator: Simulator) -> QuantityScore:
         """Score of the simulator's injector as it is."""
         quantity = self.simulated(simulator, np.empty((1, 0)))[0]

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
 
-from commonrail.display.chart import MARKERS, Figure, Panel, Points, Series
+from commonrail.display.chart import MARKERS, Band, Figure, Panel, Points, Series
 from commonrail.display.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.display.text import fixed, listed, megapascal, number, pressure, signed, significant
 from commonrail.kinds.base import View
+from commonrail.kinds.maps.bands import band_cells, band_name, band_note, error_band, shaded
 from commonrail.kinds.maps.dead_times import compared_dead_times, dead_time_figure, dead_time_table
 from commonrail.kinds.records import (
     JUDGED,
@@ -156,13 +157,16 @@ class MapView(View):
             share = signed(relative_error(best, measured), 1)
             return signed(error, 2), Cell(share, error_size(error, measured * MM3))
 
-        parts = (
+        parts = [
             *_head(origin_of(data)),
             Part([texts[label] for label in labels], lambda row: [fixed(row.get(k), 2, MM3) for k in labels]),
             Part(("error", "error, %"), errors),
-        )
-        title = f"{self._title}, mm³: {data['name']} ({data['role']})"
+        ]
         note = f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}"
+        if "band" in data:
+            parts.append(Part((f"{band_name(data)}, ±",), band_cells))
+            note += f" {band_note(data)}"
+        title = f"{self._title}, mm³: {data['name']} ({data['role']})"
         return table_of(title, _quantities(data), parts, note, 0)
 
     def _compared(self, data: Record, labels: Sequence[str]) -> Table:
@@ -192,35 +196,43 @@ class MapView(View):
 
     def _map_figure(self, data: Record) -> Figure:
         """Quantity [mm³] against energising time [us], one family for each rail pressure."""
-        series = []
+        series: list[Series] = []
+        bands: list[Band] = []
         for family, (rail, rows) in enumerate(_by_pressure(data).items()):
             x = scaled(rows, "energising_time", MICROSECOND)
             series += [Series("", label, x, scaled(rows, label, MM3), family=family) for label in ("start", JUDGED)]
             measured = scaled(rows, MEASURED, MM3)
             series.append(Series(pressure(rail), MEASURED, x, measured, MARKERS, family))
+            bands += [error_band(rows, family, lambda value, _: value * MM3, about=JUDGED)] if "band" in data else []
+        caption = f"{self.caption}: markers {origin_of(data)}, solid lines calibrated, dotted lines start values."
         return Figure(
             f"{data['name']} ({data['role']})",
-            f"{self.caption}: markers {origin_of(data)}, solid lines calibrated, dotted lines start values.",
+            f"{caption} {shaded(data)}".rstrip(),
             ENERGISING,
-            (Panel(f"{self.of}quantity, mm³", tuple(series)),),
+            (Panel(f"{self.of}quantity, mm³", tuple(series), bands=tuple(bands)),),
         )
 
     def _error_figure(self, data: Record) -> Figure:
         """Errors of the calibrated quantities, in mm³ for small ones and in percent for large ones."""
         limit = data["figures"].get(JUDGED, {}).get("limit_quantity", USUAL_LIMIT)
         large, small = [], []
+        wide: list[Band] = []
+        narrow: list[Band] = []
         for family, (rail, rows) in enumerate(_by_pressure(data).items()):
             over, under = _parted_at(limit, rows)
             large.append(Series(pressure(rail), JUDGED, *_errors(over, JUDGED, _percent), MARKERS, family))
             small.append(Series("", JUDGED, *_errors(under, JUDGED, _absolute), MARKERS, family))
+            if "band" in data:
+                wide.append(error_band(over, family, _percent))
+                narrow.append(error_band(under, family, _absolute))
         text = f"{limit * MM3:.3g} mm³"
         return Figure(
             f"Errors of {data['name']}",
-            f"Calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it.",
+            f"Calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it. {shaded(data)}".rstrip(),
             ENERGISING,
             (
-                Panel("error, %", tuple(large), 0.6, zero_line=True),
-                Panel("error, mm³", tuple(small), 0.4, zero_line=True),
+                Panel("error, %", tuple(large), 0.6, zero_line=True, bands=tuple(wide)),
+                Panel("error, mm³", tuple(small), 0.4, zero_line=True, bands=tuple(narrow)),
             ),
         )
 
@@ -288,8 +300,10 @@ def _figure_texts(figures: Record) -> list[str]:
 
 
 def _quantities(data: Record) -> list[Record]:
-    """Rows that are quantities."""
-    return [row for row in data["rows"] if not row["dead_time"]]
+    """Rows that are quantities, with the half width of their band if there is one."""
+    rows = data["rows"]
+    halves = data["band"]["half_widths"] if "band" in data else [None] * len(rows)
+    return [{**row, "band": half} for row, half in zip(rows, halves, strict=True) if not row["dead_time"]]
 
 
 def _head(origin: str) -> tuple[Part, Part]:
