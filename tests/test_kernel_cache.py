@@ -28,12 +28,12 @@ print(run(21.0), sum(run.compiled.stats.cache_hits.values()))
 """
 
 
-def answer(cache: Path) -> tuple[list[str], str]:
+def answer(cache: Path, **settings: str) -> tuple[list[str], str]:
     """Output and notes of a process that uses a kernel."""
     script = cache / "script.py"
     script.write_text(PLAIN, encoding="utf-8")
     (cache / "second").mkdir(exist_ok=True)
-    environment = os.environ | {"XDG_CACHE_HOME": str(cache), "TMPDIR": str(cache / "second")}
+    environment = os.environ | {"XDG_CACHE_HOME": str(cache), "TMPDIR": str(cache / "second")} | settings
     done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=True)
     return done.stdout.split(), done.stderr
 
@@ -52,6 +52,12 @@ def test_a_kernel_with_a_flipped_bit_is_compiled_anew_once_with_a_note(tmp_path:
     assert said == ["42.0", "0"]
     assert "is damaged; this simulation is compiled anew" in noted
     assert answer(tmp_path) == (["42.0", "1"], "")
+
+
+def test_a_kernel_compiled_with_other_settings_is_not_taken(tmp_path: Path) -> None:
+    assert answer(tmp_path, NUMBA_OPT="3") == (["42.0", "0"], "")
+    assert answer(tmp_path, NUMBA_OPT="1") == (["42.0", "0"], "")
+    assert answer(tmp_path, NUMBA_OPT="3") == (["42.0", "1"], "")
 
 
 def test_no_flipped_bit_and_no_lost_end_is_read(tmp_path: Path) -> None:

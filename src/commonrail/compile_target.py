@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
-__all__ = ["CompileTarget", "describe", "differences", "package_versions", "processor"]
+__all__ = ["CompileTarget", "compiler_settings", "describe", "differences", "package_versions", "processor"]
 
 PACKAGES = ("commonrail", "numpy", "scipy", "numba", "llvmlite")
 MOST = 6  # features that a sentence names
@@ -61,10 +61,23 @@ class CompileTarget(NamedTuple):
 @functools.cache
 def describe() -> CompileTarget:
     """Target of this process; loads Numba."""
-    from numba import config
     from numba.core.registry import cpu_target
 
     triple, cpu, features = cpu_target.target_context.codegen().magic_tuple()
+    return CompileTarget(
+        str(triple),
+        str(cpu),
+        ",".join(sorted(str(features).split(","), key=lambda feature: feature[1:])),
+        compiler_settings(),
+        f"{platform.machine()} {processor()}".strip(),
+        tuple(package_versions().items()),
+    )
+
+
+def compiler_settings() -> str:
+    """Numba's settings that change machine code, as text."""
+    from numba import config
+
     settings = {
         "opt": config.OPT._raw_value,
         "loop vectorizer": config.LOOP_VECTORIZE,
@@ -72,14 +85,7 @@ def describe() -> CompileTarget:
         "svml": int(config.USING_SVML),
         "jit": int(not config.DISABLE_JIT),
     }
-    return CompileTarget(
-        str(triple),
-        str(cpu),
-        ",".join(sorted(str(features).split(","), key=lambda feature: feature[1:])),
-        ", ".join(f"{name} {value}" for name, value in settings.items()),
-        f"{platform.machine()} {processor()}".strip(),
-        tuple(package_versions().items()),
-    )
+    return ", ".join(f"{name} {value}" for name, value in settings.items())
 
 
 def package_versions() -> dict[str, str]:

@@ -26,6 +26,7 @@ from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
+from commonrail.compile_target import compiler_settings
 from commonrail.notice import compiling, note
 
 __all__ = ["KernelCache", "cache_folder", "damaged", "objection", "places"]
@@ -96,7 +97,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
     def _path(self, sig: Any, codegen: Any) -> Path | None:
         if self._folder is None:
             return None
-        key = repr((self._key, str(sig), codegen.magic_tuple()))
+        key = repr((self._key, str(sig), codegen.magic_tuple(), compiler_settings()))
         return self._folder / (hashlib.sha256(key.encode()).hexdigest()[:24] + ENDING)
 
 

@@ -6,12 +6,16 @@ whole rows or columns, or a sum along one, which is rounded the same way everywh
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["cholesky", "inverse_of_lower", "least_squares", "solve_lower", "solve_upper"]
+__all__ = ["cholesky", "inverse_of_lower", "least_squares", "singular", "solve_lower", "solve_upper"]
 
 Floats = NDArray[np.float64]
+
+_MOST_SWEEPS = 60  # some ten are needed
 
 
 def least_squares(matrix: Floats, wanted: Floats, rcond: float | None = None) -> Floats:
@@ -85,3 +89,43 @@ def solve_upper(upper: Floats, wanted: Floats) -> Floats:
 def inverse_of_lower(lower: Floats) -> Floats:
     """Inverse of a lower triangular matrix."""
     return solve_lower(lower, np.eye(len(lower)))
+
+
+def singular(matrix: Floats) -> tuple[Floats, Floats]:
+    """Singular values and right singular vectors of a matrix, by one-sided Jacobi rotations.
+
+    Parameters
+    ----------
+    matrix : (m, n)
+
+    Returns
+    -------
+    values : (n,)
+        The largest first; zeros among them where m < n.
+    directions : (n, n)
+        A vector in each row.
+    """
+    columns = np.array(np.transpose(matrix), dtype=float)
+    directions = np.eye(len(columns))
+    for _ in range(_MOST_SWEEPS):
+        turned = [_turn(columns, directions, p, q) for p, q in itertools.combinations(range(len(columns)), 2)]
+        if not any(turned):
+            break
+    values = np.sqrt(np.sum(columns * columns, axis=1))
+    order = np.argsort(-values, kind="stable")
+    return values[order], directions[order]
+
+
+def _turn(columns: Floats, directions: Floats, p: int, q: int) -> bool:
+    """Make two columns orthogonal, in place; returns whether they were not yet."""
+    one, other = columns[p].copy(), columns[q].copy()
+    a, b, c = float(np.sum(one * one)), float(np.sum(other * other)), float(np.sum(one * other))
+    if not abs(c) > np.finfo(float).eps * np.sqrt(a) * np.sqrt(b):
+        return False
+    ratio = (b - a) / (2.0 * c)
+    tangent = np.copysign(1.0 / (abs(ratio) + np.sqrt(1.0 + ratio * ratio)), ratio)
+    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
+    for rows in (columns, directions):
+        first, second = rows[p].copy(), rows[q].copy()
+        rows[p], rows[q] = cosine * (first - tangent * second), cosine * (tangent * first + second)
+    return True

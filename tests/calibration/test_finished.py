@@ -21,6 +21,8 @@ class Doubles:
     def __call__(self, argument: tuple[str, Any], /) -> Any:
         return 2.0 * argument[1]
 
+    same_bits = False
+
     def probe(self) -> bytes:
         return b""
 

@@ -63,6 +63,8 @@ def test_a_value_that_does_not_vary_is_known() -> None:
         ("valve.spring_preload > valve.seat_diametre", "no parameter.*valve.seat_diameter"),
         ("rail_pressure_max > 3", "depends on no free parameter"),
         ("0 * valve.spring_preload > 3", "not greater than zero"),
+        ("valve.spring_preload / 0 > 3", "not greater than zero"),
+        ("valve.spring_preload * 10^999 > 3", "too large"),
     ],
 )
 def test_what_cannot_be_read_is_refused(text: str, words: str) -> None:

@@ -35,7 +35,7 @@ def a_curve(meter: Meter | None = None) -> RateData:
 def a_map(meter: Meter | None = None, mass_density: float = np.nan) -> QuantityData:
     points = tuple(OperatingPoint(100e6, duration) for duration in (300e-6, 700e-6))
     values = np.array([5e-9, 40e-9]), 1e-9, 0.1, np.zeros(2, bool), 1.0
-    return QuantityData("map", Role.FIT, points, *values, "test", "all of it", mass_density, meter)
+    return QuantityData("map", Role.FIT, points, *values, "test", "all of it", mass_density, meter=meter)
 
 
 def itself(data: DataSet, injector: Injector) -> np.ndarray:

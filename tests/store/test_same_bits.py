@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -60,6 +61,12 @@ GENERIC = Machine(
     },
     ("--workers", "2"),
 )
+# Of the cases: the evolution of one, the staged search of the other, and its refinements of fewer steps.
+OPTIMISERS = {
+    "paper": "[optimiser]\nmembers = 24\ngenerations = 4\npolish = 2\npolish_iterations = 3\n",
+    "cri2-16": '[optimiser]\nmethod = "staged least squares"\nmembers = 24\ngenerations = 8\nstarts = 2\n'
+    "trial_iterations = 2\nstage_iterations = 2\n",
+}
 OUTPUTS = ("calibrated.toml", "traces.csv")
 
 
@@ -69,6 +76,13 @@ def run_elsewhere(study: Path, run: Path, machine: Machine) -> None:
     command = [sys.executable, "-m", "commonrail", "calibrate", str(study), "--out", str(run), *machine.options]
     done = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def placeless(run: Path) -> bytes:
+    """result.json without time and machine, which it records."""
+    found, count = re.subn(rb',\n "target": \{[^}]*\}', b"", timeless(run))
+    assert count == 1
+    return found
 
 
 def with_same_bits(study: Path) -> None:
@@ -102,7 +116,7 @@ def exact(tmp_path_factory: pytest.TempPathFactory) -> Whole:
 def test_another_processor_gives_the_same_bytes(exact: Whole, tmp_path: Path, machine: Machine) -> None:
     """Search with constraints and a logarithmic scale, refinement, scores, standard errors: all of result.json."""
     run_elsewhere(exact.study, tmp_path / "run", machine)
-    assert timeless(tmp_path / "run") == timeless(exact.run)
+    assert placeless(tmp_path / "run") == placeless(exact.run)
     for name in OUTPUTS:
         assert (tmp_path / "run" / name).read_bytes() == (exact.run / name).read_bytes()
 
@@ -122,16 +136,16 @@ def test_it_is_another_study_than_without(exact: Whole, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", ["paper", "cri2-16"])
+@pytest.mark.parametrize("case", OPTIMISERS)
 def test_the_cases_give_the_same_bytes(case: str, tmp_path: Path) -> None:
     """Both cases with short searches: fewer generations and refinements of fewer steps, on the same path."""
     study = tmp_path / "study.toml"
     text = (CASES / case / "study.toml").read_text(encoding="utf-8")
     shutil.copytree(CASES / case / "data", tmp_path / "data")
-    optimiser = "[optimiser]\nmembers = 24\ngenerations = 4\npolish = 2\npolish_iterations = 3\n"
+    optimiser = OPTIMISERS[case]
     study.write_text(text[: text.index("[optimiser]")] + optimiser, encoding="utf-8")
     with_same_bits(study)
     calibrate_into(tmp_path / "run", load_study(study), threads=1)
     for name, machine in (("haswell", HASWELL), ("generic", GENERIC)):
         run_elsewhere(study, tmp_path / name, machine)
-        assert timeless(tmp_path / name) == timeless(tmp_path / "run")
+        assert placeless(tmp_path / name) == placeless(tmp_path / "run")

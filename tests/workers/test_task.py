@@ -29,6 +29,16 @@ def test_a_worker_with_other_software_or_other_bits_is_refused(tmp_path: Path) -
         unpack(package._replace(probe=b"other"))
 
 
+def test_work_with_the_same_bits_everywhere_asks_for_versions_alone(tmp_path: Path) -> None:
+    work = Deeds(tmp_path)
+    work.same_bits = True
+    package = pack(work)
+    assert not {"cpu", "features", "triple", "settings"} & dict(package.software).keys()
+    with pytest.raises(StudyError, match=r"than this run: numpy [0-9.]+ in place of other"):
+        unpack(package._replace(software=with_other(package, "numpy", "other")))
+    assert unpack(package)(Deed(3)) == work(Deed(3))
+
+
 def test_the_words_of_a_failure_are_one_line() -> None:
     assert failure(MemoryError()).reason == "met MemoryError"
     assert failure(ValueError("a\n  b")).reason == "met ValueError: a b"

@@ -3,17 +3,35 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from tools.attack.base import Answer, attack, flipped, python
 
 USE = """
+import os
+import sys
+
 from commonrail.compile import kernel
 
 def poly(x):
     return 2.0 * x * x + 3.0 * x - 7.0
 
-print(kernel(poly, "attacked")(5.0))
+def use():
+    print(kernel(poly, "attacked")(5.0), flush=True)
+
+if sys.argv[1:]:  # a start for each line: a process that has loaded nothing but Python's modules so far
+    for line in sys.stdin:
+        child = os.fork()
+        if not child:
+            use()
+            os._exit(0)
+        print(os.waitpid(child, 0)[1], flush=True)
+else:
+    use()
 """
 EXPECTED = "58.0"
 
@@ -22,6 +40,32 @@ def _use(folder: Path) -> Answer:
     script = folder / "use.py"
     script.write_text(USE, encoding="utf-8")
     return python(script, XDG_CACHE_HOME=str(folder / "cache"), TMPDIR=str(folder / "tmp"))
+
+
+@contextmanager
+def _starts(folder: Path) -> Iterator[Callable[[], list[str]]]:
+    """Starts of the same program one after the other, each with its answer and the status of its end."""
+    environment = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "TMPDIR": str(folder / "tmp")}
+    program = subprocess.Popen(
+        [sys.executable, folder / "use.py", "starts"],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    with program:
+        assert program.stdin is not None
+        assert program.stdout is not None
+        write, read = program.stdin, program.stdout
+
+        def start() -> list[str]:
+            write.write("\n")
+            write.flush()
+            answer = [read.readline().strip()]
+            return answer if answer[0].isdigit() else [*answer, read.readline().strip()]
+
+        yield start
 
 
 def _kernel(folder: Path) -> Path:
@@ -36,13 +80,14 @@ def flips(folder: Path, times: int) -> str:
         return "the kernel does not run at all"
     path = _kernel(folder)
     whole = path.read_bytes()
-    for bit, spoilt in flipped(whole, times):
-        path.write_bytes(spoilt)
-        answer = _use(folder)
-        if answer.fault or answer.out.strip() != EXPECTED:
-            return f"bit {bit}: {answer.fault or answer.out.strip()}"
-        if path.read_bytes() == spoilt:
-            return f"bit {bit}: the damaged kernel stays"
+    with _starts(folder) as start:
+        for bit, spoilt in flipped(whole, times):
+            path.write_bytes(spoilt)
+            answer = start()
+            if answer != [EXPECTED, "0"]:
+                return f"bit {bit}: {' and status '.join(answer)}"
+            if path.read_bytes() == spoilt:
+                return f"bit {bit}: the damaged kernel stays"
     return ""
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.elementary import product
+from commonrail.linear import singular
 
 __all__ = ["Influence", "influence_of"]
 
@@ -102,20 +103,20 @@ def influence_of(residuals: Floats, jacobian: Floats, priors: Floats) -> Influen
     -------
     Influence
     """
-    _, all_values, all_directions = np.linalg.svd(np.vstack([jacobian, priors]), full_matrices=False)
+    all_values, all_directions = singular(np.vstack([jacobian, priors]))
     held = all_values > NEGLIGIBLE * max(all_values.max(initial=0.0), 1e-300)
     inverse = all_directions[held].T / all_values[held]  # root of the pseudo-inverse of JᵀJ + PᵀP
-    effective = float(np.sum((jacobian @ inverse) ** 2))
+    effective = float(np.sum(product(jacobian, inverse) ** 2))
     scatter = float(np.sqrt(np.sum(residuals**2) / max(len(residuals) - effective, 1.0)))
     errors = max(scatter, 1.0) * np.sqrt(np.sum(inverse**2, axis=1))
     loose = np.sum(all_directions[held] ** 2, axis=0) < 1.0 - 1e-6
-    _, singular, directions = np.linalg.svd(jacobian, full_matrices=False)
+    values, directions = singular(jacobian)
     signs = np.sign(directions[np.arange(len(directions)), np.argmax(np.abs(directions), axis=1)])
     return Influence(
         effective,
         scatter,
         np.where(loose, np.inf, errors),
-        singular,
+        values,
         directions * signs[:, None],
         all_directions[held],
         all_values[held],

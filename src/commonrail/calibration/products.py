@@ -69,7 +69,7 @@ class Products:
         found = np.zeros((*x.shape[:-1], len(self)))
         for column, c in enumerate(self.constraints):
             used = np.flatnonzero(c.exponents)
-            with np.errstate(divide="ignore", invalid="ignore"):
+            with np.errstate(all="ignore"):
                 ratio = c.factor * np.prod(x[..., used] ** c.exponents[used], axis=-1)
             needed = 1.0 + STRICT_MARGIN if c.strict else 1.0
             short = np.maximum(0.0, 1.0 - ratio / needed)
@@ -113,7 +113,7 @@ def _read(line: str, names: Sequence[str], known: Mapping[str, float]) -> Produc
     if not total.any():
         raise _unreadable(line, "depends on no free parameter")
     if not (0.0 < factors[0] < math.inf and 0.0 < factors[1] < math.inf):
-        raise _unreadable(line, "has a factor that is not greater than zero")
+        raise _unreadable(line, "has a factor that is not greater than zero, or too large")
     return ProductConstraint(line, factors[0] / factors[1], total, "=" not in relation)
 
 
@@ -128,15 +128,21 @@ def _product(line: str, side: str, names: Sequence[str], known: Mapping[str, flo
             raise _unreadable(line, f"has {found} where a number, a parameter or a power of one is expected")
         power = float(match["power"] or 1.0) * (1.0 if sign == "*" else -1.0)
         if match["number"]:
-            factor *= float(match["number"]) ** power
+            factor *= _power(float(match["number"]), power)
         elif match["name"] in names:
             exponents[list(names).index(match["name"])] += power
         elif match["name"] in known:
-            factor *= known[match["name"]] ** power if known[match["name"]] > 0.0 else math.nan
+            factor *= _power(known[match["name"]], power)
         else:
             close = nearest(match["name"], [*names, *known])
             raise InputError(f'constraint "{line}" names "{match["name"]}", which is no parameter{close}')
     return factor, exponents
+
+
+def _power(value: float, power: float) -> float:
+    """Power of a number; NaN of one that is not greater than zero, infinite if it is too large."""
+    with np.errstate(over="ignore", under="ignore"):
+        return float(np.float64(value) ** power) if value > 0.0 else math.nan
 
 
 def _unreadable(line: str, what: str) -> InputError:

@@ -60,6 +60,11 @@ class Evaluation:
         method, values = argument
         return getattr(self.objective, method)(values)
 
+    @property
+    def same_bits(self) -> bool:
+        """As the study has it."""
+        return self.objective.simulator.same_bits
+
     def probe(self) -> bytes:
         """Bits of the objective of the injector's own values."""
         own = np.array([self.objective.own_values()])

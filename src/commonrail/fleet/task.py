@@ -67,6 +67,11 @@ class Calibrations:
             return failed(error, time.thread_time() - start)
         return Attempt(record, "", time.thread_time() - start, dict(study.files))
 
+    @property
+    def same_bits(self) -> bool:
+        """As the studies have it."""
+        return self.first is not None and self.first.same_bits
+
     def probe(self) -> bytes:
         """Figures of the first study's start values; what every study needs is loaded then."""
         if self.first is None:
@@ -75,9 +80,10 @@ class Calibrations:
         return json.dumps([_data(d, s, s) for d, s in zip(self.first.data, scores, strict=True)]).encode()
 
     def bits(self, argument: Study | Path, result: Attempt) -> bytes:
-        """Text of an attempt, without the time that it took; an error if it is no attempt."""
+        """Text of an attempt, without time and machine that it took; an error if it is no attempt."""
         float(result.seconds)
-        return json.dumps([result.record, result.reason], allow_nan=False).encode()
+        record = {name: value for name, value in result.record.items() if name != "target"}
+        return json.dumps([record, result.reason], allow_nan=False).encode()
 
 
 def calibrate_study(study: Study) -> dict[str, Any]:

@@ -29,7 +29,7 @@ _VERSIONS = f"""
 def differing(names: Sequence[str], client: Client) -> dict[str, str]:
     """Difference between the software of this process and that of workers.
 
-    Versions are asked for first; the compiler's target only where they agree.
+    The compiler's target is compared when a worker takes up work: some work has the same bits on every one.
 
     Parameters
     ----------
@@ -42,19 +42,19 @@ def differing(names: Sequence[str], client: Client) -> dict[str, str]:
     dict of str to str
         For each worker that answers, the end of the sentence "The worker … has …", "" where nothing differs.
     """
-    own = dict(software())
+    own = dict(software(same_bits=True))
     found = client.run(eval, _VERSIONS, workers=list(names), on_error="ignore")
-    return {name: _fault(said, own) or _fault_of_target(name, own, client) for name, said in found.items()}
+    return {name: _fault(said, own) or _fault_of_code(name, client) for name, said in found.items()}
 
 
 def _fault(said: Mapping[str, str], own: Mapping[str, str]) -> str:
     return unlike({package: own[package] for package in PACKAGES}, said) if said["commonrail"] else _NONE
 
 
-def _fault_of_target(name: str, own: Mapping[str, str], client: Client) -> str:
+def _fault_of_code(name: str, client: Client) -> str:
     try:
-        found = client.run(software, workers=[name], on_error="raise")
-        return unlike(own, dict(found[name]))
+        client.run(software, workers=[name], on_error="raise")
+        return ""
     except OSError:  # it has left
         return ""
     except Exception as error:  # what this process asks for is not there

@@ -17,6 +17,10 @@ from commonrail.errors import StudyError
 class Work(Protocol):
     """Work of the workers, which reaches them pickled."""
 
+    @property
+    def same_bits(self) -> bool:
+        """True if its bits do not depend on the processor, nor on what the compiler targets."""
+
     def __call__(self, argument: Any, /) -> Any:
         """Result of a task's argument; a `CommonrailError` is raised in the calling process too."""
 
@@ -35,7 +39,8 @@ class Package(NamedTuple):
     key : str
         Digest of the content.
     software : tuple of (name, version)
-        Of the process that packed it, and the target of its compiler: see `software`. A worker with others refuses it.
+        Of the process that packed it, and the target of its compiler unless the work has the same bits on every one:
+        see `software`. A worker with others refuses it.
     content : bytes
         The work.
     probe : bytes
@@ -107,7 +112,7 @@ Outcome = Answer | Lost | Withdrawn
 def pack(work: Work) -> Package:
     """Work for workers, probed here: its kernels are compiled and on disk before any worker asks for them."""
     content = pickle.dumps(work)
-    return Package(hashlib.sha256(content).hexdigest(), software(), content, work.probe())
+    return Package(hashlib.sha256(content).hexdigest(), software(work.same_bits), content, work.probe())
 
 
 @functools.lru_cache(maxsize=2)
@@ -119,7 +124,8 @@ def unpack(package: Package) -> Work:
     StudyError
         If this worker has other software, or finds other bits than the process that packed it.
     """
-    differing = unlike(dict(package.software), dict(software()))
+    asked = dict(package.software)
+    differing = unlike(asked, {name: text for name, text in software() if name in asked})
     if differing:
         raise StudyError(f"A worker on {platform.node()} has {differing}")
     work: Work = pickle.loads(package.content)
@@ -131,9 +137,11 @@ def unpack(package: Package) -> Work:
     return work
 
 
-def software() -> tuple[tuple[str, str], ...]:
-    """Versions and target of the compiler, which decide over the bits of a result."""
+def software(same_bits: bool = False) -> tuple[tuple[str, str], ...]:
+    """Versions and target of the compiler, which decide over the bits of a result; with `same_bits` versions alone."""
     found = describe()
+    if same_bits:
+        return found.versions
     machine = {name: value for name, value in found.machine.items() if name != "processor"}  # its code is the target's
     return tuple((dict(found.versions) | machine).items())
 

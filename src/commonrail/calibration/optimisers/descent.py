@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from commonrail.calibration.optimisers.base import Trials, Wanted
 from commonrail.calibration.space import Space
+from commonrail.elementary import product
+from commonrail.linear import cholesky, solve_lower, solve_upper
 
 __all__ = ["DAMPING", "DIFFERENCES", "Descents", "iterate"]
 
@@ -82,14 +84,16 @@ class _Model(NamedTuple):
 
         Parameters that a step would carry over a bound are held there, and the step of the others is solved anew.
         """
-        gradient, hessian = self.jacobian.T @ self.residuals, self.jacobian.T @ self.jacobian
+        transposed = self.jacobian.T
+        gradient, hessian = product(transposed, self.residuals[:, None])[:, 0], product(transposed, self.jacobian)
         diagonal = np.diag(hessian)
         hessian = hessian + np.diag(damping * np.maximum(diagonal, 1e-6 * diagonal.max(initial=1e-300)))
         there, free = unit.copy(), np.ones(len(unit), bool)
         for _ in range(len(unit)):
             moved = there - unit
-            right = -(gradient + hessian[:, ~free] @ moved[~free])[free]
-            proposed = unit[free] + np.linalg.solve(hessian[np.ix_(free, free)], right)
+            right = -(gradient + product(hessian[:, ~free], moved[~free][:, None])[:, 0])[free]
+            lower = cholesky(hessian[np.ix_(free, free)])
+            proposed = unit[free] + solve_upper(lower.T, solve_lower(lower, right))
             outside = (proposed < 0.0) | (proposed > 1.0)
             there[free] = np.clip(proposed, 0.0, 1.0)
             if not outside.any():

@@ -124,9 +124,10 @@ class Refinement(Optimiser):
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         self._solving = self._improved = None
-        if state["best"] is None:
+        best, cost = state["best"], state["cost"]
+        if best is None:
             return
-        found, space = Best(np.array(state["best"], dtype=float), float(state["cost"])), self.space
+        found, space = Best(np.array(best, dtype=float), float(cost)), self.space
         slack = 1e-9 * (space.upper - space.lower)
         inside = (found.x >= space.lower - slack) & (found.x <= space.upper + slack)
         if inside.shape != slack.shape or not inside.all() or not np.isfinite(found.cost):
