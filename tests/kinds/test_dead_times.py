@@ -20,10 +20,13 @@ HALF = 0.5e-9  # m³
 DENSITY = 800.0
 
 
+NOBODY: Any = None  # a map without a meter asks nothing of the candidates
+CANDIDATES = Candidates(NOBODY, ITSELF)
+
+
 def values_of(data: QuantityData, found: Any) -> np.ndarray:
-    """Values of a batch; a map without a meter asks nothing of the candidates."""
-    nobody: Any = None
-    return data._values_of(found, Candidates(nobody, ITSELF))
+    """Values of a batch."""
+    return data._values_of(found, CANDIDATES)
 
 
 def crossing(low: float, middle: float, high: float) -> float:
@@ -82,7 +85,7 @@ def test_a_tolerance_in_time_makes_the_error_one_of_time() -> None:
     values = values_of(data, batch(10.2, 0.6, 0.1, 3.0))  # passes 0.5 mm³ 10 us early
     assert values[0] == pytest.approx([10.2e-9, 240e-6])
     assert data.errors(values)[0] == pytest.approx([0.2 / 0.2, -10.0 / 4.0])
-    assert data._squares_of(batch(10.2, 0.6, 0.1, 3.0))[0, 0] == pytest.approx(1.0 + 6.25)
+    assert data._squares_of(batch(10.2, 0.6, 0.1, 3.0), CANDIDATES)[0, 0] == pytest.approx(1.0 + 6.25)
     assert np.isnan(values_of(data, batch(10.2, 0.6, 0.1, 3.0, status=STILL_INJECTING))).all()
 
 
