@@ -30,12 +30,14 @@ class Identified(dict[str, dict[str, Any]]):
     """Findings of each free parameter by name, and in `summary` those of the fit as a whole.
 
     The summary is that of `Influence.record`, `influence` what it was made of; None where the best values could not be
-    simulated. `bands` are those of `bands_of`, by the name of the data set.
+    simulated. `bands` are those of `bands_of`, by the name of the data set; `refits` the record of `refits_of`, for the
+    result of a run that has made them.
     """
 
     summary: dict[str, Any] | None = None
     influence: Influence | None = None
     bands: Mapping[str, dict[str, Any]] = {}
+    refits: Mapping[str, Any] = {}
 
 
 def identify(calibration: Calibration, threads: int | None = None) -> Identified:

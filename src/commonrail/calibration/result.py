@@ -141,9 +141,9 @@ def _banded(records: list[dict[str, Any]], identified: Mapping[str, Any]) -> lis
 
 
 def _identifiability(identified: Mapping[str, Any]) -> dict[str, Any]:
-    """Effective parameters and combinations, if `identified` has them."""
-    summary = getattr(identified, "summary", None)
-    return {"identifiability": summary} if summary else {}
+    """Effective parameters, combinations and further searches, if `identified` has them."""
+    summary, refits = getattr(identified, "summary", None), getattr(identified, "refits", None)
+    return ({"identifiability": summary} if summary else {}) | ({"refits": refits} if refits else {})
 
 
 def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:

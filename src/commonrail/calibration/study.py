@@ -9,6 +9,7 @@ from pathlib import Path
 from commonrail.arguments import chosen, flag, instance, instances, plain_text, settle, whole
 from commonrail.calibration.conditions import Condition
 from commonrail.calibration.goal import Loss
+from commonrail.calibration.judgement import NO_JUDGEMENT, Judgement
 from commonrail.calibration.optimisers import EvolutionSettings, Settings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.space import Space
@@ -81,6 +82,8 @@ class Study:
         Give the same result, bit for bit, on every x86-64 processor with AVX2 and FMA; at some cost of speed.
     conditions : tuple of Condition
         Behaviour that a candidate must have at operating points besides the data.
+    judgement : Judgement
+        Further searches by which the fit is judged; they do not change it.
     files : mapping of Path to str
         SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
 
@@ -106,11 +109,13 @@ class Study:
     conditions: tuple[Condition, ...] = ()
     files: Mapping[Path, str] = field(default_factory=dict)
     same_bits: bool = False
+    judgement: Judgement = NO_JUDGEMENT
 
     def __post_init__(self) -> None:
         for what in ("title", "text", "note"):
             plain_text(getattr(self, what), f"{what} of the study")
         instance(self.injector, Injector, "injector of the study")
+        instance(self.judgement, Judgement, "judgement of the study")
         instance(self.method, Method, "method of the study")
         instance(self.space, Space, "space of the study")
         settle(

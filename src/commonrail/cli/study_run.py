@@ -136,6 +136,7 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
         If `strict` and the run has given a warning; its files are written.
     """
     from commonrail.report.headline import baseline_lines
+    from commonrail.report.judgement import judgement_lines, judgement_tables
     from commonrail.report.parameters import parameter_table
     from commonrail.report.tables import tables_of
 
@@ -148,7 +149,9 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
             typer.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
         for table in (*tables_of(outcome.record["data"]), parameter_table(outcome.record["parameters"])):
             print_table(table)
-        for line in baseline_lines(outcome.record["data"]):
+        for table in judgement_tables(outcome.record):
+            print_table(table)
+        for line in (*baseline_lines(outcome.record["data"]), *judgement_lines(outcome.record)):
             typer.echo(line)
         typer.echo(f"report: {outcome.report}{_mention(warnings)}")
     if outcome.interrupted:

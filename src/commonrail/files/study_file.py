@@ -9,6 +9,7 @@ from pathlib import Path
 
 from commonrail.arguments import file_path
 from commonrail.calibration.conditions import Condition
+from commonrail.calibration.judgement import Judgement
 from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.prior import Prior
 from commonrail.calibration.products import parse_products
@@ -107,6 +108,7 @@ def _study(file: Path) -> Study:
             model.loss,
             _conditions(model.condition, injector, at / "condition"),
             same_bits=model.same_bits,
+            judgement=Judgement(model.judgement.seeds, tuple(model.judgement.leave_out)),
         )
 
 

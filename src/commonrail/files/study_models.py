@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, crea
 
 from commonrail.calibration.conditions import Wanted
 from commonrail.calibration.goal import Loss
+from commonrail.calibration.judgement import LeaveOut
 from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.registry import Registered
 from commonrail.choices import Precision
@@ -38,6 +39,7 @@ MOST_SETS = 1000
 MOST_PARAMETERS = 1000
 MOST_CONSTRAINTS = 1000
 MOST_CONDITIONS = 100
+MOST_SEEDS = 100
 
 _BLOCK = OneOf("kind", {name: kind.model for name, kind in KINDS.items()})
 
@@ -171,6 +173,13 @@ def _setting(annotation: Any, most: float | None) -> tuple[Any, Any]:
     return annotation | None, Field(default=None, le=most, strict=strict)
 
 
+class JudgementModel(FileModel):
+    """Further searches by which the fit is judged: with the next seeds, and without the rows at each value in turn."""
+
+    seeds: int = Field(default=0, ge=0, le=MOST_SEEDS)
+    leave_out: list[Annotated[LeaveOut, Field(strict=False)]] = Field(default=[], max_length=len(LeaveOut))
+
+
 class StudyModel(FileModel):
     """The whole file."""
 
@@ -185,6 +194,7 @@ class StudyModel(FileModel):
     loss: Loss = Field(default=Loss.KINDS, strict=False)
     fixed: list[FixedModel] = Field(default=[], max_length=MOST_PARAMETERS)
     same_bits: bool = False
+    judgement: JudgementModel = JudgementModel()
     meters: MeterTables = Field(default_factory=dict)
     data: list[Annotated[DataModel, _BLOCK]] = Field(min_length=1, max_length=MOST_SETS)
     parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)

@@ -26,6 +26,7 @@ from commonrail.report.draw import drawings, figure_html
 from commonrail.report.figures import convergence_figure, figures_of
 from commonrail.report.headline import headline, parameter_lines, synthetic_notes, warning_lines
 from commonrail.report.html import render
+from commonrail.report.judgement import combination_table, judgement_lines, judgement_tables
 from commonrail.report.parameters import parameter_rows
 from commonrail.report.record import check_record, texts_of
 from commonrail.report.reproduction import PLATE_FOLDER, PLATES, check_reproduction, reproduction_html
@@ -172,6 +173,8 @@ def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run:
         tables=tables_of(record["data"], texts_of(record)),
         figures=drawings(figures_of(record, traces)),
         convergence=_convergence(record),
+        judgement_lines=judgement_lines(record),
+        judgement_tables=[*judgement_tables(record), *filter(None, [combination_table(record)])],
         parameters=parameter_rows(record["parameters"]),
         parameter_lines=parameter_lines(record["parameters"]),
         synthetic=synthetic_notes(record),

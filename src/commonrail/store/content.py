@@ -50,6 +50,8 @@ def content_of(study: Study) -> str:
     if FUEL_TEMPERATURE in study.space.names:
         densities = [np.asarray(data.mass_density, float) for data in study.data]
         more += tuple(density for density in densities if not np.isnan(density).all())
+    if study.judgement.wanted:
+        more += (study.judgement,)
     if any(data.meter for data in study.data):
         more += (tuple(data.meter for data in study.data),)
     return sha256(b"\0".join(_pieces((*parts, *more))))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.analysis.identifiability import identify
+from commonrail.analysis.refits import refits_of
 from commonrail.arguments import file_path, flag, instance, thread_count, whole
 from commonrail.calibration.checkpoint import Checkpoint, CheckpointError
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS
@@ -180,6 +181,8 @@ def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener
         calibration = replace(calibration, warnings=before + calibration.warnings)
         listener.note("judging which parameters the data pin down ...")
         identified = identify(calibration, how["threads"])
+        workers = how["workers"]
+        identified.refits = refits_of(calibration, threads=how["threads"], workers=workers, note=listener.note)
         journal.check_place()
         write_results(journal.folder, calibration, identified)
         journal.end_session(calibration.status, calibration.reason)

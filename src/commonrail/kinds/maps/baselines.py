@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.display.text import fixed, listed, number, significant
-from commonrail.kinds.maps.interpolation import SCALES, Interpolation, interpolate, interpolate_line
+from commonrail.kinds.maps.interpolation import SCALES, interpolate, interpolate_line
 from commonrail.kinds.records import MM3
 
 if TYPE_CHECKING:
     from commonrail.kinds.maps.data import QuantityData
 
-__all__ = ["baseline_record", "interpolated_baseline", "places_of"]
+__all__ = ["baseline_record", "Interpolated", "interpolated", "interpolated_baseline", "places_of"]
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +32,15 @@ _DECISIVE = (
 )
 
 
+class Interpolated(NamedTuple):
+    """An interpolation: number of fitted points, scale of the pressure, extrapolated values, and its score."""
+
+    known: int
+    scale: str
+    extrapolated: int
+    score: Any
+
+
 def interpolated_baseline(data: QuantityData, fitted: Sequence[QuantityData], model: Any) -> dict[str, Any] | None:
     """Record of the interpolation of fitted maps at the points of another; None where that is not possible.
 
@@ -44,23 +53,40 @@ def interpolated_baseline(data: QuantityData, fitted: Sequence[QuantityData], mo
     model : QuantityScore
         Of the calibrated model.
     """
+    found = interpolated(data, fitted)
+    if found is None:
+        return None
+    return baseline_record(
+        data,
+        model,
+        found.score,
+        name="interpolation",
+        text=f"interpolating the {found.known} fitted points",
+        rule=RULE.format(scale=found.scale),
+        extrapolated=found.extrapolated,
+    )
+
+
+def interpolated(data: QuantityData, fitted: Sequence[QuantityData]) -> Interpolated | None:
+    """Interpolation of fitted maps at the points of another, in the better of both scales; None where not possible.
+
+    Parameters
+    ----------
+    data : QuantityData
+    fitted : sequence of QuantityData
+    """
     if not all(_is_plain(d) for d in (data, *fitted)):
         return None
     known = np.concatenate([np.empty((0, 3)), *(_known(d, d.judged) for d in fitted)])
     if not len(known) or not data.judged.any():
         return None
     dead_time = _dead_times(data, fitted)
-    found = [_scored(data, scale, interpolate(known, places_of(data), SCALES[scale]), dead_time) for scale in SCALES]
-    scale, interpolation, score = min(found, key=lambda item: _closeness(data, item[2].quantity))
-    return baseline_record(
-        data,
-        model,
-        score,
-        name="interpolation",
-        text=f"interpolating the {len(known)} fitted points",
-        rule=RULE.format(scale=scale),
-        extrapolated=int(np.count_nonzero(interpolation.extrapolated & data.judged)),
-    )
+    found = []
+    for scale, exponent in SCALES.items():
+        values, beyond = interpolate(known, places_of(data), exponent)
+        count = int(np.count_nonzero(beyond & data.judged))
+        found.append(Interpolated(len(known), scale, count, data.scored(values, dead_time)))
+    return min(found, key=lambda one: _closeness(data, one.score.quantity))
 
 
 def baseline_record(data: QuantityData, model: Any, baseline: Any, *, text: str, **more: Any) -> dict[str, Any]:
@@ -121,10 +147,6 @@ def _dead_times(data: QuantityData, fitted: Sequence[QuantityData]) -> Floats:
         single = len(np.unique(rising[:, 0])) == len(rising) > 0
         found.append(interpolate_line(rising[:, 0], rising[:, 1], rail)[0] if single else np.nan)
     return np.array(found)
-
-
-def _scored(data: QuantityData, scale: str, found: Interpolation, dead_time: Floats) -> tuple[str, Interpolation, Any]:
-    return scale, found, data.scored(found.values, dead_time)
 
 
 def _closeness(data: QuantityData, values: Floats) -> float:

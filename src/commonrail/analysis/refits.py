@@ -1,0 +1,122 @@
+"""Further searches of a study: with other seeds, and without the rows that they then predict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+from commonrail.calibration.judgement import NO_JUDGEMENT, Judgement
+from commonrail.calibration.run import Calibration, calibrate
+from commonrail.calibration.study import Study
+from commonrail.display.text import number
+from commonrail.errors import SimulationError
+from commonrail.kinds import DataSet, QuantityData, Role, of_role
+from commonrail.kinds.maps.folds import Fold, folded_record, interpolation_of, levels, without
+from commonrail.units import to_text
+from commonrail.workers.workers import Workers
+
+__all__ = ["refits_of"]
+
+Note = Callable[[str], None]
+Search = Callable[[Study], "Calibration | None"]
+
+_UNITS = {"rail_pressure": "Pa", "energising_time": "s"}
+
+
+class _StoppedError(Exception):
+    """The user has stopped a further search."""
+
+
+def refits_of(
+    calibration: Calibration, *, threads: int | None = None, workers: Workers | None = None, note: Note = lambda _: None
+) -> dict[str, Any]:
+    """Searches that the study's `judgement` asks for, as a JSON-able record; empty where it asks for none.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the study; nothing is searched if it was interrupted.
+    threads : int, optional
+        All usable processors by default.
+    workers : Workers, optional
+    note : function of str
+        Called before each search.
+
+    Returns
+    -------
+    dict
+        "seeds" and "left_out"; "interrupted" is true if the user stopped before the last search.
+    """
+    wanted: Judgement = calibration.study.judgement
+    if not wanted.wanted or calibration.status != "finished":
+        return {}
+
+    def search(study: Study) -> Calibration | None:
+        try:
+            found = calibrate(study, threads=threads, workers=workers)
+        except SimulationError:
+            return None
+        except KeyboardInterrupt:
+            raise _StoppedError from None
+        if found.status != "finished":
+            raise _StoppedError
+        return found
+
+    record: dict[str, Any] = {"seeds": [_seed_record(calibration)] if wanted.seeds else [], "left_out": []}
+    study = replace(calibration.study, judgement=NO_JUDGEMENT)
+    try:
+        for seed in range(study.seed + 1, study.seed + 1 + wanted.seeds):
+            note(f"searching with seed {seed} ...")
+            other = search(replace(study, seed=seed))
+            record["seeds"].append({"seed": seed, "failed": True} if other is None else _seed_record(other))
+        for by in wanted.leave_out:
+            record["left_out"] += _left_out(study, by.value, search, note)
+    except _StoppedError:
+        record["interrupted"] = True
+    return record
+
+
+def _seed_record(found: Calibration) -> dict[str, Any]:
+    """Objective, errors of the data sets and positions of the parameters that one seed has found."""
+    scores = zip(found.study.data, found.scores["best"], strict=True)
+    parameters = found.study.space.parameters
+    return {
+        "seed": found.study.seed,
+        "objective": number(found.cost),
+        "errors": {data.name: number(score.error) for data, score in scores},
+        "error_heads": {data.name: " ".join(data.error_head) for data in found.study.data},
+        "positions": {p.name: p.position(found.best[p.name]) for p in parameters},
+    }
+
+
+def _left_out(study: Study, by: str, search: Search, note: Note) -> list[dict[str, Any]]:
+    """Records of all fitted maps whose rows at each value of a quantity are left out in turn."""
+    fitted = of_role(study.data, Role.FIT)
+    maps = [data for data in fitted if isinstance(data, QuantityData)]
+    folds: dict[str, list[Fold]] = {data.name: [] for data in maps}
+    failed = []
+    for value in sorted({level for data in maps for level in levels(data, by)}):
+        text = to_text(value, _UNITS[by])
+        parts = {data.name: found for data in maps if (found := without(data, by, value)) is not None}
+        if not parts:
+            continue
+        note(f"searching without {text} ...")
+        kept = [parts[data.name][0] if data.name in parts else data for data in fitted]
+        held = [part[1] for part in parts.values()]
+        other = search(replace(study, data=(*kept, *held)))
+        if other is None:
+            failed.append(text)
+            continue
+        _add(folds, parts, other, kept)
+    records = [folded_record(data, folds[data.name]) for data in maps if folds[data.name]]
+    return [{"by": by, "searches": len(folds[record["name"]]), "failed": failed, **record} for record in records]
+
+
+def _add(folds: dict[str, list[Fold]], parts: dict[str, Any], found: Calibration, kept: Sequence[DataSet]) -> None:
+    """Note the scores of one search on the rows that it has not seen."""
+    scores = dict(zip([data.name for data in found.study.data], found.scores["best"], strict=True))
+    maps = [data for data in kept if isinstance(data, QuantityData)]
+    for name, (_, held, rows) in parts.items():
+        score: Any = scores[held.name]
+        folds[name].append(Fold(rows, score, interpolation_of(held, maps)))

@@ -1,0 +1,87 @@
+"""A quantity map whose rows are left out in turn, and predicted by fits to the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.kinds.base import Role
+from commonrail.kinds.maps.baselines import baseline_record, interpolated, places_of
+from commonrail.kinds.maps.hold_out import chosen_rows, held_out_name, rows_of
+
+if TYPE_CHECKING:
+    from commonrail.kinds.maps.data import QuantityData, QuantityScore
+
+__all__ = ["Fold", "folded_record", "levels", "without"]
+
+_COLUMNS = {"rail_pressure": 0, "energising_time": 1}
+
+
+class Fold(NamedTuple):
+    """Rows (n,) of a map that were left out, and the scores of model and interpolation on them."""
+
+    rows: NDArray[np.bool_]
+    model: QuantityScore
+    baseline: QuantityScore | None
+
+
+def levels(data: QuantityData, by: str) -> list[float]:
+    """Rail pressures [Pa] or energising times [s] of the quantities of a map, in rising order."""
+    return sorted(set(places_of(data)[data.judged, _COLUMNS[by]].tolist()))
+
+
+def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, QuantityData, NDArray[np.bool_]] | None:
+    """Map without the rows at a value, those rows as data of validation, and their mask; None where it is all or none.
+
+    Parameters
+    ----------
+    data : QuantityData
+    by : str
+        "rail_pressure" or "energising_time"; dead times are left out by their rail pressure alone.
+    value : float
+        [Pa] or [s].
+    """
+    rows = rows_of(data, _COLUMNS[by], value)
+    if by == "energising_time":
+        rows = rows & data.judged
+    if not (rows & data.judged).any() or not (~rows & data.judged).any():
+        return None
+    return chosen_rows(data, ~rows), chosen_rows(data, rows, held_out_name(data.name), Role.VALIDATION), rows
+
+
+def interpolation_of(held: QuantityData, fitted: Sequence[QuantityData]) -> Any:
+    """Score of the interpolation of the other rows at those that were left out; None where there is none."""
+    found = interpolated(held, fitted)
+    return None if found is None else found.score
+
+
+def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
+    """JSON-able figures of the predictions of all rows that were left out, each by the fit that did not see it.
+
+    Parameters
+    ----------
+    data : QuantityData
+        The whole map.
+    folds : sequence of Fold
+    """
+    rows = np.any([fold.rows for fold in folds], axis=0)
+    part = chosen_rows(data, rows)
+    model = _joined(data, rows, [(fold.rows, fold.model) for fold in folds])
+    record: dict[str, Any] = {"name": data.name, "values": int(part.judged.sum()), "figures": part.figures_of(model)}
+    others = [(fold.rows, fold.baseline) for fold in folds if fold.baseline is not None]
+    if len(others) == len(folds):
+        text = "interpolating the other points"
+        record["baseline"] = baseline_record(part, model, _joined(data, rows, others), text=text)
+    return record
+
+
+def _joined(data: QuantityData, kept: NDArray[np.bool_], parts: Sequence[tuple[NDArray[np.bool_], Any]]) -> Any:
+    """Score of the kept rows from scores of their parts."""
+    quantity, dead_time = np.full((2, len(kept)), np.nan)
+    for rows, score in parts:
+        quantity[rows] = score.quantity
+        dead_time[rows & data.dead_time] = score.dead_time
+    return chosen_rows(data, kept).scored(quantity[kept], dead_time[kept & data.dead_time])

@@ -1,0 +1,148 @@
+"""Sentences and tables that judge a fit."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import pytest
+
+from commonrail.kinds.maps.view import MapView
+from commonrail.kinds.records import Plotted
+from commonrail.report.build import report_html
+from commonrail.report.judgement import combination_table, judgement_lines, judgement_tables
+from tests.report.samples import map_record
+
+FIGURES = {"rms_large_percent": 3.5, "rms_small": 0.2e-9, "dead_time_rms": 8e-6, "limit_quantity": 3e-9}
+
+
+def seed(number: int, objective: float, position: float) -> dict[str, Any]:
+    heads = {"map": "rms %"}
+    positions = {"valve.mass": position, "valve.damping": 0.5}
+    return {
+        "seed": number,
+        "objective": objective,
+        "errors": {"map": 1.23},
+        "error_heads": heads,
+        "positions": positions,
+    }
+
+
+@pytest.fixture
+def record() -> dict[str, Any]:
+    """A map's record with all that judges a fit."""
+    found = copy.deepcopy(map_record())
+    fitted = found["data"][0]
+    halves = [None if row["dead_time"] else 0.05 * row["measured"] for row in fitted["rows"]]
+    fitted["band"] = {
+        "level": 0.9,
+        "estimator": "Laplace",
+        "half_widths": halves,
+        "values": 14,
+        "covered": 13,
+        "covered_by_parameters_alone": 9,
+        "median_half_width_percent": 4.25,
+    }
+    weights = {"valve.mass": 0.9, "valve.damping": -0.4}
+    combinations = [{"singular_value": v, "weights": w} for v, w in ((40.0, weights), (4.0, {}), (0.5, weights))]
+    found["identifiability"] = {
+        "residuals": 17,
+        "effective_parameters": 2.4,
+        "scatter": 2.0,
+        "combinations": combinations,
+    }
+    found["refits"] = {
+        "seeds": [seed(7, 10.0, 0.2), seed(8, 10.5, 0.45), {"seed": 9, "failed": True}],
+        "left_out": [
+            {
+                "by": "rail_pressure",
+                "name": "map",
+                "searches": 2,
+                "values": 14,
+                "failed": ["80 MPa"],
+                "figures": FIGURES,
+            }
+            | {"baseline": {"text": "interpolating the other points", "beaten": False, "figures": FIGURES}}
+        ],
+    }
+    return found
+
+
+def test_every_judgement_is_a_sentence(record: dict[str, Any]) -> None:
+    assert judgement_lines(record) == [
+        "13 of 14 measured quantities of map (fit) lie in the 90 % band, whose median half width is 4.2 % (9 in that "
+        "of the parameters alone).",
+        "17 residuals determine 2.4 effective parameters of 3; their scatter about the fit is 2.00 tolerances.",
+        "2 seeds end at objectives of 10 and 10.5; the parameter that differs most between them is valve.mass, by 25 % "
+        "of its bounds.",
+        "Each rail pressure of map left out in turn, 2 searches, and predicted: 3.50 % rms above 3 mm³ and 0.200 mm³ "
+        "rms up to 3 mm³.",
+        "The search without 80 MPa could simulate no candidate.",
+        "There the model does not beat its baseline: interpolating the other points of each search gives 3.50 % rms "
+        "above 3 mm³ and 0.200 mm³ rms up to 3 mm³.",
+    ]
+
+
+def test_the_other_way(record: dict[str, Any]) -> None:
+    refits = record["refits"]
+    refits["left_out"][0]["baseline"]["beaten"] = True
+    refits["seeds"] = [seed(7, 10.0, 0.2), seed(8, 10.0, 0.2)]
+    refits["interrupted"] = True
+    lines = "\n".join(judgement_lines(record))
+    assert "the model beats its baseline" in lines
+    assert "2 seeds end at the same values" in lines
+    assert "those that are missing were not run" in lines
+
+
+def test_tables_of_seeds_and_of_what_was_left_out(record: dict[str, Any]) -> None:
+    seeds, left_out = judgement_tables(record)
+    assert [[cell.text for cell in row] for row in seeds.rows] == [
+        ["7", "10", "1.23"],
+        ["8", "10.5", "1.23"],
+        ["9", "–", "–"],
+    ]
+    assert [row[2].text for row in left_out.rows] == ["model", "interpolating the other points"]
+    assert [cell.text for cell in left_out.rows[0]][3:] == ["2", "14", "3.50", "0.200", "8.0"]
+
+
+def test_combinations_that_the_data_hold(record: dict[str, Any]) -> None:
+    table = combination_table(record)
+    assert table is not None
+    # below the scatter of 2 nothing is held; the standard error is 2/40 and 2/4 of the bounds
+    assert [[cell.text for cell in row] for row in table.rows] == [
+        ["+0.90 valve.mass, −0.40 valve.damping", "40", "5"],
+        ["many parameters, none with 0.2", "4", "50"],
+    ]
+    assert "1 further combinations" in table.note
+
+
+def test_a_record_of_before_has_none() -> None:
+    record = map_record()
+    assert judgement_lines(record) == []
+    assert judgement_tables(record) == []
+    assert combination_table(record) is None
+
+
+def test_the_page_shows_them(record: dict[str, Any]) -> None:
+    page = report_html(record, {})
+    for text in ("Judgement of the fit", "Combinations that the data hold", "Other seeds", "lie in the 90 % band"):
+        assert text in page
+
+
+def test_a_table_of_quantities_says_which_lie_in_the_band(record: dict[str, Any]) -> None:
+    table = MapView().tables(record["data"], {"start": "start values", "best": "calibrated"})[1]
+    column = table.columns.index("90 % band, ±")
+    rows = [row for row in record["data"][0]["rows"] if not row["dead_time"]]
+    signs = [row[column].text[-1] for row in table.rows]
+    inside = [abs(row["best"] - row["measured"]) <= 0.05 * row["measured"] for row in rows]
+    assert signs == ["✓" if yes else "✗" for yes in inside]
+    assert set(signs) == {"✓", "✗"}
+
+
+def test_figures_shade_the_band(record: dict[str, Any]) -> None:
+    data = record["data"][0]
+    both = MapView().figures(data, Plotted({}, {}))[:2]  # dead times come after
+    assert all("Shaded: 90 % band" in figure.caption for figure in both)
+    band = both[1].panels[0].bands[0]
+    assert band.high == pytest.approx([5.0] * len(band.x))
+    assert band.low == pytest.approx([-5.0] * len(band.x))
