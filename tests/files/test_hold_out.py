@@ -136,3 +136,15 @@ def test_a_wrong_key_is_a_sentence(load: Load, keys: str, error: type[Commonrail
 def test_only_data_of_the_fit_are_held_out(load: Load) -> None:
     with pytest.raises(InputError, match='only data with role = "fit"'):
         load('hold_out = { rail_pressure = ["80 MPa"] }', role="validation")
+
+
+def test_a_sister_part_is_read_from_its_file(load: Load, tmp_path: Path) -> None:
+    (tmp_path / "sister.csv").write_text(TABLE.format(2, 12, 4, 27, 5, 41), encoding="utf-8")
+    keys = 'sister = { file = "sister.csv", flow_ratio = 0.97 }\nhold_out = { rail_pressure = ["120 MPa"] }'
+    _, held = load(keys).data
+    assert isinstance(held, QuantityData)
+    assert held.sister is not None
+    assert held.sister.flow_ratio == 0.97
+    np.testing.assert_allclose(held.sister.places[5], [120e6, 7e-4, 41e-9], rtol=1e-12)
+    with pytest.raises(InputError, match="ratio of the flows"):
+        load(keys.replace("0.97", "0"))

@@ -11,8 +11,10 @@ import pytest
 
 from commonrail.calibration.result import data_records
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.errors import ConfigurationError
 from commonrail.kinds import QuantityData, Role
 from commonrail.kinds.maps.interpolation import SCALES, interpolate, interpolate_line
+from commonrail.kinds.maps.sister import Sister
 from commonrail.kinds.maps.view import MapView
 from commonrail.report.headline import baseline_lines
 
@@ -147,3 +149,21 @@ def test_dead_times_are_interpolated_between_pressures() -> None:
 def test_no_baseline_without_fitted_maps() -> None:
     seen = a_map(bilinear(1.0), grid(RAILS, TIMES), Role.VALIDATION)
     assert seen.baselines([], seen.scored(seen.quantity, np.empty(0))) == []
+
+
+def test_the_map_of_a_sister_part_is_scaled_by_the_catalogue_flow() -> None:
+    law = bilinear(1.0)
+    sister = Sister(known(law, grid(RAILS, TIMES)), 1.1, "another part")
+    seen = replace(a_map(law, grid(np.array([120e6]), TIMES), Role.VALIDATION), sister=sister)
+    (baseline,) = seen.baselines([], seen.scored(1.05 * seen.quantity, np.empty(0)))
+    assert baseline["text"] == "the sister part's map times 1.1"
+    assert baseline["figures"]["rms_large_percent"] == pytest.approx(10.0, rel=1e-9)
+    assert baseline["beaten"] is True
+    assert "another part" in baseline["rule"]
+
+
+def test_a_sister_part_needs_three_columns_and_a_ratio() -> None:
+    with pytest.raises(ConfigurationError, match="rows of rail pressure, time and quantity"):
+        Sister(np.ones((3, 2)))
+    with pytest.raises(ConfigurationError, match="flow_ratio"):
+        Sister(np.ones((3, 3)), 0.0)

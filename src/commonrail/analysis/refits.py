@@ -12,7 +12,8 @@ from commonrail.calibration.study import Study
 from commonrail.display.text import number
 from commonrail.errors import SimulationError
 from commonrail.kinds import DataSet, QuantityData, Role, of_role
-from commonrail.kinds.maps.folds import Fold, folded_record, interpolation_of, levels, without
+from commonrail.kinds.maps.baselines import interpolated
+from commonrail.kinds.maps.folds import Fold, folded_record, levels, without
 from commonrail.units import to_text
 from commonrail.workers.workers import Workers
 
@@ -119,4 +120,4 @@ def _add(folds: dict[str, list[Fold]], parts: dict[str, Any], found: Calibration
     maps = [data for data in kept if isinstance(data, QuantityData)]
     for name, (_, held, rows) in parts.items():
         score: Any = scores[held.name]
-        folds[name].append(Fold(rows, score, interpolation_of(held, maps)))
+        folds[name].append(Fold(rows, score, interpolated(held, maps)))

@@ -112,10 +112,12 @@ def _left_out_lines(one: Record) -> list[str]:
     if one.get("failed"):
         lines.append(f"The search without {listed(one['failed'])} could simulate no candidate.")
     if baseline := one.get("baseline"):
+        beyond = baseline.get("extrapolated")
+        said = f", {beyond} of its {one['values']} values extrapolated" if beyond else ""
         beats = "beats" if baseline["beaten"] else "does not beat"
         lines.append(
             f"There the model {beats} its baseline: {baseline['text']} of each search gives "
-            f"{_metrics(baseline['figures'])}."
+            f"{_metrics(baseline['figures'])}{said}."
         )
     return lines
 

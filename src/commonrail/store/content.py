@@ -50,6 +50,9 @@ def content_of(study: Study) -> str:
     if FUEL_TEMPERATURE in study.space.names:
         densities = [np.asarray(data.mass_density, float) for data in study.data]
         more += tuple(density for density in densities if not np.isnan(density).all())
+    sisters = tuple(getattr(data, "sister", None) for data in study.data)
+    if any(sisters):
+        more += (sisters,)
     if study.judgement.wanted:
         more += (study.judgement,)
     if any(data.meter for data in study.data):

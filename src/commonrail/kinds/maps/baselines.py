@@ -15,7 +15,7 @@ from commonrail.kinds.records import MM3
 if TYPE_CHECKING:
     from commonrail.kinds.maps.data import QuantityData
 
-__all__ = ["baseline_record", "Interpolated", "interpolated", "interpolated_baseline", "places_of"]
+__all__ = ["baseline_record", "Interpolated", "interpolated", "interpolated_baseline", "places_of", "sister_baseline"]
 
 Floats = NDArray[np.float64]
 
@@ -64,6 +64,31 @@ def interpolated_baseline(data: QuantityData, fitted: Sequence[QuantityData], mo
         text=f"interpolating the {found.known} fitted points",
         rule=RULE.format(scale=found.scale),
         extrapolated=found.extrapolated,
+    )
+
+
+def sister_baseline(data: QuantityData, model: Any) -> dict[str, Any] | None:
+    """Record of the map of a sister part, interpolated and scaled by the catalogue flow; None where none is named.
+
+    Parameters
+    ----------
+    data : QuantityData
+        Validation map.
+    model : QuantityScore
+        Of the calibrated model.
+    """
+    if data.sister is None or not _is_plain(data) or not data.judged.any():
+        return None
+    found = interpolate(data.sister.places, places_of(data))
+    score = data.scored(data.sister.flow_ratio * found.values, np.full(int(data.dead_time.sum()), np.nan))
+    return baseline_record(
+        data,
+        model,
+        score,
+        name="sister",
+        text=f"the sister part's map times {data.sister.flow_ratio:.4g}",
+        rule=f"linear in energising time, then in p, between its points; its source: {data.sister.source}",
+        extrapolated=int(np.count_nonzero(found.extrapolated & data.judged)),
     )
 
 

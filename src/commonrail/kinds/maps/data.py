@@ -11,17 +11,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonrail.arguments import Limits, amount, array, flag, instances, settle
+from commonrail.arguments import Limits, amount, array, flag, instance, instances, settle
 from commonrail.display.text import number
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
-from commonrail.kinds.maps.baselines import interpolated_baseline
+from commonrail.kinds.maps.baselines import interpolated_baseline, sister_baseline
 from commonrail.kinds.maps.dead_times import NO_DEAD_TIME, NOT_REACHED, crossing_times, find_dead_times, neighbours
 from commonrail.kinds.maps.hold_out import divide
 from commonrail.kinds.maps.reading import QuantitiesModel, read_map
+from commonrail.kinds.maps.sister import Sister, read_sister
 from commonrail.kinds.maps.view import MapView
 from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, point_record
@@ -89,6 +90,8 @@ class QuantityData(DataSet):
         measured dead time, whose derivative vanishes where nothing is injected.
     meter : Meter or None
         Of the bench; of its quantities, `gain`, `quantity_offset`, `density` and `temperature` concern a map.
+    sister : Sister or None
+        Measured map of another part of the type, for comparison.
 
     Raises
     ------
@@ -117,6 +120,7 @@ class QuantityData(DataSet):
     mass_density: Floats | float = field(default=math.nan, metadata=LATER)
     dead_time_tolerance: float | None = field(default=None, metadata=LATER)
     meter: Meter | None = field(default=None, metadata=LATER)
+    sister: Sister | None = field(default=None, metadata=LATER)
 
     bounds = None
 
@@ -147,6 +151,8 @@ class QuantityData(DataSet):
         if self.dead_time_tolerance is not None:
             tolerance = amount(self.dead_time_tolerance, "s", "dead_time_tolerance", TIME_TOLERANCES)
             settle(self, dead_time_tolerance=tolerance)
+        if self.sister is not None:
+            instance(self.sister, Sister, "sister")
         self._settle_targets()
 
     def _settle_targets(self) -> None:
@@ -173,8 +179,9 @@ class QuantityData(DataSet):
         rows = read_map(model, context)
         labels = model.weight, model.source, model.synthetic
         values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
+        sister = None if model.sister is None else read_sister(model.sister, context)
         more = rows.mass_density, rows.dead_time_tolerance, context.meter(model.meter)
-        return cls(model.name, Role(model.role), rows.points, *values, *labels, *more)
+        return cls(model.name, Role(model.role), rows.points, *values, *labels, *more, sister=sister)
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
@@ -336,10 +343,10 @@ class QuantityData(DataSet):
         return (self,) if model.hold_out is None else divide(self, model.hold_out, at / "hold_out")
 
     def baselines(self, fitted: Sequence[DataSet], score: QuantityScore) -> list[dict[str, Any]]:
-        """Interpolation of the fitted maps, if there are any."""
+        """Interpolation of the fitted maps, and the map of a sister part, if there are any."""
         maps = [d for d in fitted if isinstance(d, QuantityData)]
-        found = interpolated_baseline(self, maps, score)
-        return [found] if found else []
+        found = interpolated_baseline(self, maps, score), sister_baseline(self, score)
+        return [one for one in found if one]
 
     def _j_of(self, batch: Batch, candidates: Candidates) -> Floats:
         return self.misfit(self._values_of(batch, candidates))[:, None]

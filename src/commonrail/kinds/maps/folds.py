@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.kinds.base import Role
-from commonrail.kinds.maps.baselines import baseline_record, interpolated, places_of
+from commonrail.kinds.maps.baselines import Interpolated, baseline_record, places_of
 from commonrail.kinds.maps.hold_out import chosen_rows, held_out_name, rows_of
 
 if TYPE_CHECKING:
@@ -21,11 +21,11 @@ _COLUMNS = {"rail_pressure": 0, "energising_time": 1}
 
 
 class Fold(NamedTuple):
-    """Rows (n,) of a map that were left out, and the scores of model and interpolation on them."""
+    """Rows (n,) of a map that were left out, the model's score on them, and their interpolation from the others."""
 
     rows: NDArray[np.bool_]
     model: QuantityScore
-    baseline: QuantityScore | None
+    baseline: Interpolated | None
 
 
 def levels(data: QuantityData, by: str) -> list[float]:
@@ -52,12 +52,6 @@ def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, Qu
     return chosen_rows(data, ~rows), chosen_rows(data, rows, held_out_name(data.name), Role.VALIDATION), rows
 
 
-def interpolation_of(held: QuantityData, fitted: Sequence[QuantityData]) -> Any:
-    """Score of the interpolation of the other rows at those that were left out; None where there is none."""
-    found = interpolated(held, fitted)
-    return None if found is None else found.score
-
-
 def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
     """JSON-able figures of the predictions of all rows that were left out, each by the fit that did not see it.
 
@@ -73,8 +67,10 @@ def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
     record: dict[str, Any] = {"name": data.name, "values": int(part.judged.sum()), "figures": part.figures_of(model)}
     others = [(fold.rows, fold.baseline) for fold in folds if fold.baseline is not None]
     if len(others) == len(folds):
+        baseline = _joined(data, rows, [(where, found.score) for where, found in others])
+        beyond = sum(found.extrapolated for _, found in others)
         text = "interpolating the other points"
-        record["baseline"] = baseline_record(part, model, _joined(data, rows, others), text=text)
+        record["baseline"] = baseline_record(part, model, baseline, text=text, extrapolated=beyond)
     return record
 
 

@@ -14,6 +14,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.kinds.maps.hold_out import HoldOutModel
+from commonrail.kinds.maps.sister import SisterModel
 from commonrail.kinds.reading import Context, DataModel, drive_unit, mass_density
 from commonrail.parts.furniture import Domain
 from commonrail.reading.fields import FileModel, Unit, fault
@@ -66,6 +67,7 @@ class QuantitiesModel(DataModel):
     energising_time: list[Annotated[float, Unit("s")]] | None = Field(default=None, min_length=1, max_length=1000)
     dead_times: DeadTimesModel | None = None
     hold_out: HoldOutModel | None = None
+    sister: SisterModel | None = None
     cylinder_pressure: Pressure
     return_pressure: Pressure
     absolute: Annotated[float, Unit("m3")] = 0.15e-9
