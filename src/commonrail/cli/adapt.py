@@ -41,7 +41,7 @@ def adapt(
     threads: Threads = None,
     json: Json = False,
 ) -> None:
-    """Make the model of one part from its type and a few reference quantities.
+    """Make a part's model from its type and few quantities.
 
     Up to three quantities determine the flow factor; from four on the type's parameters are fitted
     too, held by their spreads.
