@@ -72,3 +72,29 @@ def test_a_bad_column_of_points_is_named(command: Command, tmp_path: Path) -> No
     done = command("adapt", file, "--from", points, "--out", tmp_path / "m.toml")
     assert done.status == 2
     assert f'{points}, column "quantity": ' in done.sentence
+
+
+def test_a_family_file_fits_its_parts_together(command: Command, tmp_path: Path) -> None:
+    from commonrail.files.scaffold import write_new
+
+    for part in ("a", "b"):
+        write_new(tmp_path / part)
+    file, models = tmp_path / "family.toml", tmp_path / "parts"
+    parts = "".join(f'[[part]]\nname = "{part}"\nstudy = "{part}/study.toml"\n' for part in ("a", "b"))
+    search = '[optimiser]\nmethod = "staged least squares"\nmembers = 8\nstarts = 1\ngenerations = 2\n'
+    head = 'format = "commonrail-family/1"\nname = "lino"\ntitle = "Two parts"\nflow = "3 %"\n'
+    file.write_text(head + parts + search, encoding="utf-8")
+    done = command("family", file, "--out", tmp_path / "type.toml", "--models", models, "--json")
+    record = done.record
+    known = cr.load_type(tmp_path / "type.toml")
+    assert [part.name for part in known.parts] == ["a", "b"]
+    assert "evi.csv" in known.parts[0].files
+    for part in ("a", "b"):
+        own = cr.load_injector(models / f"{part}.toml")
+        assert record["fits"][part]["best"] == {name: own.values[name] for name in record["fits"][part]["best"]}
+        for parameter in known.parameters:  # all are common
+            assert own.values[parameter.name] == parameter.value
+    # the parts have the same data, so they have the same flow
+    assert record["fits"]["a"]["best"] == pytest.approx(record["fits"]["b"]["best"], rel=0.02)
+    refused = command("family", file, "--out", tmp_path / "type.toml", "--models", models)
+    assert (refused.status, refused.sentence.endswith("nothing was overwritten.")) == (2, True)
