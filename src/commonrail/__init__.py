@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from commonrail.calibration.comparison import Comparison, compare
     from commonrail.calibration.conditions import Condition
     from commonrail.calibration.goal import Loss
+    from commonrail.calibration.judgement import Judgement, LeaveOut
     from commonrail.calibration.objective import Objective
     from commonrail.calibration.optimisers import (
         Counts,
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from commonrail.injector.definition import Injector, Source, parameter_quantities
     from commonrail.injector.variants import Variant
     from commonrail.kinds import QuantityData, RateData, Role
+    from commonrail.kinds.maps.sister import Sister
     from commonrail.observation.low_pass import LowPass
     from commonrail.observation.meter import Meter
     from commonrail.report.build import write_report
@@ -78,6 +80,7 @@ _HOMES = {
     "calibration.comparison": "Comparison compare",
     "calibration.conditions": "Condition",
     "calibration.goal": "Loss",
+    "calibration.judgement": "Judgement LeaveOut",
     "calibration.objective": "Objective",
     "calibration.optimisers": "Counts DifferentialEvolution EvolutionSettings InitialSampling StagedSettings Treatment",
     "calibration.parameter": "Parameter percent_bounds",
@@ -104,6 +107,7 @@ _HOMES = {
     "injector.definition": "Injector Source parameter_quantities",
     "injector.variants": "Variant",
     "kinds": "QuantityData RateData Role",
+    "kinds.maps.sister": "Sister",
     "observation.low_pass": "LowPass",
     "observation.meter": "Meter",
     "report.build": "write_report",
@@ -150,6 +154,7 @@ __all__ = [
     "Role",
     "SeedProgress",
     "SimulationError",
+    "Sister",
     "Solution",
     "Source",
     "Space",
@@ -192,6 +197,8 @@ __all__ = [
     "validate",
     "write_report",
     "write_run",
+    "Judgement",
+    "LeaveOut",
 ]
 
 

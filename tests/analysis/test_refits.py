@@ -1,4 +1,4 @@
-"""Further searches of a study: other seeds, and rows that are left out in turn."""
+"""Further searches of a study: other seeds, and rows that are held out in turn."""
 
 from __future__ import annotations
 

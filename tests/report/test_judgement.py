@@ -75,7 +75,7 @@ def test_every_judgement_is_a_sentence(record: dict[str, Any]) -> None:
         "17 residuals determine 2.4 effective parameters of 3; their scatter about the fit is 2.00 tolerances.",
         "2 seeds end at objectives of 10 and 10.5; the parameter that differs most between them is valve.mass, by 25 % "
         "of its bounds.",
-        "Each rail pressure of map left out in turn, 2 searches, and predicted: 3.50 % rms above 3 mm³ and 0.200 mm³ "
+        "Each rail pressure of map held out in turn, 2 searches, and predicted: 3.50 % rms above 3 mm³ and 0.200 mm³ "
         "rms up to 3 mm³.",
         "The search without 80 MPa could simulate no candidate.",
         "There the model does not beat its baseline: interpolating the other points of each search gives 3.50 % rms "

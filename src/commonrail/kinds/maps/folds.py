@@ -1,4 +1,4 @@
-"""A quantity map whose rows are left out in turn, and predicted by fits to the rest."""
+"""A quantity map whose rows are held out in turn, and predicted by fits to the rest."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, Qu
 
 
 def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
-    """JSON-able figures of the predictions of all rows that were left out, each by the fit that did not see it.
+    """JSON-able figures of the predictions of all rows that were held out, each by the fit that did not see it.
 
     Parameters
     ----------
