@@ -20,6 +20,7 @@ from commonrail.kinds import QuantityData
 from commonrail.kinds.maps.interpolation import interpolate
 from commonrail.store.content import content_of
 from commonrail.store.run import Listener, calibrate_into
+from tests.map_study import map_study
 
 TABLE = """rail_pressure [MPa],energising_time [us],quantity [mm3]
 60,400,4
@@ -29,36 +30,12 @@ TABLE = """rail_pressure [MPa],energising_time [us],quantity [mm3]
 120,400,10
 120,700,42
 """
-STUDY = """
-format = "commonrail-study/1"
-title = "map"
-injector = "cri2-16"
-
-[[data]]
-kind = "quantities"
-name = "map"
-role = "fit"
-file = "map.csv"
-cylinder_pressure = "0.5 MPa"
-return_pressure = "0.1 MPa"
-{hold_out}
-
-[[parameter]]
-name = "control_chamber.a_hole_diameter"
-lower = "190 um"
-upper = "240 um"
-
-[optimiser]
-generations = 2
-members = 6
-{judgement}
-"""
 JUDGED = '[judgement]\nseeds = 1\nleave_out = ["rail_pressure"]\n'
 
 
 def load(folder: Path, hold_out: str = "", judgement: str = "") -> Study:
     (folder / "map.csv").write_text(TABLE, encoding="utf-8")
-    (folder / "study.toml").write_text(STUDY.format(hold_out=hold_out, judgement=judgement), encoding="utf-8")
+    (folder / "study.toml").write_text(map_study(hold_out) + judgement, encoding="utf-8")
     return load_study(folder / "study.toml")
 
 
