@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from commonrail.calibration.comparison import Comparison, compare
     from commonrail.calibration.conditions import Condition
     from commonrail.calibration.goal import Loss
+    from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
     from commonrail.calibration.judgement import Judgement, LeaveOut
     from commonrail.calibration.objective import Objective
     from commonrail.calibration.optimisers import (
@@ -50,11 +51,14 @@ if TYPE_CHECKING:
         SimulationError,
         StudyError,
     )
+    from commonrail.family.adapt import Adapted, adapt
+    from commonrail.family.from_results import type_from_fleet, type_from_runs
     from commonrail.files.fuel_file import load_fuel
     from commonrail.files.injector_file import dump_injector, injector_catalogue, load_injector, load_meters
     from commonrail.files.run_folder import create_run_folder, read_run, write_run
     from commonrail.files.study_file import load_study
     from commonrail.files.truth_file import load_truth
+    from commonrail.files.type_file import dump_type, load_type
     from commonrail.fuel.fuel import Fuel
     from commonrail.injector.definition import Injector, Source, parameter_quantities
     from commonrail.injector.variants import Variant
@@ -80,6 +84,7 @@ _HOMES = {
     "calibration.comparison": "Comparison compare",
     "calibration.conditions": "Condition",
     "calibration.goal": "Loss",
+    "calibration.injector_type": "InjectorType TypeParameter TypePart",
     "calibration.judgement": "Judgement LeaveOut",
     "calibration.objective": "Objective",
     "calibration.optimisers": "Counts DifferentialEvolution EvolutionSettings InitialSampling StagedSettings Treatment",
@@ -98,11 +103,14 @@ _HOMES = {
     "engine.solution": "Batch Solution",
     "engine.status": "Status",
     "errors": "CommonrailError ConfigurationError InputError OutputError SimulationError StudyError",
+    "family.adapt": "Adapted adapt",
+    "family.from_results": "type_from_fleet type_from_runs",
     "files.fuel_file": "load_fuel",
     "files.injector_file": "dump_injector injector_catalogue load_injector load_meters",
     "files.run_folder": "create_run_folder read_run write_run",
     "files.study_file": "load_study",
     "files.truth_file": "load_truth",
+    "files.type_file": "dump_type load_type",
     "fuel.fuel": "Fuel",
     "injector.definition": "Injector Source parameter_quantities",
     "injector.variants": "Variant",
@@ -119,6 +127,7 @@ _HOMES = {
 _MODULES = {name: f"commonrail.{home}" for home, names in _HOMES.items() for name in names.split()}
 
 __all__ = [
+    "Adapted",
     "Batch",
     "Bench",
     "Body",
@@ -136,6 +145,7 @@ __all__ = [
     "Generation",
     "InitialSampling",
     "Injector",
+    "InjectorType",
     "InputError",
     "Loss",
     "LowPass",
@@ -165,8 +175,11 @@ __all__ = [
     "Trace",
     "Treatment",
     "Truth",
+    "TypeParameter",
+    "TypePart",
     "Variant",
     "__version__",
+    "adapt",
     "bench_curve",
     "calibrate",
     "calibrate_into",
@@ -174,6 +187,7 @@ __all__ = [
     "compare",
     "create_run_folder",
     "dump_injector",
+    "dump_type",
     "for_seeds",
     "identify",
     "identify_at",
@@ -184,6 +198,7 @@ __all__ = [
     "load_meters",
     "load_study",
     "load_truth",
+    "load_type",
     "parameter_quantities",
     "percent_bounds",
     "read_run",
@@ -194,6 +209,8 @@ __all__ = [
     "simulate_batch",
     "simulation_figure",
     "steps",
+    "type_from_fleet",
+    "type_from_runs",
     "validate",
     "write_report",
     "write_run",

@@ -15,6 +15,8 @@ VERBS = {
     "validate",
     "compare",
     "fleet",
+    "family",
+    "adapt",
     "resume",
     "runs",
     "reproduce",

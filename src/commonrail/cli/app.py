@@ -8,12 +8,14 @@ from typing import Annotated
 
 import typer
 
+from commonrail.cli.adapt import adapt
 from commonrail.cli.bench import bench
 from commonrail.cli.calibrate import calibrate
 from commonrail.cli.catalogue import catalogue
 from commonrail.cli.compare import compare
 from commonrail.cli.console import compiling, say, say_of_ending
 from commonrail.cli.doctor import doctor
+from commonrail.cli.family import family
 from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
 from commonrail.cli.new import new
@@ -47,6 +49,8 @@ _VERBS = (
     validate,
     compare,
     fleet,
+    family,
+    adapt,
     report,
     verify,
     catalogue,

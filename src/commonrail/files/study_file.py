@@ -31,6 +31,7 @@ from commonrail.files.study_models import (
     ParameterModel,
     StudyModel,
 )
+from commonrail.files.type_in_study import read_type, with_type
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.kinds import KINDS, DataSet
 from commonrail.kinds.maps.reading import AFTER_ENERGISING
@@ -84,7 +85,9 @@ def _study(file: Path) -> Study:
     at = Place(str(file))
     model = read_model(StudyModel, document, at)
     reach = Reach(file, model.allow_outside)
-    injector = _started(_injector(model.injector, reach, at / "injector"), model, at)
+    injector = _injector(model.injector, reach, at / "injector")
+    model = with_type(model, injector, read_type(model, reach, at), at)
+    injector = _started(injector, model, at)
     free = free_parameters(model.meters, at / "meters")
     space = _space(model.parameter, model.constraints, injector, at, free)
     with located(at / "time_step"):

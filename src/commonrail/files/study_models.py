@@ -29,8 +29,11 @@ __all__ = [
     "ConstraintsModel",
     "Optimisers",
     "FixedModel",
+    "InItsUnit",
     "ParameterModel",
+    "PriorModel",
     "StudyModel",
+    "known_parameter",
     "read_optimisers",
 ]
 
@@ -44,7 +47,8 @@ MOST_SEEDS = 100
 _BLOCK = OneOf("kind", {name: kind.model for name, kind in KINDS.items()})
 
 
-def _parameter(item: str) -> str:
+def known_parameter(item: str) -> str:
+    """Name of a parameter, or a fault with the nearest one."""
     if item not in (known := parameter_quantities()):
         raise fault(f'there is no parameter "{item}"{nearest(item, known)}')
     return item
@@ -67,7 +71,7 @@ def _step(item: Any) -> float | None:
     return None if item == "auto" else Unit("s").read(item)
 
 
-_Value = Annotated[float, PlainValidator(_in_its_unit)]
+InItsUnit = Annotated[float, PlainValidator(_in_its_unit)]
 _Percent = Annotated[float, PlainValidator(_percent)]
 
 
@@ -92,8 +96,8 @@ class ConditionModel(FileModel):
 class FixedModel(FileModel):
     """A value of the injector that the study changes and does not calibrate."""
 
-    name: Annotated[str, AfterValidator(_parameter)]
-    value: _Value
+    name: Annotated[str, AfterValidator(known_parameter)]
+    value: InItsUnit
     mark: Mark = "E"
     source: str = UNSTATED.text
 
@@ -101,14 +105,14 @@ class FixedModel(FileModel):
 class ParameterModel(FileModel):
     """A parameter to be calibrated: bounds around a reference in percent, Eq. (16), or outright."""
 
-    name: Annotated[str, AfterValidator(_parameter)]
-    start: _Value | None = None
+    name: Annotated[str, AfterValidator(known_parameter)]
+    start: InItsUnit | None = None
     prior: PriorModel | None = None
-    reference: _Value | None = None
+    reference: InItsUnit | None = None
     below: _Percent | None = None
     above: _Percent | None = None
-    lower: _Value | None = None
-    upper: _Value | None = None
+    lower: InItsUnit | None = None
+    upper: InItsUnit | None = None
     scale: Literal["linear", "log"] = "linear"
     mark: Mark | None = None
     source: str | None = None
@@ -188,6 +192,7 @@ class StudyModel(FileModel):
     note: str = ""
     allow_outside: bool = False
     injector: str
+    type: Text | None = None
     seed: int = Field(default=1, ge=0)
     time_step: Annotated[float | None, PlainValidator(_step)] = None  # "auto": short enough for every candidate
     precision: Precision = Field(default=Precision.F64, strict=False)
@@ -197,7 +202,7 @@ class StudyModel(FileModel):
     judgement: JudgementModel = JudgementModel()
     meters: MeterTables = Field(default_factory=dict)
     data: list[Annotated[DataModel, _BLOCK]] = Field(min_length=1, max_length=MOST_SETS)
-    parameter: list[ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
+    parameter: list[ParameterModel] = Field(default=[], max_length=MOST_PARAMETERS)  # all of the type
     constraints: ConstraintsModel = ConstraintsModel()
     condition: list[ConditionModel] = Field(default=[], max_length=MOST_CONDITIONS)
     optimiser: Annotated[Optimisers, PlainValidator(read_optimisers)] = Field(

@@ -125,6 +125,8 @@ def _template(path: Path, left_out: Sequence[str], at: Place) -> Template:
     with located(at / "study"):
         tables, text = read_toml(path)
     model = read_model(StudyModel, tables, Place(str(path)))
+    if not model.parameter:
+        raise Place(str(path), "parameter").error("a template states its free parameters, also where it names a type")
     names = [data.name for data in model.data]
     for name in left_out:
         if name not in names:

@@ -12,6 +12,7 @@ import tomlkit
 
 from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import load_injector
+from commonrail.files.type_file import load_type
 from commonrail.fleet.fleet_file import Fleet, Template
 from commonrail.fleet.supply import DEAD_TIMES
 from commonrail.reading.guarded_file import noting_files, read_plain, sha256
@@ -71,6 +72,8 @@ def _text(fleet: Fleet, name: str, files: Mapping[str, Path]) -> str:
     tables["title"] = f"{template.model.title}: injector {name}"
     tables["seed"] = seed_of(fleet.seed, name)
     tables["injector"] = _absolute(base, tables["injector"]) if _is_file(tables["injector"]) else tables["injector"]
+    if "type" in tables:
+        tables["type"] = _absolute(base, tables["type"])
     tables["data"] = [_data(data, files, base) for data in template.document["data"] if data["name"] in files]
     if "meters" in tables:
         seen = {data.get("meter") for data in tables["data"]}
@@ -100,6 +103,7 @@ def _data(data: Mapping[str, Any], files: Mapping[str, Path], base: Path) -> dic
 def shared_files(template: Template) -> dict[str, Path]:
     """Files that are the same for all injectors, by the names that the template gives them."""
     names = [template.model.injector] if _is_file(template.model.injector) else []
+    names += [template.model.type] if template.model.type else []
     for data in template.document["data"]:
         courses = [data[key] for key in _COURSES if isinstance(data.get(key), dict)]
         names += [course["file"] for course in courses if "file" in course and data["name"] not in template.left_out]
@@ -118,6 +122,8 @@ def read_shared(template: Template) -> dict[Path, str]:
         for name, path in shared_files(template).items():
             if name == template.model.injector:
                 load_injector(path, Reach(template.path, outside=True))
+            elif name == template.model.type:
+                load_type(path, Reach(template.path, outside=True))
             read_plain(path)
     return noted
 

@@ -17,6 +17,8 @@ _KINDS = {
     "commonrail-study": "a study file",
     "commonrail-fleet": "a fleet file",
     "commonrail-truth": "a truth of the virtual test bench",
+    "commonrail-type": "a type of injector",
+    "commonrail-family": "a family of injectors",
 }
 
 

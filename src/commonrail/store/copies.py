@@ -25,7 +25,7 @@ __all__ = ["copies_of", "copy_study", "set_in_study", "with_generations"]
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
 RESERVED = (STUDY, "calibrated.toml", RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
-_NAMES_A_FILE = ("file", "injector")  # keys of TOML files
+_NAMES_A_FILE = ("file", "injector", "type")  # keys of TOML files
 
 
 def copies_of(study: Study) -> list[str]:

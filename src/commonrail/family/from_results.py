@@ -1,0 +1,220 @@
+"""Types from results: of one calibrated part, of several, or of a fleet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.arguments import file_path, number, plain_text, sequence
+from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
+from commonrail.errors import InputError
+from commonrail.family.spread import over_parts
+from commonrail.files.record_file import read_record
+from commonrail.files.run_folder import RESULT, STUDY
+from commonrail.files.study_file import load_study
+from commonrail.files.sums import check_sum
+from commonrail.injector.definition import Injector, parameter_quantities
+from commonrail.observation.quantities import is_of_meter
+from commonrail.reading.csv_file import CsvFile
+from commonrail.reading.guarded_file import fingerprint
+from commonrail.reading.sheet import name_and_unit
+
+__all__ = ["FLEET", "type_from_fleet", "type_from_runs"]
+
+Floats = NDArray[np.float64]
+
+FLEET, TABLE = "fleet.json", "results.csv"
+FEWEST_MEMBERS = 2
+MOST_ROWS = 10_000_000
+ERROR = " standard error"
+
+
+class _Run(NamedTuple):
+    """A calibrated part: record of its result, its injector and data if the study can be read, and fingerprints."""
+
+    folder: Path
+    record: Mapping[str, Any]
+    injector: Injector | None
+    part: TypePart
+
+    @property
+    def parameters(self) -> dict[str, Mapping[str, Any]]:
+        """Records of the injector's free parameters by name."""
+        return {p["name"]: p for p in self.record["parameters"] if not is_of_meter(p["name"])}
+
+
+def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: float | None = None) -> InjectorType:
+    """Type of injector from the run folders of calibrated parts.
+
+    Parameters
+    ----------
+    folders : sequence of path
+        Run folders of ``commonrail calibrate``, one for each part.
+    name : str
+        Of the type.
+    part_spread : float, optional
+        Standard deviation between parts as a share of the value, such as 0.03. It is needed for what one part cannot
+        tell, and is marked as an estimate.
+
+    Returns
+    -------
+    InjectorType
+        Of the parameters that are free in every run. From several parts: mean and spread over the parts. From one part:
+        its values; the spread is sqrt(standard error² + (part_spread × value)²) if `part_spread` is given, else the
+        prior's of its study, else that of a value anywhere within the bounds, range/√12.
+
+    Raises
+    ------
+    InputError
+        If a folder is no run folder, or no parameter is free in all of them.
+    ConfigurationError
+        If an argument is of another kind.
+    """
+    name = plain_text(name, "name of a type")
+    runs = [_read(file_path(folder, "folder")) for folder in sequence(folders, "folders", '["runs/a", "runs/b"]')]
+    if part_spread is not None:
+        part_spread = number(part_spread, "1", "part_spread")
+    if not runs:
+        raise InputError("A type needs at least one calibrated part; name a run folder.")
+    shared = [key for key in runs[0].parameters if all(key in run.parameters for run in runs)]
+    if not shared:
+        raise InputError(f"{runs[0].folder}: no parameter is free in all runs; a type is of what all parts fitted.")
+    source = f"fitted to {', '.join(run.record['title'] for run in runs)}"
+    found = tuple(_over_runs(key, [run.parameters[key] for run in runs], source, part_spread) for key in shared)
+    return InjectorType(
+        name,
+        f"{name}: {len(runs)} calibrated part{'s' if len(runs) > 1 else ''}",
+        found,
+        tuple(run.part for run in runs),
+        runs[0].injector,
+        synthetic=" ".join(dict.fromkeys(run.record["synthetic"] for run in runs if run.record["synthetic"])),
+    )
+
+
+def _read(folder: Path) -> _Run:
+    record = read_record(folder / RESULT, "commonrail calibrate")
+    if record.get("kind") != "calibration":
+        raise InputError(f"{folder}: this is no run folder of commonrail calibrate; name one.")
+    own = {RESULT: fingerprint(folder / RESULT)}
+    sources = "; ".join(dict.fromkeys(d["source"] for d in record["data"] if d["role"] == "fit"))
+    if not (folder / STUDY).is_file() or not (folder / STUDY).stat().st_size:
+        return _Run(folder, record, None, TypePart(record["title"], sources, own))  # a study made in Python
+    study = load_study(folder / STUDY)
+    root = folder.absolute()
+    files = {path.relative_to(root).as_posix(): digest for path, digest in study.files.items()}
+    return _Run(folder, record, study.injector, TypePart(record["title"], sources, files | own))
+
+
+def _over_runs(name: str, own: Sequence[Mapping[str, Any]], source: str, part_spread: float | None) -> TypeParameter:
+    """A parameter over the records of parts."""
+    lower, upper = min(p["lower"] for p in own), max(p["upper"] for p in own)
+    if len(own) == 1:
+        value, spread, why = _of_one(own[0], part_spread)
+        return TypeParameter(name, value, spread, lower, upper, "F", f"{source}; spread: {why}")
+    errors = [math.nan if p.get("standard_error") is None else p["standard_error"] for p in own]
+    return _estimated(name, [p["best"] for p in own], errors, (lower, upper), source)
+
+
+def _of_one(p: Mapping[str, Any], part_spread: float | None) -> tuple[float, float, str]:
+    """Value and spread of a parameter of one part, and the origin of the spread."""
+    value = p["best"]
+    error = p.get("standard_error")
+    if part_spread is not None:
+        spread = math.hypot(error or 0.0, part_spread * abs(value))
+        if spread > 0.0:
+            return value, spread, f"standard error and {100 * part_spread:g} % between parts [E, assumed]"
+    if "prior" in p:
+        return value, p["prior"]["sigma"], "that of the study's prior"
+    return value, (p["upper"] - p["lower"]) / math.sqrt(12.0), "of a value anywhere within the bounds"
+
+
+def _estimated(
+    name: str,
+    values: Sequence[float] | Floats,
+    errors: Sequence[float] | Floats,
+    bounds: tuple[float, float],
+    source: str,
+) -> TypeParameter:
+    found = over_parts(values, errors)
+    spread = found.spread or 1e-6 * (bounds[1] - bounds[0])  # parts that are exactly alike
+    value = min(max(found.value, bounds[0]), bounds[1])
+    return TypeParameter(name, value, spread, *bounds, "F", f"{source}; spread over {len(values)} parts")
+
+
+def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
+    """Type of injector from the tables that ``commonrail fleet`` leaves.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder with fleet.json and results.csv.
+    name : str
+        Of the type.
+
+    Returns
+    -------
+    InjectorType
+        Mean and spread of every free parameter over the injectors that were calibrated, see `over_parts`. The bounds
+        are the smallest and largest value found, and three spreads to both sides.
+
+    Raises
+    ------
+    InputError
+        If a table cannot be read, is not the one that was written, or fewer than two injectors are in it.
+    ConfigurationError
+        If an argument is of another kind.
+    """
+    folder, name = file_path(folder, "folder"), plain_text(name, "name of a type")
+    record = read_record(folder / FLEET, "commonrail fleet")
+    check_sum(folder / TABLE)
+    columns, count = _columns(folder / TABLE)
+    source = f"fleet: {record['title']}"
+    found = []
+    for parameter in columns:
+        if parameter.endswith(ERROR) or parameter not in parameter_quantities():
+            continue
+        values = columns[parameter]
+        errors = columns.get(parameter + ERROR, np.full(len(values), np.nan))
+        there = np.isfinite(values)
+        estimate = over_parts(values[there], errors[there])
+        q = parameter_quantities()[parameter]
+        low = min(float(np.min(values[there])), estimate.value - 3.0 * estimate.spread)
+        high = max(float(np.max(values[there])), estimate.value + 3.0 * estimate.spread)
+        low = low if q.domain.admits(low) else float(np.min(values[there]))
+        high = high if q.domain.admits(high) else float(np.max(values[there]))
+        found.append(_estimated(parameter, values[there], errors[there], (low, high), source))
+    files = {FLEET: fingerprint(folder / FLEET), TABLE: fingerprint(folder / TABLE)}
+    part = TypePart(record["title"], source, files, count)
+    return InjectorType(
+        name, f"{name}: fleet of {count} injectors", tuple(found), (part,), synthetic=record["synthetic"]
+    )
+
+
+def _columns(path: Path) -> tuple[dict[str, Floats], int]:
+    """Columns of parameters, and of their standard errors, of the injectors that are finished; their number."""
+    table = CsvFile(path, most=MOST_ROWS, plain=True)
+    names = [name_and_unit(cell)[0] for cell in table.header]
+    if "status" not in names:
+        raise InputError(f"{path}: there is no column status; name the folder of commonrail fleet.")
+    rows = [row for _, row in table.rows if row[names.index("status")].strip() == "finished"]
+    if len(rows) < FEWEST_MEMBERS:
+        raise InputError(
+            f"{path}: {len(rows)} injectors are finished, and at least {FEWEST_MEMBERS} are needed for a spread; "
+            "make a type of one part from its run folder."
+        )
+    known = parameter_quantities()
+    wanted = {i: name for i, name in enumerate(names) if name.removesuffix(ERROR) in known}
+    found = {name: np.array([_cell(row[i], path) for row in rows]) for i, name in wanted.items()}
+    return found, len(rows)
+
+
+def _cell(text: str, path: Path) -> float:
+    try:
+        return float(text) if text.strip() else math.nan
+    except ValueError as error:
+        raise InputError(f'{path}: "{text[:40]}" is no number; the table is not the one that was written.') from error

@@ -1,0 +1,79 @@
+"""Mean and spread of a parameter over parts whose own values are known with errors (random effects)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Estimate", "over_parts"]
+
+_HALVINGS = 200  # of the interval that holds the variance between parts: to the last bit
+
+
+class Estimate(NamedTuple):
+    """Mean over parts, and the standard deviation of the next part's value about it.
+
+    Attributes
+    ----------
+    value : float
+        Mean over the parts, each weighed by its own error.
+    spread : float
+        sqrt(between² + error of the mean²): that of the next part's value about `value`.
+    between : float
+        Standard deviation between parts beyond what their errors explain; 0 if they explain it all.
+    """
+
+    value: float
+    spread: float
+    between: float
+
+
+def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
+    """Two-step estimate of the distribution of a parameter over parts.
+
+    Each part's value x_i has been fitted by itself, with the standard error e_i. The variance between parts, τ², is
+    that for which Σ (x_i − μ)²/(e_i² + τ²) equals n − 1 (Paule and Mandel 1982), with μ the mean weighed by
+    1/(e_i² + τ²). A part whose error is not known counts as one with the mean error of the others, and as exact if none
+    is known.
+
+    Parameters
+    ----------
+    values : (n,)
+        n ≥ 2.
+    errors : (n,)
+        Standard errors in the unit of the values, ≥ 0; NaN where one is not known.
+
+    Returns
+    -------
+    Estimate
+    """
+    x, e = np.asarray(values, float), np.asarray(errors, float)
+    known = np.isfinite(e)
+    variance = np.where(known, e, np.sqrt(np.mean(e[known] ** 2)) if known.any() else 0.0) ** 2
+    low, high = 0.0, float(np.sum((x - np.mean(x)) ** 2))
+    if _excess(x, variance) > 0.0:  # the errors alone do not explain the differences
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if _excess(x, variance + middle) > 0.0 else (low, middle)
+    else:
+        high = 0.0
+    mean, error = _mean(x, variance + high)
+    return Estimate(mean, float(np.sqrt(high + error**2)), float(np.sqrt(high)))
+
+
+def _mean(x: NDArray[np.float64], variance: NDArray[np.float64]) -> tuple[float, float]:
+    """Weighed mean and its standard error."""
+    if not np.all(variance > 0.0):  # all parts alike, or exact
+        return float(np.mean(x)), 0.0
+    weights = 1.0 / variance
+    return float(np.sum(weights * x) / np.sum(weights)), float(1.0 / np.sqrt(np.sum(weights)))
+
+
+def _excess(x: NDArray[np.float64], variance: NDArray[np.float64]) -> float:
+    """Σ (x − μ)²/variance beyond n − 1."""
+    if not np.all(variance > 0.0):
+        return float(np.ptp(x) > 0.0)
+    mean, _ = _mean(x, variance)
+    return float(np.sum((x - mean) ** 2 / variance)) - (len(x) - 1)

@@ -1,0 +1,181 @@
+"""Families from TOML: the studies of several parts, and what their parameters share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, PlainValidator
+
+from commonrail.arguments import file_path
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.prior import Prior
+from commonrail.calibration.products import Products
+from commonrail.calibration.space import Space
+from commonrail.calibration.study import Method, Study
+from commonrail.errors import nearest
+from commonrail.family.adapt import FLOW
+from commonrail.family.sharing import Share, Shared, Sharing, joint_space
+from commonrail.files.study_file import load_study
+from commonrail.files.study_models import Optimisers, read_optimisers
+from commonrail.injector.definition import parameter_quantities
+from commonrail.kinds import Role, of_role
+from commonrail.kinds.reading import Name
+from commonrail.reading.faults import read_model
+from commonrail.reading.fields import FileModel, Text, Unit
+from commonrail.reading.guarded_file import noting_files
+from commonrail.reading.place import Place, located
+from commonrail.reading.reach import Reach
+from commonrail.reading.toml_file import read_toml
+from commonrail.units import parse
+
+__all__ = ["Family", "load_family"]
+
+MOST_PARTS = 100
+MOST_AROUND = 1000
+FARTHEST = 4.0  # standard deviations that a flow factor may lie from 1
+
+
+class _PartModel(FileModel):
+    name: Name
+    study: Text
+
+
+class _AroundModel(FileModel):
+    name: Text
+    spread: str | float
+
+
+class _FamilyModel(FileModel):
+    """The whole file."""
+
+    format: Literal["commonrail-family/1"]
+    name: Name
+    title: Text
+    allow_outside: bool = False
+    seed: int = Field(default=1, ge=0)
+    part: list[_PartModel] = Field(min_length=2, max_length=MOST_PARTS)
+    per_part: list[str] = Field(default=[], max_length=MOST_AROUND)
+    around: list[_AroundModel] = Field(default=[], max_length=MOST_AROUND)
+    flow: Annotated[float, Unit("1")] | None = None
+    optimiser: Annotated[Optimisers, PlainValidator(read_optimisers)] = Field(
+        default_factory=lambda: read_optimisers({"method": "staged least squares"})
+    )
+
+
+@dataclass(frozen=True)
+class Family:
+    """Several parts of one type, to be fitted together.
+
+    Attributes
+    ----------
+    name, title : str
+    parts : mapping of str to Study
+        Study of each part by its name.
+    space : Space
+        Of the joint parameters.
+    sharing : Sharing
+        Map from joint points to the parts'.
+    shared : mapping of str to Shared
+        Relation of each parameter that is not common.
+    method : Method
+    seed : int
+    """
+
+    name: str
+    title: str
+    parts: Mapping[str, Study]
+    space: Space
+    sharing: Sharing
+    shared: Mapping[str, Shared]
+    method: Method
+    seed: int
+
+
+def load_family(path: str | Path) -> Family:
+    """Read a family with the studies of its parts.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML file; the paths in it are relative to its folder.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or something in it is unknown, missing or of the wrong kind.
+    ConfigurationError
+        If values contradict one another.
+    """
+    file = file_path(path, "path of a family")
+    at = Place(str(file))
+    model = read_model(_FamilyModel, read_toml(file)[0], at)
+    studies = _studies(model, Reach(file, model.allow_outside), file.parent, at)
+    shared = _shared(model, studies, at)
+    with located(at):
+        space, sharing = joint_space({name: study.space for name, study in studies.items()}, shared)
+    with located(at / "optimiser"):
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in model.optimiser.settings.items()}
+        settings = model.optimiser.chosen.settings(**values)
+    return Family(model.name, model.title, studies, space, sharing, shared, Method(settings), model.seed)
+
+
+def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict[str, Study]:
+    found: dict[str, Study] = {}
+    for i, part in enumerate(model.part):
+        place = (at / "part")[i]
+        if part.name in found:
+            raise (place / "name").error(f'there are two parts "{part.name}"; rename one')
+        with noting_files() as files:
+            study = load_study(reach.path(folder, part.study, place / "study"))
+        if not of_role(study.data, Role.FIT):
+            raise (place / "study").error("no data set of this study has role fit")
+        found[part.name] = replace(_with_flow(study, model.flow), files=study.files or files)
+    return found
+
+
+def _with_flow(study: Study, spread: float | None) -> Study:
+    """The study with an effective hole diameter about that of its own drawing, by a spread of the hole area."""
+    if spread is None or FLOW in study.space.names:
+        return study
+    own = study.injector.values[FLOW]
+    sigma = 0.5 * spread * own  # the area is the square of the diameter
+    source = "hole diameter of the part's drawing; the spread is that of the family's flow"
+    low, high = own - FARTHEST * sigma, own + FARTHEST * sigma
+    prior = Prior(own, sigma, source)
+    flow = Parameter(FLOW, own, low, high, "m", mark="E", source=source, prior=prior)
+    old = study.space
+    products = Products([c._replace(exponents=np.append(c.exponents, 0.0)) for c in old.products.constraints])
+    return replace(study, space=Space((*old.parameters, flow), old.constraints, products))
+
+
+def _shared(model: _FamilyModel, studies: Mapping[str, Study], at: Place) -> dict[str, Shared]:
+    known = dict.fromkeys(name for study in studies.values() for name in study.space.names)
+    found: dict[str, Shared] = {} if model.flow is None else {FLOW: Shared(Share.PER_PART)}
+    for i, pattern in enumerate(model.per_part):
+        place = (at / "per_part")[i]
+        for name in _matching(pattern, known, place):
+            found[name] = Shared(Share.PER_PART)
+    for i, item in enumerate(model.around):
+        place = (at / "around")[i]
+        for name in _matching(item.name, known, place / "name"):
+            if name in found:
+                raise (place / "name").error(f"{name} is given a second time; keep one of both")
+            with located(place / "spread"):
+                spread = parse(item.spread, parameter_quantities()[name].unit)
+            if not spread > 0.0:
+                raise (place / "spread").error("the spread must be greater than zero; a common parameter has none")
+            found[name] = Shared(Share.AROUND, spread)
+    return found
+
+
+def _matching(pattern: str, known: Mapping[str, None], at: Place) -> list[str]:
+    """Free parameters that a name, or a pattern with a star, names."""
+    names = [name for name in known if fnmatchcase(name, pattern)]
+    if not names:
+        raise at.error(f'no part has the free parameter "{pattern}"{nearest(pattern, known)}')
+    return names

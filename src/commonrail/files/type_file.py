@@ -1,0 +1,165 @@
+"""Types of injectors from TOML and to TOML: values, spreads, bounds, and the parts that they were learnt from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomlkit
+from pydantic import AfterValidator, Field
+
+from commonrail.arguments import file_path, instance
+from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
+from commonrail.files.atomic import write_text
+from commonrail.files.injector_file import injector_catalogue, load_injector
+from commonrail.files.study_models import MOST_PARAMETERS, InItsUnit, known_parameter
+from commonrail.injector.definition import Injector, parameter_quantities
+from commonrail.kinds.reading import Name
+from commonrail.reading.faults import read_model
+from commonrail.reading.fields import UNSTATED, FileModel, Mark, Text
+from commonrail.reading.place import Place, located
+from commonrail.reading.reach import Reach
+from commonrail.reading.toml_file import read_toml
+from commonrail.units import to_text
+
+__all__ = ["dump_type", "load_type", "type_text"]
+
+FORMAT = "commonrail-type/1"
+MOST_PARTS = 1000
+
+
+class _PartModel(FileModel):
+    name: Name
+    source: str = UNSTATED.text
+    injectors: int = Field(default=1, ge=1)
+    files: dict[str, str] = Field(default={}, max_length=MOST_PARTS)
+
+
+class _ParameterModel(FileModel):
+    name: Annotated[str, AfterValidator(known_parameter)]
+    value: InItsUnit
+    spread: InItsUnit
+    lower: InItsUnit
+    upper: InItsUnit
+    mark: Mark = "F"
+    source: str = UNSTATED.text
+
+
+class _TypeModel(FileModel):
+    """The whole file."""
+
+    format: Literal["commonrail-type/1"]
+    name: Name
+    title: Text | None = None
+    synthetic: str = ""
+    allow_outside: bool = False
+    injector: Text | None = None
+    part: list[_PartModel] = Field(default=[], max_length=MOST_PARTS)
+    parameter: list[_ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
+
+
+def load_type(path: str | Path, reach: Reach | None = None) -> InjectorType:
+    """Read a type of injector.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML file, as `dump_type` writes it.
+    reach : Reach, optional
+        Where the file of its injector may lie; by default in the type's folder or below, unless the type's file says
+        ``allow_outside = true``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or something in it is unknown, missing or of the wrong kind.
+    ConfigurationError
+        If `path` is no path, or numbers contradict one another.
+    """
+    file = file_path(path, "path of a type")
+    at = Place(str(file))
+    model = read_model(_TypeModel, read_toml(file)[0], at)
+    parameters = []
+    for i, item in enumerate(model.parameter):
+        with located((at / "parameter")[i]):
+            parameters.append(TypeParameter(**dict(item)))
+    with located(at):
+        return InjectorType(
+            model.name,
+            model.title or model.name,
+            tuple(parameters),
+            tuple(TypePart(part.name, part.source, part.files, part.injectors) for part in model.part),
+            _injector(model, reach or Reach(file, model.allow_outside), file, at / "injector"),
+            synthetic=model.synthetic,
+        )
+
+
+def _injector(model: _TypeModel, reach: Reach, file: Path, at: Place) -> Injector | None:
+    if model.injector is None:
+        return None
+    if model.injector.endswith(".toml"):
+        return load_injector(reach.path(file.parent, model.injector, at), reach)
+    with located(at):
+        return load_injector(model.injector, reach)
+
+
+def dump_type(injector_type: InjectorType, path: str | Path) -> None:
+    """Write a type, which `load_type` reads back bit by bit.
+
+    Its injector is named if it is of the catalogue; another one is not kept.
+
+    Parameters
+    ----------
+    injector_type : InjectorType
+    path : str or Path
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    ConfigurationError
+        If an argument is of another kind.
+    """
+    instance(injector_type, InjectorType, "type")
+    write_text(file_path(path, "path of a type"), type_text(injector_type))
+
+
+def type_text(injector_type: InjectorType) -> str:
+    """The file's text."""
+    document = tomlkit.document()
+    head = {"format": FORMAT, "name": injector_type.name, "title": injector_type.title}
+    head |= {"synthetic": injector_type.synthetic} if injector_type.synthetic else {}
+    if injector_type.injector is not None and injector_type.injector.name in injector_catalogue():
+        head["injector"] = injector_type.injector.name
+    document.update(head)
+    document.add("part", _tables([_part(part) for part in injector_type.parts]))
+    document.add("parameter", _tables([_parameter(parameter) for parameter in injector_type.parameters]))
+    return tomlkit.dumps(document)
+
+
+def _tables(items: list[dict[str, Any]]) -> Any:
+    """List of tables, each with a comment behind its value if it has one."""
+    tables = tomlkit.aot()
+    for item in items:
+        table = tomlkit.table()
+        note = item.pop("", None)
+        table.update(item)
+        if note:
+            table["value"].comment(note)
+        tables.append(table)
+    return tables
+
+
+def _part(part: TypePart) -> dict[str, Any]:
+    found: dict[str, Any] = {"name": part.name, "source": part.source}
+    found |= {"injectors": part.injectors} if part.injectors != 1 else {}
+    return found | ({"files": dict(part.files)} if part.files else {})
+
+
+def _parameter(parameter: TypeParameter) -> dict[str, Any]:
+    q = parameter_quantities()[parameter.name]
+    numbers = {key: getattr(parameter, key) for key in ("value", "spread", "lower", "upper")}
+    # float(): a NumPy float writes its type into its repr.
+    written = {key: float(v) if q.unit == "1" else f"{float(v)!r} {q.unit}" for key, v in numbers.items()}
+    note = f"{to_text(parameter.value, q.unit)} ± {to_text(parameter.spread, q.unit)}: {q.meaning}"
+    return {"name": parameter.name, **written, "mark": parameter.mark, "source": parameter.source, "": note}
