@@ -82,8 +82,18 @@ def test_every_row_is_predicted_by_the_fit_that_does_not_see_it(
         baseline.append(found_by[int(np.argmin([np.sum(t**2) for t in tolerances]))])
     rms, other = (100.0 * np.sqrt(np.mean(np.concatenate(part) ** 2)) for part in (model, baseline))
     assert found["figures"]["rms_large_percent"] == pytest.approx(rms, rel=1e-12)
-    assert found["baseline"]["figures"]["rms_large_percent"] == pytest.approx(other, rel=1e-9)
-    assert found["baseline"]["beaten"] is bool(rms < other)
+    (interpolation,) = found["baselines"]
+    assert interpolation["figures"]["rms_large_percent"] == pytest.approx(other, rel=1e-9)
+    assert interpolation["beaten"] is bool(rms < other)
+
+
+def test_the_map_of_a_sister_part_stands_beside_them(tmp_path: Path) -> None:
+    (tmp_path / "sister.csv").write_text(TABLE, encoding="utf-8")
+    study = load(tmp_path, 'sister = { file = "sister.csv", flow_ratio = 1.2 }', JUDGED)
+    (found,) = refits_of(calibrate(study, threads=1), threads=1)["left_out"]
+    sister = found["baselines"][1]
+    assert sister["text"] == "the sister part's map times 1.2"
+    assert sister["figures"]["rms_large_percent"] == pytest.approx(20.0, rel=1e-9)  # the same map
 
 
 def test_energising_times_are_left_out_in_turn(tmp_path: Path) -> None:

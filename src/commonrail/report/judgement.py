@@ -111,14 +111,11 @@ def _left_out_lines(one: Record) -> list[str]:
     ]
     if one.get("failed"):
         lines.append(f"The search without {listed(one['failed'])} could simulate no candidate.")
-    if baseline := one.get("baseline"):
+    for baseline in one["baselines"]:
         beyond = baseline.get("extrapolated")
         said = f", {beyond} of its {one['values']} values extrapolated" if beyond else ""
         beats = "beats" if baseline["beaten"] else "does not beat"
-        lines.append(
-            f"There the model {beats} its baseline: {baseline['text']} of each search gives "
-            f"{_metrics(baseline['figures'])}{said}."
-        )
+        lines.append(f"There the model {beats} {baseline['text']}, which gives {_metrics(baseline['figures'])}{said}.")
     return lines
 
 
@@ -139,8 +136,7 @@ def _left_out_table(found: Sequence[Record]) -> Table:
     rows: list[tuple[Record, str, Record]] = []
     for one in found:
         rows.append((one, "model", one["figures"]))
-        if "baseline" in one:
-            rows.append((one, one["baseline"]["text"], one["baseline"]["figures"]))
+        rows += [(one, baseline["text"], baseline["figures"]) for baseline in one["baselines"]]
     limit = significant(found[0]["figures"]["limit_quantity"], 3, MM3)
     parts = (
         Part(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.kinds.base import Role
-from commonrail.kinds.maps.baselines import Interpolated, baseline_record, places_of
+from commonrail.kinds.maps.baselines import Interpolated, baseline_record, places_of, sister_baseline
 from commonrail.kinds.maps.hold_out import chosen_rows, held_out_name, rows_of
 
 if TYPE_CHECKING:
@@ -65,12 +65,14 @@ def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
     part = chosen_rows(data, rows)
     model = _joined(data, rows, [(fold.rows, fold.model) for fold in folds])
     record: dict[str, Any] = {"name": data.name, "values": int(part.judged.sum()), "figures": part.figures_of(model)}
+    found = [sister_baseline(part, model)]
     others = [(fold.rows, fold.baseline) for fold in folds if fold.baseline is not None]
     if len(others) == len(folds):
-        baseline = _joined(data, rows, [(where, found.score) for where, found in others])
-        beyond = sum(found.extrapolated for _, found in others)
+        baseline = _joined(data, rows, [(where, one.score) for where, one in others])
+        beyond = sum(one.extrapolated for _, one in others)
         text = "interpolating the other points"
-        record["baseline"] = baseline_record(part, model, baseline, text=text, extrapolated=beyond)
+        found.insert(0, baseline_record(part, model, baseline, text=text, extrapolated=beyond))
+    record["baselines"] = [one for one in found if one]
     return record
 
 
