@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from commonrail.calibration.conditions import Condition
     from commonrail.calibration.goal import Loss
     from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
+    from commonrail.calibration.judgement import Judgement, LeaveOut
     from commonrail.calibration.objective import Objective
     from commonrail.calibration.optimisers import (
         Counts,
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from commonrail.injector.definition import Injector, Source, parameter_quantities
     from commonrail.injector.variants import Variant
     from commonrail.kinds import QuantityData, RateData, Role
+    from commonrail.kinds.maps.sister import Sister
     from commonrail.observation.low_pass import LowPass
     from commonrail.observation.meter import Meter
     from commonrail.report.build import write_report
@@ -83,6 +85,7 @@ _HOMES = {
     "calibration.conditions": "Condition",
     "calibration.goal": "Loss",
     "calibration.injector_type": "InjectorType TypeParameter TypePart",
+    "calibration.judgement": "Judgement LeaveOut",
     "calibration.objective": "Objective",
     "calibration.optimisers": "Counts DifferentialEvolution EvolutionSettings InitialSampling StagedSettings Treatment",
     "calibration.parameter": "Parameter percent_bounds",
@@ -112,6 +115,7 @@ _HOMES = {
     "injector.definition": "Injector Source parameter_quantities",
     "injector.variants": "Variant",
     "kinds": "QuantityData RateData Role",
+    "kinds.maps.sister": "Sister",
     "observation.low_pass": "LowPass",
     "observation.meter": "Meter",
     "report.build": "write_report",
@@ -160,6 +164,7 @@ __all__ = [
     "Role",
     "SeedProgress",
     "SimulationError",
+    "Sister",
     "Solution",
     "Source",
     "Space",
@@ -209,6 +214,8 @@ __all__ = [
     "validate",
     "write_report",
     "write_run",
+    "Judgement",
+    "LeaveOut",
 ]
 
 

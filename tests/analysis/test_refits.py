@@ -1,4 +1,4 @@
-"""Further searches of a study: other seeds, and rows that are left out in turn."""
+"""Further searches of a study: other seeds, and rows that are held out in turn."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from commonrail.kinds import QuantityData
 from commonrail.kinds.maps.interpolation import interpolate
 from commonrail.store.content import content_of
 from commonrail.store.run import Listener, calibrate_into
+from tests.map_study import map_study
 
 TABLE = """rail_pressure [MPa],energising_time [us],quantity [mm3]
 60,400,4
@@ -29,36 +30,12 @@ TABLE = """rail_pressure [MPa],energising_time [us],quantity [mm3]
 120,400,10
 120,700,42
 """
-STUDY = """
-format = "commonrail-study/1"
-title = "map"
-injector = "cri2-16"
-
-[[data]]
-kind = "quantities"
-name = "map"
-role = "fit"
-file = "map.csv"
-cylinder_pressure = "0.5 MPa"
-return_pressure = "0.1 MPa"
-{hold_out}
-
-[[parameter]]
-name = "control_chamber.a_hole_diameter"
-lower = "190 um"
-upper = "240 um"
-
-[optimiser]
-generations = 2
-members = 6
-{judgement}
-"""
 JUDGED = '[judgement]\nseeds = 1\nleave_out = ["rail_pressure"]\n'
 
 
 def load(folder: Path, hold_out: str = "", judgement: str = "") -> Study:
     (folder / "map.csv").write_text(TABLE, encoding="utf-8")
-    (folder / "study.toml").write_text(STUDY.format(hold_out=hold_out, judgement=judgement), encoding="utf-8")
+    (folder / "study.toml").write_text(map_study(hold_out) + judgement, encoding="utf-8")
     return load_study(folder / "study.toml")
 
 
@@ -105,8 +82,18 @@ def test_every_row_is_predicted_by_the_fit_that_does_not_see_it(
         baseline.append(found_by[int(np.argmin([np.sum(t**2) for t in tolerances]))])
     rms, other = (100.0 * np.sqrt(np.mean(np.concatenate(part) ** 2)) for part in (model, baseline))
     assert found["figures"]["rms_large_percent"] == pytest.approx(rms, rel=1e-12)
-    assert found["baseline"]["figures"]["rms_large_percent"] == pytest.approx(other, rel=1e-9)
-    assert found["baseline"]["beaten"] is bool(rms < other)
+    (interpolation,) = found["baselines"]
+    assert interpolation["figures"]["rms_large_percent"] == pytest.approx(other, rel=1e-9)
+    assert interpolation["beaten"] is bool(rms < other)
+
+
+def test_the_map_of_a_sister_part_stands_beside_them(tmp_path: Path) -> None:
+    (tmp_path / "sister.csv").write_text(TABLE, encoding="utf-8")
+    study = load(tmp_path, 'sister = { file = "sister.csv", flow_ratio = 1.2 }', JUDGED)
+    (found,) = refits_of(calibrate(study, threads=1), threads=1)["left_out"]
+    sister = found["baselines"][1]
+    assert sister["text"] == "the sister part's map times 1.2"
+    assert sister["figures"]["rms_large_percent"] == pytest.approx(20.0, rel=1e-9)  # the same map
 
 
 def test_energising_times_are_left_out_in_turn(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from commonrail.calibration.study import Study
 from commonrail.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.files.study_file import load_study
 from commonrail.kinds import DataSet, QuantityData, Role, of_role
+from tests.map_study import map_study
 
 TABLE = """rail_pressure [MPa],energising_time [us],quantity [mm3]
 40,300,{}
@@ -25,30 +26,7 @@ TABLE = """rail_pressure [MPa],energising_time [us],quantity [mm3]
 """
 QUANTITIES = (1.5, 11.0, 3.0, 26.0, 4.0, 40.0)
 DEAD = "rail_pressure [MPa],energising_time [us]\n40,280\n80,240\n"
-STUDY = """
-format = "commonrail-study/1"
-title = "map"
-injector = "cri2-16"
-
-[[data]]
-kind = "quantities"
-name = "map"
-role = "{role}"
-file = "map.csv"
-cylinder_pressure = "0.5 MPa"
-return_pressure = "0.1 MPa"
-dead_times = {{ file = "dead.csv", quantity = "0.5 mm3" }}
-{keys}
-
-[[parameter]]
-name = "control_chamber.a_hole_diameter"
-lower = "190 um"
-upper = "240 um"
-
-[optimiser]
-generations = 2
-members = 6
-"""
+KEYS = 'dead_times = { file = "dead.csv", quantity = "0.5 mm3" }\n'
 
 Load = Callable[..., Study]
 
@@ -60,7 +38,7 @@ def load(tmp_path: Path) -> Load:
     def run(keys: str = "", quantities: Sequence[float] = QUANTITIES, role: str = "fit") -> Study:
         (tmp_path / "map.csv").write_text(TABLE.format(*quantities), encoding="utf-8")
         (tmp_path / "dead.csv").write_text(DEAD, encoding="utf-8")
-        (tmp_path / "study.toml").write_text(STUDY.format(keys=keys, role=role), encoding="utf-8")
+        (tmp_path / "study.toml").write_text(map_study(KEYS + keys, role), encoding="utf-8")
         return load_study(tmp_path / "study.toml")
 
     return run

@@ -11,6 +11,7 @@ import pytest
 from commonrail.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.files.study_file import load_study
 from commonrail.kinds import QuantityData
+from tests.map_study import map_study
 
 MAP = """# bench
 rail_pressure [MPa],energising_time [us],quantity [mm3]
@@ -20,20 +21,7 @@ rail_pressure [MPa],energising_time [us],quantity [mm3]
 80,700,26
 """
 DEAD = "rail_pressure [bar],energising_time [ms]\n400,0.28\n800,0.24\n"
-STUDY = """
-format = "commonrail-study/1"
-title = "map"
-injector = "cri2-16"
-
-[[data]]
-kind = "quantities"
-name = "map"
-role = "fit"
-file = "map.csv"
-cylinder_pressure = "0.5 MPa"
-return_pressure = "0.1 MPa"
-{keys}
-
+VALVE = """
 [[parameter]]
 name = "valve.mass"
 below = "50 %"
@@ -47,11 +35,11 @@ Load = Callable[..., QuantityData]
 def load(tmp_path: Path) -> Load:
     """The data set of a study with some keys added."""
 
-    def run(keys: str = "", table: str = MAP, study: str = STUDY) -> QuantityData:
+    def run(keys: str = "", table: str = MAP, injector: str = "cri2-16") -> QuantityData:
         (tmp_path / "map.csv").write_text(table, encoding="utf-8")
         (tmp_path / "dead.csv").write_text(DEAD, encoding="utf-8")
         path = tmp_path / "study.toml"
-        path.write_text(study.format(keys=keys), encoding="utf-8")
+        path.write_text(map_study(keys, more=VALVE).replace("cri2-16", injector), encoding="utf-8")
         (data,) = load_study(path).data
         assert isinstance(data, QuantityData)
         return data
@@ -213,4 +201,4 @@ def test_an_injector_that_needs_a_measured_drive(
 ) -> None:
     injector_file(('"regulated"', '"voltage trace"'))
     with pytest.raises(ConfigurationError, match=r'data\[1\]: the injector my-injector has drive_kind "voltage trace"'):
-        load(study=STUDY.replace('"cri2-16"', '"mine.toml"'))
+        load(injector="mine.toml")

@@ -92,7 +92,7 @@ def _seed_record(found: Calibration) -> dict[str, Any]:
 
 
 def _left_out(study: Study, by: str, search: Search, note: Note) -> list[dict[str, Any]]:
-    """Records of all fitted maps whose rows at each value of a quantity are left out in turn."""
+    """Records of all fitted maps whose rows at each value of a quantity are held out in turn."""
     fitted = of_role(study.data, Role.FIT)
     maps = [data for data in fitted if isinstance(data, QuantityData)]
     folds: dict[str, list[Fold]] = {data.name: [] for data in maps}

@@ -1,4 +1,4 @@
-"""Judgement of a fit: bands, effective parameters, combinations, other seeds, rows that were left out."""
+"""Judgement of a fit: bands, effective parameters, combinations, other seeds, rows that were held out."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _WORDS = {"rail_pressure": "rail pressure", "energising_time": "energising time"
 
 
 def judgement_lines(record: Record) -> list[str]:
-    """Sentences on bands, effective parameters, spread of seeds and predictions of what was left out."""
+    """Sentences on bands, effective parameters, spread of seeds and predictions of what was held out."""
     lines = [band_sentence(d) for d in record["data"] if "band" in d]
     if found := record.get("identifiability"):
         lines.append(_effective(found, len(record["parameters"])))
@@ -29,7 +29,7 @@ def judgement_lines(record: Record) -> list[str]:
 
 
 def judgement_tables(record: Record) -> list[Table]:
-    """Tables of other seeds and of rows that were left out, where there are any."""
+    """Tables of other seeds and of rows that were held out, where there are any."""
     refits = record.get("refits", {})
     tables = [_seed_table(refits["seeds"])] if refits.get("seeds") else []
     return tables + ([_left_out_table(refits["left_out"])] if refits.get("left_out") else [])
@@ -106,19 +106,16 @@ def _seed_table(seeds: Sequence[Record]) -> Table:
 def _left_out_lines(one: Record) -> list[str]:
     by = _WORDS.get(one["by"], one["by"])
     lines = [
-        f"Each {by} of {one['name']} left out in turn, {one['searches']} searches, and predicted: "
+        f"Each {by} of {one['name']} held out in turn, {one['searches']} searches, and predicted: "
         f"{_metrics(one['figures'])}."
     ]
     if one.get("failed"):
         lines.append(f"The search without {listed(one['failed'])} could simulate no candidate.")
-    if baseline := one.get("baseline"):
+    for baseline in one["baselines"]:
         beyond = baseline.get("extrapolated")
         said = f", {beyond} of its {one['values']} values extrapolated" if beyond else ""
         beats = "beats" if baseline["beaten"] else "does not beat"
-        lines.append(
-            f"There the model {beats} its baseline: {baseline['text']} of each search gives "
-            f"{_metrics(baseline['figures'])}{said}."
-        )
+        lines.append(f"There the model {beats} {baseline['text']}, which gives {_metrics(baseline['figures'])}{said}.")
     return lines
 
 
@@ -139,12 +136,11 @@ def _left_out_table(found: Sequence[Record]) -> Table:
     rows: list[tuple[Record, str, Record]] = []
     for one in found:
         rows.append((one, "model", one["figures"]))
-        if "baseline" in one:
-            rows.append((one, one["baseline"]["text"], one["baseline"]["figures"]))
+        rows += [(one, baseline["text"], baseline["figures"]) for baseline in one["baselines"]]
     limit = significant(found[0]["figures"]["limit_quantity"], 3, MM3)
     parts = (
         Part(
-            ("data set", "left out in turn", "predicted by"),
+            ("data set", "held out in turn", "predicted by"),
             lambda r: (r[0]["name"], _WORDS.get(r[0]["by"], r[0]["by"]), r[1]),
         ),
         Part(("searches", "quantities"), lambda r: (str(r[0]["searches"]), str(r[0]["values"]))),
@@ -158,4 +154,4 @@ def _left_out_table(found: Sequence[Record]) -> Table:
         ),
     )
     note = "Every row is predicted by a fit that did not see the rows at its value; outermost values are extrapolated."
-    return table_of("Predictions of what was left out", rows, parts, note, 3)
+    return table_of("Predictions of what was held out", rows, parts, note, 3)

@@ -1,4 +1,4 @@
-"""A quantity map whose rows are left out in turn, and predicted by fits to the rest."""
+"""A quantity map whose rows are held out in turn, and predicted by fits to the rest."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.kinds.base import Role
-from commonrail.kinds.maps.baselines import Interpolated, baseline_record, places_of
+from commonrail.kinds.maps.baselines import Interpolated, baseline_record, places_of, sister_baseline
 from commonrail.kinds.maps.hold_out import chosen_rows, held_out_name, rows_of
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, Qu
 
 
 def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
-    """JSON-able figures of the predictions of all rows that were left out, each by the fit that did not see it.
+    """JSON-able figures of the predictions of all rows that were held out, each by the fit that did not see it.
 
     Parameters
     ----------
@@ -65,12 +65,14 @@ def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
     part = chosen_rows(data, rows)
     model = _joined(data, rows, [(fold.rows, fold.model) for fold in folds])
     record: dict[str, Any] = {"name": data.name, "values": int(part.judged.sum()), "figures": part.figures_of(model)}
+    found = [sister_baseline(part, model)]
     others = [(fold.rows, fold.baseline) for fold in folds if fold.baseline is not None]
     if len(others) == len(folds):
-        baseline = _joined(data, rows, [(where, found.score) for where, found in others])
-        beyond = sum(found.extrapolated for _, found in others)
+        baseline = _joined(data, rows, [(where, one.score) for where, one in others])
+        beyond = sum(one.extrapolated for _, one in others)
         text = "interpolating the other points"
-        record["baseline"] = baseline_record(part, model, baseline, text=text, extrapolated=beyond)
+        found.insert(0, baseline_record(part, model, baseline, text=text, extrapolated=beyond))
+    record["baselines"] = [one for one in found if one]
     return record
 
 
