@@ -12,6 +12,7 @@ from commonrail.analysis.virtual_bench import bench_curve
 from commonrail.calibration.optimisers import StagedSettings
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.simulate import simulate_batch
+from commonrail.family.study import load_family
 from commonrail.files.bench_data import ENERGISING_TIME
 from commonrail.files.injector_file import load_injector
 from commonrail.files.study_file import load_study
@@ -52,6 +53,32 @@ def test_real_injectors_map_is_that_of_its_source() -> None:
     assert (fit.role, rows(fit)) == (Role.FIT, expected([40, 80, 160]))
     assert (check.role, rows(check)) == (Role.VALIDATION, expected([120]))
     assert np.count_nonzero(fit.dead_time) == 3
+
+
+# The same table of map 164, a sister part.
+SISTER_QUANTITY = {
+    40: [0.32, 0.84, 2.07, 4.08, 10.79, 24.71, 44.84],
+    80: [0.73, 2.43, 5.20, 10.07, 25.87, 51.09, 85.41],
+    120: [1.13, 4.08, 9.02, 17.76, 39.26, 72.39, 117.27],
+    160: [2.70, 5.59, 13.65, 25.76, 51.38, 90.45, 146.59],
+}
+SISTER_DEAD_TIME_US = {40: 273, 80: 238, 120: 230, 160: 219}
+
+
+def test_the_familys_maps_are_those_of_their_sources() -> None:
+    family = load_family(CASES / "family" / "family.toml")
+    sister = [(p, t, q) for p in (40, 80, 160) for t, q in zip(ENERGISING_US, SISTER_QUANTITY[p], strict=True)]
+    sister += [(p, SISTER_DEAD_TIME_US[p], 0.5) for p in (40, 80, 160)]
+    found = {name: study.data for name, study in family.parts.items()}
+    for name, table in (("165", expected([40, 80, 160])), ("164", sister)):
+        fit, check = found[name]
+        assert isinstance(fit, QuantityData)
+        assert (fit.role, check.role, rows(fit)) == (Role.FIT, Role.VALIDATION, table)
+    values = [study.injector.values for study in family.parts.values()]
+    assert [(v["nozzle.holes"], v["nozzle.hole_diameter"]) for v in values] == [(8, 0.1306e-3), (7, 0.1395e-3)]
+    assert not any(study.synthetic for study in family.parts.values())
+    # 37 of the type, seven distances from the common value and a flow for each part
+    assert family.space.dimension == 37 + 2 * 7 + 2
 
 
 def test_real_injectors_study_is_not_synthetic() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.files.type_file import dump_type, load_type, type_text
-from commonrail.store.copies import copies_of
+from commonrail.store.copies import copies_of, copy_study
 from tests.family.samples import MASS, PRELOAD, small_type
 
 Edit = Callable[..., Path]
@@ -32,7 +32,8 @@ def type_file(tmp_path: Path) -> Path:
 
 def test_a_type_is_read_back_bit_by_bit(tmp_path: Path) -> None:
     third = cr.TypeParameter("nozzle.shape_1", -1.0 / 3.0, math.pi / 100.0, -0.5, 0.5, "F", 'a "source"')
-    own = replace(small_type(), parameters=(*small_type().parameters, third), synthetic="simulated")
+    fine = cr.TypeParameter("valve.lift", 4e-5 / 3.0, 1e-6 / 7.0, 1e-5, 8e-5 / 3.0, "F", "of a third")
+    own = replace(small_type(), parameters=(*small_type().parameters, third, fine), synthetic="simulated")
     dump_type(own, tmp_path / "t.toml")
     assert load_type(tmp_path / "t.toml") == own
 
@@ -133,6 +134,20 @@ def test_the_type_is_among_the_files_of_the_study(study_file: Edit, type_file: P
     study = cr.load_study(study_file(WITH_TYPE))
     assert type_file in study.files
     assert "types/lino.toml" in copies_of(study)
+
+
+def test_a_type_from_elsewhere_is_copied_and_the_copy_is_named(study_file: Edit, tmp_path: Path) -> None:
+    elsewhere = tmp_path.parent / f"{tmp_path.name}-types"
+    elsewhere.mkdir()
+    dump_type(small_type(), elsewhere / "lino.toml")
+    named = f'{SEED}\nallow_outside = true\ntype = "../{elsewhere.name}/lino.toml"'
+    study = cr.load_study(study_file((SEED, named)))
+    (tmp_path / "run").mkdir()
+    copy_study(study, tmp_path / "run")
+    (elsewhere / "lino.toml").unlink()
+    own = cr.load_study(tmp_path / "run" / "study.toml")
+    assert own.injector.values == study.injector.values
+    assert tmp_path / "run" / "inputs" / "lino.toml" in own.files
 
 
 def test_a_type_outside_the_studys_folder_is_refused(study_file: Edit, type_file: Path) -> None:

@@ -23,6 +23,7 @@ from commonrail.files.injector_writer import injector_text
 from commonrail.files.run_folder import read_run
 from commonrail.files.study_file import load_study
 from commonrail.files.truth_file import load_truth
+from commonrail.files.type_file import load_type
 from commonrail.injector.definition import Injector, parameter_paths
 from commonrail.kinds import QuantityData, RateData
 from commonrail.report.build import write_report
@@ -156,6 +157,10 @@ def _read_truth(folder: Path) -> None:
     load_truth(folder / "truth.toml")
 
 
+def _read_type(folder: Path) -> None:
+    load_type(folder / "type.toml")
+
+
 def _read_run(folder: Path) -> None:
     read_run(folder)
 
@@ -194,6 +199,15 @@ def _truths() -> list[Files]:
     texts = [path.read_bytes() for path in sorted(folder.glob("*.toml"))]
     local = texts[0].replace(b'injector = "virtual-lino-2016"', b'injector = "injector.toml"')
     return [*({"truth.toml": text} for text in texts), {"truth.toml": local, **_injectors()[0]}]
+
+
+@cache
+def _types() -> list[Files]:
+    small = b'[[parameter]]\nname = "valve.mass"\nvalue = "4 g"\nspread = "1 g"\nlower = "2 g"\nupper = "8 g"\n'
+    head = b'format = "commonrail-type/1"\nname = "t"\n'
+    own = {"type.toml": head + b'injector = "injector.toml"\n' + small, **_injectors()[0]}
+    noted = {"type.toml": head + small + b"# a note, in which a fault does no harm\n" * 40}
+    return [noted, {"type.toml": (ROOT / "cases" / "family" / "start.toml").read_bytes()}, own]
 
 
 @cache
@@ -243,6 +257,7 @@ TARGETS = {
     "study": Target(_read_study, _studies, (".toml", ".csv"), 45),
     "injector": Target(_read_injector, _injectors, (".toml",), 18),
     "truth": Target(_read_truth, _truths, (".toml",), 12),
+    "type": Target(_read_type, _types, ("type.toml",), 6),
     "run": Target(_read_run, lambda: _runs()[:2], (".json", ".csv"), 5),
     "report": Target(_report, _runs, (".json", ".csv"), 6),
     "journal": Target(kept.read_journal, kept.runs, (".sqlite",), 6),

@@ -19,6 +19,7 @@ EXAMPLES = {
     "study": 150,
     "injector": 150,
     "truth": 100,
+    "type": 100,
     "run": 50,
     "report": 20,
     "journal": 50,

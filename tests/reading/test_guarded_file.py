@@ -29,7 +29,6 @@ ALLOWED = {
     "files/catalogue.py": "files of the installed package",
     "files/scaffold.py": "files of the installed package",
     "kernel_cache.py": "guards its own folder: files of this user alone",
-    "bench/machine.py": "/proc",
     "compile_target.py": "/proc",
     "store/lock.py": "SQLite, after `check_target`",
     "store/schema.py": "SQLite in memory",

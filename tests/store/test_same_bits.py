@@ -112,7 +112,9 @@ def exact(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     return Whole(study, folder / "run")
 
 
-@pytest.mark.parametrize("machine", [HASWELL, GENERIC], ids=["haswell", "generic"])
+@pytest.mark.parametrize(
+    "machine", [pytest.param(HASWELL, marks=pytest.mark.slow), GENERIC], ids=["haswell", "generic"]
+)
 def test_another_processor_gives_the_same_bytes(exact: Whole, tmp_path: Path, machine: Machine) -> None:
     """Search with constraints and a logarithmic scale, refinement, scores, standard errors: all of result.json."""
     run_elsewhere(exact.study, tmp_path / "run", machine)

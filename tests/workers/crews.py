@@ -20,7 +20,7 @@ from commonrail.workers.task import Answer, Outcome, Package, Task
 from commonrail.workers.workers import Workers
 
 NO_DASK = "distributed or cryptography is not installed: pip install 'commonrail[cluster]'"
-LIMIT = 600.0  # no task of a test takes as long [s]
+LIMIT = 120.0  # no task of a test takes as long [s]
 
 
 class Deed(NamedTuple):

@@ -86,7 +86,7 @@ def listens(folder: Path, times: int) -> str:
     return f"listens on {open_to_all}" if open_to_all else ""
 
 
-@attack()
+@attack(few=0)
 def entered(folder: Path, times: int) -> str:
     """Another user without the certificate of the run cannot enter a local cluster, at any of its ports."""
     here, there = multiprocessing.Pipe()
@@ -111,7 +111,7 @@ def silent(folder: Path, times: int) -> str:
     return "a run folder is left" if (folder / "run").exists() else ""
 
 
-@attack()
+@attack(few=0)
 def lies(folder: Path, times: int) -> str:
     """A worker of a cluster that lies is found and left out, and the result has the bytes of a run without it."""
     with dask_cluster(folder, [Member(), Member(), Member(LIE)]) as address:
@@ -121,7 +121,7 @@ def lies(folder: Path, times: int) -> str:
     return "" if same else "other bytes"
 
 
-@attack()
+@attack(few=0)
 def killed(folder: Path, times: int) -> str:
     """A worker of a cluster that is killed in the middle of a run changes no byte of the result."""
     with dask_cluster(folder, [Member(), Member(DIE)]) as address:
@@ -132,7 +132,7 @@ def killed(folder: Path, times: int) -> str:
     return "" if same else "other bytes"
 
 
-@attack()
+@attack(few=0)
 def other_software(folder: Path, times: int) -> str:
     """A worker of a cluster with another version, or with code for another processor, is refused with a sentence."""
     members = {package: Member(OLD.format(package=package)) for package in ("commonrail", "numba", "llvmlite", "numpy")}

@@ -247,7 +247,7 @@ def changed_count(folder: Path, times: int) -> str:
     return ""
 
 
-@attack()
+@attack(few=0)
 def another_processor(folder: Path, times: int) -> str:
     """A run that goes on with another target of the compiler says so, and its result does."""
     run = Path(shutil.copytree(ground(folder).merged, folder / "run"))

@@ -101,7 +101,7 @@ def lock_removed(folder: Path, times: int) -> str:
 NO_WORKERS = "import os, sys\nif '--multiprocessing-fork' in sys.orig_argv:\n    os._exit(7)\n"
 
 
-@attack()
+@attack(few=0)
 def dying_workers(folder: Path, times: int) -> str:
     """Workers that die at each start leave the fleet's table, with the reason in each row."""
     (folder / "site").mkdir()

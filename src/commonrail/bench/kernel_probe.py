@@ -23,7 +23,7 @@ def first_simulation() -> dict[str, Any]:
     begin = time.perf_counter()
     found = simulate(case, POINT)
     seconds = time.perf_counter() - begin
-    dispatcher = getattr(compiled(case.variant, Precision.F64), "compiled", None)  # none where the JIT is off
+    dispatcher = getattr(compiled(case.wired(), Precision.F64, False), "compiled", None)  # none where the JIT is off
     return {
         "seconds": seconds,
         "from_cache": dispatcher is not None and sum(dispatcher.stats.cache_hits.values()) > 0,

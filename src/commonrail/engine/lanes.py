@@ -87,7 +87,7 @@ class Misfit(NamedTuple):
 
 
 @functools.cache
-def compiled(variant: Variant, precision: Precision, same_bits: bool = False) -> Callable[..., None]:
+def compiled(variant: Variant, precision: Precision, same_bits: bool) -> Callable[..., None]:
     """The block loop of a variant, compiled (or loaded from the cache) at its first call.
 
     Parameters

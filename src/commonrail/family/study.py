@@ -20,7 +20,7 @@ from commonrail.calibration.study import Method, Study
 from commonrail.errors import nearest
 from commonrail.family.adapt import FLOW
 from commonrail.family.sharing import Share, Shared, Sharing, joint_space
-from commonrail.files.study_file import load_study
+from commonrail.files.study_file import load_study, method_of
 from commonrail.files.study_models import Optimisers, read_optimisers
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import Role, of_role
@@ -118,10 +118,8 @@ def load_family(path: str | Path) -> Family:
     shared = _shared(model, studies, at)
     with located(at):
         space, sharing = joint_space({name: study.space for name, study in studies.items()}, shared)
-    with located(at / "optimiser"):
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in model.optimiser.settings.items()}
-        settings = model.optimiser.chosen.settings(**values)
-    return Family(model.name, model.title, studies, space, sharing, shared, Method(settings), model.seed)
+    method = method_of(model.optimiser, space, at / "optimiser")
+    return Family(model.name, model.title, studies, space, sharing, shared, method, model.seed)
 
 
 def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict[str, Study]:

@@ -46,7 +46,7 @@ from commonrail.reading.reach import Reach
 from commonrail.reading.toml_file import read_toml
 from commonrail.units import parse, to_text
 
-__all__ = ["load_study"]
+__all__ = ["load_study", "method_of"]
 
 MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
 
@@ -102,7 +102,7 @@ def _study(file: Path) -> Study:
             injector,
             data,
             space,
-            _method(model.optimiser, space, at / "optimiser"),
+            method_of(model.optimiser, space, at / "optimiser"),
             model.seed,
             time_step,
             text,
@@ -202,7 +202,22 @@ def _refuse_unused(meters: Mapping[str, Meter], data: Sequence[DataSet], at: Pla
             raise at.error(f'no data set has meter = "{name}"; add that key to a [[data]] block, or remove the meter')
 
 
-def _method(stated: Optimisers, space: Space, at: Place) -> Method:
+def method_of(stated: Optimisers, space: Space, at: Place) -> Method:
+    """Method that a table of optimisers states.
+
+    Parameters
+    ----------
+    stated : Optimisers
+    space : Space
+        Of the search.
+    at : Place
+        Of the table.
+
+    Raises
+    ------
+    ConfigurationError
+        If settings contradict one another, or do not suit the space.
+    """
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in stated.settings.items()}
     with located(at):
         settings = stated.chosen.settings(**values)
