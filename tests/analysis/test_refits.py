@@ -16,7 +16,7 @@ from commonrail.calibration.study import Study
 from commonrail.errors import InputError, SimulationError
 from commonrail.files.run_folder import read_run
 from commonrail.files.study_file import load_study
-from commonrail.kinds import QuantityData
+from commonrail.kinds import QuantityData, Role
 from commonrail.kinds.maps.interpolation import interpolate
 from commonrail.store.content import content_of
 from commonrail.store.run import Listener, calibrate_into
@@ -94,6 +94,21 @@ def test_the_map_of_a_sister_part_stands_beside_them(tmp_path: Path) -> None:
     sister = found["baselines"][1]
     assert sister["text"] == "the sister part's map times 1.2"
     assert sister["figures"]["rms_large_percent"] == pytest.approx(20.0, rel=1e-9)  # the same map
+
+
+def test_a_search_is_given_no_row_that_it_predicts(
+    judged: tuple[Calibration, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Study] = []
+    monkeypatch.setattr(refits, "calibrate", lambda study, **_: asked.append(study) or judged[0])
+    monkeypatch.setattr(refits, "_add", lambda *_: None)
+    refits_of(judged[0])
+    searches = asked[1:]  # after the other seed
+    for study, rail in zip(searches, (60e6, 80e6, 120e6), strict=True):
+        fitted, held = ([p.initial_pressures()[0] for p in data.points] for data in study.data)
+        assert [data.role for data in study.data] == [Role.FIT, Role.VALIDATION]
+        assert rail not in fitted
+        assert (len(fitted), held) == (4, [rail, rail])
 
 
 def test_energising_times_are_left_out_in_turn(tmp_path: Path) -> None:
