@@ -173,11 +173,15 @@ def _folder(path: Path, *names: str) -> Files:
     return {name: (path / name).read_bytes() for name in names}
 
 
+def _data_of(case: Path) -> list[str]:
+    return [f"data/{path.name}" for path in sorted((case / "data").iterdir())]
+
+
 @cache
 def _studies() -> list[Files]:
     templates = _folder(PACKAGE / "files" / "templates", "study.toml", "injector.toml", "data/evi.csv")
-    case = _folder(ROOT / "cases" / "cri2-16", "study.toml", "data/quantity.csv", "data/dead_time.csv")
-    paper = _folder(ROOT / "cases" / "paper", "study.toml", *(f"data/evi_{p}MPa.csv" for p in (80, 120, 160)))
+    cases = (ROOT / "cases" / name for name in ("cri2-16", "paper"))
+    case, paper = (_folder(at, "study.toml", *_data_of(at)) for at in cases)
     return [templates, templates, templates, case, case, paper]
 
 
