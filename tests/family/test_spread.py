@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from commonrail.family.spread import over_parts
+from commonrail.family.spread import over_parts, without_prior
 
 X = np.array([4.0, 5.0, 7.0, 8.0])
 
@@ -31,9 +31,23 @@ def test_errors_that_explain_all_leave_the_weighed_mean_and_its_error() -> None:
     assert found.spread == pytest.approx(np.sum(weights) ** -0.5)
 
 
-def test_an_unknown_error_counts_as_the_others() -> None:
-    assert over_parts(X, [0.8, np.nan, 0.8, 0.8]) == over_parts(X, np.full(4, 0.8))
-    assert over_parts(X, np.full(4, np.nan)) == over_parts(X, np.zeros(4))
+def test_a_part_whose_data_do_not_hold_the_parameter_is_left_out() -> None:
+    assert over_parts([10.0, 20.0, 10.1], [0.1, np.nan, 0.1]) == over_parts([10.0, 10.1], [0.1, 0.1])
+
+
+def test_the_prior_of_the_parts_does_not_draw_them_together() -> None:
+    """Posteriors of parts with data of the prior's own weight: half the way to its value, errors by sqrt(2) smaller."""
+    posterior, error = 0.5 * (X + 6.0), np.full(4, 0.8 / np.sqrt(2.0))
+    values, errors = without_prior(posterior, error, (6.0, 0.8))
+    np.testing.assert_allclose(values, X, rtol=1e-12)
+    np.testing.assert_allclose(errors, 0.8, rtol=1e-12)
+    assert over_parts(values, errors).between == pytest.approx(np.sqrt(np.var(X, ddof=1) - 0.8**2), rel=1e-9)
+
+
+def test_data_that_tell_next_to_nothing_beside_the_prior_tell_nothing() -> None:
+    values, errors = without_prior([60.0, 61.0, 62.0], [10.0, 9.9, 0.0], (60.0, 10.0))
+    np.testing.assert_array_equal(np.isnan(errors), [True, True, False])
+    assert values[2] == 62.0
 
 
 def test_a_thousand_parts_return_what_they_were_drawn_from() -> None:

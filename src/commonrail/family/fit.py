@@ -20,7 +20,7 @@ from commonrail.errors import SimulationError
 from commonrail.family.adapt import FLOW
 from commonrail.family.objective import FamilyObjective
 from commonrail.family.sharing import OF, Share, Shared
-from commonrail.family.spread import over_parts
+from commonrail.family.spread import FEWEST, over_parts, without_prior
 from commonrail.family.study import Family
 from commonrail.injector.definition import Injector, Source
 from commonrail.kinds import Role, Score
@@ -156,12 +156,17 @@ def _learnt(
         for p in s.space.parameters
         if p.name == name
     )
+    stated = (p.prior for s in family.parts.values() for p in s.space.parameters if p.name == name)
+    prior = next(((own.value, own.sigma) for own in stated if own is not None), None)
     if shared.share is Share.PER_PART:
         own = [f"{name}{OF}{part}" for part in family.parts if f"{name}{OF}{part}" in joint]
         if len(own) == 1:
             return joint[own[0]], errors[own[0]] or widest
-        known = [math.nan if errors[key] is None else float(errors[key] or 0.0) for key in own]
-        found = over_parts([joint[key] for key in own], known)
+        errors_of = [math.nan if errors[key] is None else float(errors[key] or 0.0) for key in own]
+        values = [without_prior(joint[key], error, prior) for key, error in zip(own, errors_of, strict=True)]
+        if sum(math.isfinite(error) for _, error in values) < FEWEST:
+            return float(np.mean([joint[key] for key in own])), min(prior[1] if prior else widest, widest)
+        found = over_parts(*np.array(values).T)
         return found.value, min(found.spread, widest) or widest
     error = errors[name]
     return joint[name], min(math.hypot(widest if error is None else error, shared.spread), widest) or widest

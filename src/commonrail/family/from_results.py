@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from commonrail.arguments import file_path, number, plain_text, sequence
 from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
 from commonrail.errors import InputError
-from commonrail.family.spread import over_parts
+from commonrail.family.spread import FEWEST, over_parts, without_prior
 from commonrail.files.record_file import read_record
 from commonrail.files.run_folder import RESULT, STUDY
 from commonrail.files.study_file import load_study
@@ -117,7 +117,14 @@ def _over_runs(name: str, own: Sequence[Mapping[str, Any]], source: str, part_sp
         value, spread, why = _of_one(own[0], part_spread)
         return TypeParameter(name, value, spread, lower, upper, "F", f"{source}; spread: {why}")
     errors = [math.nan if p.get("standard_error") is None else p["standard_error"] for p in own]
-    return _estimated(name, [p["best"] for p in own], errors, (lower, upper), source)
+    found = [without_prior(p["best"], e, _prior_of(p)) for p, e in zip(own, errors, strict=True)]
+    sigma = min((p["prior"]["sigma"] for p in own if "prior" in p), default=math.inf)
+    best = float(np.mean([p["best"] for p in own]))
+    return _estimated(name, np.array(found, dtype=float).T, (lower, upper), source, (best, sigma))
+
+
+def _prior_of(p: Mapping[str, Any]) -> tuple[float, float] | None:
+    return (p["prior"]["value"], p["prior"]["sigma"]) if p.get("prior") else None
 
 
 def _of_one(p: Mapping[str, Any], part_spread: float | None) -> tuple[float, float, str]:
@@ -125,25 +132,45 @@ def _of_one(p: Mapping[str, Any], part_spread: float | None) -> tuple[float, flo
     value = p["best"]
     error = p.get("standard_error")
     if part_spread is not None:
-        spread = math.hypot(error or 0.0, part_spread * abs(value))
+        spread = math.hypot(_widest(p) if error is None else error, part_spread * abs(value))
         if spread > 0.0:
             return value, spread, f"standard error and {100 * part_spread:g} % between parts [E, assumed]"
     if "prior" in p:
         return value, p["prior"]["sigma"], "that of the study's prior"
-    return value, (p["upper"] - p["lower"]) / math.sqrt(12.0), "of a value anywhere within the bounds"
+    return value, _widest(p), "of a value anywhere within the bounds"
+
+
+def _widest(p: Mapping[str, Any]) -> float:
+    """Standard deviation of a value anywhere within the bounds."""
+    return float((p["upper"] - p["lower"]) / math.sqrt(12.0))
 
 
 def _estimated(
-    name: str,
-    values: Sequence[float] | Floats,
-    errors: Sequence[float] | Floats,
-    bounds: tuple[float, float],
-    source: str,
+    name: str, found: Floats, bounds: tuple[float, float], source: str, otherwise: tuple[float, float]
 ) -> TypeParameter:
-    found = over_parts(values, errors)
-    spread = found.spread or 1e-6 * (bounds[1] - bounds[0])  # parts that are exactly alike
-    value = min(max(found.value, bounds[0]), bounds[1])
-    return TypeParameter(name, value, spread, *bounds, "F", f"{source}; spread over {len(values)} parts")
+    """A parameter over parts.
+
+    Parameters
+    ----------
+    name : str
+    found : (2, parts)
+        Values and errors by the data alone.
+    bounds : (lower, upper)
+    source : str
+    otherwise : (value, sigma)
+        Taken where the data of fewer than two parts hold the parameter; `sigma` is that of a prior, or infinite.
+    """
+    known = int(np.isfinite(found).all(axis=0).sum())
+    widest = (bounds[1] - bounds[0]) / math.sqrt(12.0)
+    if known < FEWEST:
+        why = f"held by the data of {known} of {found.shape[1]} parts; spread of the prior or the bounds"
+        value, spread = otherwise[0], min(otherwise[1], widest)
+    else:
+        estimate = over_parts(*found)
+        why = f"spread over {known} parts"
+        value, spread = estimate.value, min(estimate.spread or 1e-6 * widest, widest)  # parts may be exactly alike
+    value = min(max(value, bounds[0]), bounds[1])
+    return TypeParameter(name, value, spread, *bounds, "F", f"{source}; {why}")
 
 
 def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
@@ -159,8 +186,9 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
     Returns
     -------
     InjectorType
-        Mean and spread of every free parameter over the injectors that were calibrated, see `over_parts`. The bounds
-        are the smallest and largest value found, and three spreads to both sides.
+        Mean and spread of every free parameter over the injectors that were calibrated, see `over_parts`, with the
+        bounds of their study. Tables of earlier versions do not tell those: then the smallest and largest value found,
+        and a range to both sides.
 
     Raises
     ------
@@ -174,6 +202,7 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
     check_sum(folder / TABLE)
     columns, count = _columns(folder / TABLE)
     source = f"fleet: {record['title']}"
+    stated = {own["name"]: own for own in record.get("parameters", ())}
     found = []
     for parameter in columns:
         if parameter.endswith(ERROR) or parameter not in parameter_quantities():
@@ -181,18 +210,25 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
         values = columns[parameter]
         errors = columns.get(parameter + ERROR, np.full(len(values), np.nan))
         there = np.isfinite(values)
-        estimate = over_parts(values[there], errors[there])
-        q = parameter_quantities()[parameter]
-        low = min(float(np.min(values[there])), estimate.value - 3.0 * estimate.spread)
-        high = max(float(np.max(values[there])), estimate.value + 3.0 * estimate.spread)
-        low = low if q.domain.admits(low) else float(np.min(values[there]))
-        high = high if q.domain.admits(high) else float(np.max(values[there]))
-        found.append(_estimated(parameter, values[there], errors[there], (low, high), source))
+        own = stated.get(parameter, {})
+        prior = _prior_of(own)
+        bounds = (own["lower"], own["upper"]) if "lower" in own else _around(parameter, values[there])
+        otherwise = float(np.mean(values[there])), prior[1] if prior else math.inf
+        of_data = np.array(without_prior(values[there], errors[there], prior))
+        if bounds[0] < bounds[1]:  # else all are alike, and nothing tells how far the next may be off
+            found.append(_estimated(parameter, of_data, bounds, source, otherwise))
     files = {FLEET: fingerprint(folder / FLEET), TABLE: fingerprint(folder / TABLE)}
     part = TypePart(record["title"], source, files, count)
     return InjectorType(
         name, f"{name}: fleet of {count} injectors", tuple(found), (part,), synthetic=record["synthetic"]
     )
+
+
+def _around(name: str, values: Floats) -> tuple[float, float]:
+    """Bounds that lie a range beyond all values, where the parameter's domain admits it."""
+    domain, low, high = parameter_quantities()[name].domain, float(np.min(values)), float(np.max(values))
+    below, above = 2.0 * low - high, 2.0 * high - low
+    return below if domain.admits(below) else low, above if domain.admits(above) else high
 
 
 def _columns(path: Path) -> tuple[dict[str, Floats], int]:

@@ -7,7 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Estimate", "over_parts"]
+__all__ = ["Estimate", "FEWEST", "over_parts", "without_prior"]
+
+FEWEST = 2  # parts that data hold, for a spread
+_FAINT = 0.1  # data that tell less than this share of what the prior does tell nothing
+
+Floats = NDArray[np.float64]
 
 _HALVINGS = 200  # of the interval that holds the variance between parts: to the last bit
 
@@ -35,23 +40,21 @@ def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
 
     Each part's value x_i has been fitted by itself, with the standard error e_i. The variance between parts, τ², is
     that for which Σ (x_i − μ)²/(e_i² + τ²) equals n − 1 (Paule and Mandel 1982), with μ the mean weighed by
-    1/(e_i² + τ²). A part whose error is not known counts as one with the mean error of the others, and as exact if none
-    is known.
+    1/(e_i² + τ²). A part whose error is not known is left out: its data do not hold the parameter.
 
     Parameters
     ----------
     values : (n,)
-        n ≥ 2.
+        At least two of them with a known error.
     errors : (n,)
-        Standard errors in the unit of the values, ≥ 0; NaN where one is not known.
+        Standard errors by the data alone (see `without_prior`) in the unit of the values, ≥ 0; NaN where not known.
 
     Returns
     -------
     Estimate
     """
-    x, e = np.asarray(values, float), np.asarray(errors, float)
-    known = np.isfinite(e)
-    variance = np.where(known, e, np.sqrt(np.mean(e[known] ** 2)) if known.any() else 0.0) ** 2
+    known = np.isfinite(np.asarray(errors, float))
+    x, variance = np.asarray(values, float)[known], np.asarray(errors, float)[known] ** 2
     low, high = 0.0, float(np.sum((x - np.mean(x)) ** 2))
     if _excess(x, variance) > 0.0:  # the errors alone do not explain the differences
         for _ in range(_HALVINGS):
@@ -61,6 +64,33 @@ def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
         high = 0.0
     mean, error = _mean(x, variance + high)
     return Estimate(mean, float(np.sqrt(high + error**2)), float(np.sqrt(high)))
+
+
+def without_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, float] | None) -> tuple[Floats, Floats]:
+    """Values and errors that the data alone give, of a fit with a prior.
+
+    Every part had the same prior: counted once a part, it would draw the parts together and to its value. With the
+    posterior's x and e and the prior's μ and σ, the data's weight is 1/e² − 1/σ².
+
+    Parameters
+    ----------
+    values, errors : (n,)
+        Of fits; NaN for an error that is not known.
+    prior : (value, sigma) or None
+
+    Returns
+    -------
+    values, errors : (n,)
+        Both NaN where the data tell less than a tenth of what the prior tells.
+    """
+    x, e = np.asarray(values, float), np.asarray(errors, float)
+    if prior is None:
+        return x, e
+    mean, own = prior[0], prior[1] ** -2.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        total = e**-2.0
+        weight = np.where(total - own > _FAINT * own, total - own, np.nan)
+        return np.where(np.isinf(total), x, (x * total - mean * own) / weight), weight**-0.5
 
 
 def _mean(x: NDArray[np.float64], variance: NDArray[np.float64]) -> tuple[float, float]:

@@ -46,12 +46,20 @@ class _Data(_Part):
     best: float | None
 
 
+class _Prior(_Part):
+    value: float
+    sigma: float
+
+
 class _Parameter(_Part):
     best: float
     standard_error: float | None
     verdict: str
     position: float
     at_bound: bool
+    lower: float | None = None  # early journals have none of these
+    upper: float | None = None
+    prior: _Prior | None = None
 
 
 class _Warning(_Part):

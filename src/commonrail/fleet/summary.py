@@ -113,7 +113,7 @@ def _parameter(name: str, unit: str, finished: Sequence[Entry]) -> Record:
         "position": spread_of([p["position"] for p in own]),
         "at_bound": sum(p["at_bound"] for p in own),
         "verdicts": dict(sorted(Counter(p["verdict"] for p in own).items())),
-    }
+    } | {key: own[0][key] for key in ("lower", "upper", "prior") if key in own[0]}
 
 
 def _by_cost(finished: Sequence[Entry]) -> list[Entry]:

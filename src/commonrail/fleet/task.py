@@ -136,5 +136,8 @@ def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, 
             "verdict": identified[p.name]["verdict"],
             "position": p.position(best),
             "at_bound": p.is_at_bound(best),
+            "lower": p.lower,
+            "upper": p.upper,
+            "prior": None if p.prior is None else {"value": p.prior.value, "sigma": p.prior.sigma},
         }
     return found
