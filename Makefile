@@ -22,7 +22,7 @@ PYTHON_LOWEST ?= python3.11
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 24
 
-demo: $(VENV)/.runtime ## calibrate the sample injector and write a report to demo/
+demo: $(VENV)/.runtime ## calibrate the cases paper and cri2-16, repeat the paper's study, write three reports to demo/
 	$(BIN)/python -m commonrail.cli.demo --out demo
 
 test: lint ## lint, check types and imports, run the tests

@@ -8,6 +8,14 @@ import pytest
 from commonrail.analysis.influence import influence_of
 
 
+def test_residuals_without_a_stated_tolerance_are_scaled_by_their_scatter_alone() -> None:
+    residuals = np.tile([0.1, -0.1], 50)
+    prior = np.array([[1e-6, 0.0]])
+    curve, judged = (influence_of(residuals, np.eye(100, 2), prior, stated) for stated in (False, True))
+    np.testing.assert_allclose(curve.errors, curve.scatter, rtol=1e-9)
+    np.testing.assert_allclose(judged.errors, 1.0, rtol=1e-9)
+
+
 def test_a_prior_takes_its_share_of_a_parameter() -> None:
     # orthogonal columns of length s and priors of weight 1: each parameter counts s²/(s² + 1)
     jacobian = np.zeros((5, 3))

@@ -1,4 +1,4 @@
-"""The demo: both cases, the paper's study, and a folder that it may replace."""
+"""The demo: two cases, the paper's study, and a folder that it may replace."""
 
 from __future__ import annotations
 

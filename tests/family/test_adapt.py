@@ -68,6 +68,13 @@ def test_quantities_that_no_nozzle_injects_are_refused() -> None:
         cr.adapt(small_type(), replace(far, quantity=3.0 * far.quantity))
 
 
+def test_a_reference_at_which_the_type_stays_shut_is_refused() -> None:
+    points = injected(INJECTOR, (80.0, 400.0))
+    shut = replace(points, points=(replace(points.points[0], energisings=60e-6),))
+    with pytest.raises(cr.InputError, match=r"measured at 80 MPa and 60 us, and the adapted type injects 0\.000 mm3"):
+        cr.adapt(small_type(), shut)
+
+
 def test_a_type_without_an_injector_needs_the_parts(tmp_path: Path) -> None:
     unknown = replace(small_type(), injector=None)
     with pytest.raises(cr.InputError, match="names no injector; give the part's own"):

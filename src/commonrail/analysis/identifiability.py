@@ -90,7 +90,9 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
     usable = np.all(np.isfinite(jacobian), axis=0)
     spread = np.sqrt(np.sum(own**2) / max(len(own) - space.dimension, 1))
     pulls = place.slopes(values[:, many:])
-    influence = influence_of(own, np.where(usable, jacobian, 0.0), pulls) if np.isfinite(own).all() else None
+    stated = all(data.discrepancy(data.measured) is not None for data in objective.data)  # not in mm³/ms, as curves are
+    known = np.where(usable, jacobian, 0.0)
+    influence = influence_of(own, known, pulls, stated) if np.isfinite(own).all() else None
     found = Identified()
     found.influence, found.summary = influence, influence.record(space.names) if influence else None
     for i, p in enumerate(space.parameters):

@@ -87,7 +87,7 @@ class Influence(NamedTuple):
         }
 
 
-def influence_of(residuals: Floats, jacobian: Floats, priors: Floats) -> Influence:
+def influence_of(residuals: Floats, jacobian: Floats, priors: Floats, in_deviations: bool = True) -> Influence:
     """Influence of data on parameters.
 
     Parameters
@@ -98,6 +98,9 @@ def influence_of(residuals: Floats, jacobian: Floats, priors: Floats) -> Influen
         Their derivatives with respect to the positions between the bounds; zero columns where they are unknown.
     priors : (p, d)
         Derivatives of the residuals of the priors.
+    in_deviations : bool
+        Whether residuals are multiples of a stated tolerance. Errors are then no smaller than that tolerance explains;
+        else the scatter alone scales them.
 
     Returns
     -------
@@ -108,7 +111,7 @@ def influence_of(residuals: Floats, jacobian: Floats, priors: Floats) -> Influen
     inverse = all_directions[held].T / all_values[held]  # root of the pseudo-inverse of JᵀJ + PᵀP
     effective = float(np.sum(product(jacobian, inverse) ** 2))
     scatter = float(np.sqrt(np.sum(residuals**2) / max(len(residuals) - effective, 1.0)))
-    errors = max(scatter, 1.0) * np.sqrt(np.sum(inverse**2, axis=1))
+    errors = (max(scatter, 1.0) if in_deviations else scatter) * np.sqrt(np.sum(inverse**2, axis=1))
     loose = np.sum(all_directions[held] ** 2, axis=0) < 1.0 - 1e-6
     values, directions = singular(jacobian)
     signs = np.sign(directions[np.arange(len(directions)), np.argmax(np.abs(directions), axis=1)])

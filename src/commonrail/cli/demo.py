@@ -1,4 +1,4 @@
-"""Both sample cases and the paper's study from start to report: ``python -m commonrail.cli.demo --out demo``."""
+"""The cases paper and cri2-16 and the paper's study, start to report: ``python -m commonrail.cli.demo --out demo``."""
 
 from __future__ import annotations
 

@@ -60,6 +60,7 @@ def family(
       commonrail family fleets/line-4 --out cri2.toml
       commonrail family runs/part-1 --part-spread 3% --out cri2.toml
     """
+    from commonrail.family.from_results import FLEET
     from commonrail.files.type_file import dump_type
 
     check_file(out, "--out")
@@ -69,6 +70,8 @@ def family(
         raise InputError(f"{joint[0]}: a family file is a source by itself; name it alone, or run folders only.")
     if not joint and models is not None:
         raise InputError("--models: only a family file makes injectors; omit it for runs and fleets.")
+    if share is not None and (joint or any((source / FLEET).is_file() for source in sources)):
+        raise InputError("--part-spread: only for run folders; omit it for a family file or a fleet.")
     fit = _fitted(joint[0], name, models, threads) if joint else None
     found = _from_results(sources, name or out.stem, share) if fit is None else fit.injector_type
     dump_type(found, out)

@@ -32,6 +32,7 @@ from commonrail.units import parse
 __all__ = ["FEWEST_FOR_PRIORS", "FLOW", "Adapted", "adapt", "read_points"]
 
 FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure
+FAR, ANYWAY = 0.5, 1e-9  # share of a reference quantity, and volume [m³], by which an adapted model may miss it
 FACTORS = (0.6, 1.6)  # flow factors that are searched
 FEWEST_FOR_PRIORS = 4  # reference quantities from which the type's parameters move too, held by their spreads
 MEMBERS, MOVES = 64, 24  # candidates that are screened, and iterations after it
@@ -101,7 +102,8 @@ def adapt(
     Raises
     ------
     InputError
-        If a file cannot be read, there is no injector, or the flow factor would lie outside 0.6 to 1.6.
+        If a file cannot be read, there is no injector, the flow factor would lie outside 0.6 to 1.6, or a reference
+        quantity is missed by more than half of it and 1 mm³.
     ConfigurationError
         If an argument is of another kind.
     SimulationError
@@ -120,8 +122,21 @@ def adapt(
             f"{points.name}: the reference quantities would need a flow factor at the end of {low:g} to {high:g}; "
             "check nozzle, units and pressures."
         )
+    _check_met(points, np.asarray(found.scores["best"][0].values))
     start, best = (np.asarray(found.scores[label][0].values) for label in ("start", "best"))
     return Adapted(_named(known, study, found, factor), factor, start, best, points, found)
+
+
+def _check_met(points: QuantityData, best: NDArray[np.float64]) -> None:
+    """Refuse reference quantities that the adapted model does not come near: no flow factor can repair that."""
+    for point, wanted, given in zip(points.points, points.quantity, best, strict=True):
+        if not abs(given - wanted) <= max(FAR * wanted, ANYWAY):
+            duration = sum(pulse.duration for pulse in point.pulses)
+            at = f"{1e-6 * point.initial_pressures()[0]:.4g} MPa and {1e6 * duration:.4g} us"
+            raise InputError(
+                f"{points.name}: {wanted * 1e9:.3g} mm3 are measured at {at}, and the adapted type injects "
+                f"{given * 1e9:.3f} mm3; check units and pressures, or take a point with a larger energising time."
+            )
 
 
 def read_points(

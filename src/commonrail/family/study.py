@@ -132,6 +132,10 @@ def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict
             study = load_study(reach.path(folder, part.study, place / "study"))
         if not of_role(study.data, Role.FIT):
             raise (place / "study").error("no data set of this study has role fit")
+        if model.flow is not None and not 0.0 < model.flow < 1.0 / FARTHEST:
+            raise (at / "flow").error(
+                f'{model.flow:g} is no spread of the hole area; give a share below {100 / FARTHEST:g} %, such as "2 %"'
+            )
         found[part.name] = replace(_with_flow(study, model.flow), files=study.files or files)
     return found
 
