@@ -95,7 +95,8 @@ def test_a_task_that_is_lost_once_is_repeated_to_the_same_bits(
 ) -> None:
     before = pids_of(two)
     assert sines(two.run(tasks(package, with_a(deed)))) == expected(MANY)
-    assert len(list((tmp_path / str(BAD)).iterdir())) >= 2  # a cluster's spot check may take it once more
+    tries = len(list((tmp_path / str(BAD)).iterdir()))
+    assert tries == 2 or (two.inspected and tries > 2)  # a cluster's spot check may take it once more
     if deed == "die":
         wait_until(lambda: len(set(pids_of(two)) - set(before)) == 1, "another worker takes the place")
 
@@ -154,7 +155,7 @@ def test_in_place_of_a_lost_task_others_can_be_done(two: Workers, package: Packa
 def test_an_error_of_ours_ends_it_at_once_in_its_own_words(two: Workers, package: Package, tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"^This cannot be done\.$"):
         list(two.run(tasks(package, with_a("refuse", 99))))
-    assert len(list((tmp_path / str(BAD)).iterdir())) <= 2  # it is not repeated; a spot check may take it too
+    assert len(list((tmp_path / str(BAD)).iterdir())) <= 1 + two.inspected  # not repeated; a spot check may take it
     assert not two.backend.busy
 
 

@@ -134,7 +134,7 @@ def killed(folder: Path, times: int) -> str:
 
 @attack(few=0)
 def other_software(folder: Path, times: int) -> str:
-    """A worker of a cluster with another version, or with code for another processor, is refused with a sentence."""
+    """A worker of a cluster with another version, or with code for another processor, ends the run with an error."""
     members = {package: Member(OLD.format(package=package)) for package in ("commonrail", "numba", "llvmlite", "numpy")}
     generic = Member(environment={"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""})
     for name, member in {**members, "cpu": generic}.items():
