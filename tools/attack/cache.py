@@ -20,10 +20,14 @@ from commonrail.compile import kernel
 def poly(x):
     return 2.0 * x * x + 3.0 * x - 7.0
 
+def other(x):
+    return x + 1.0
+
 def use():
     print(kernel(poly, "attacked")(5.0), flush=True)
 
-if sys.argv[1:]:  # a start for each line: a process that has loaded nothing but Python's modules so far
+if sys.argv[1:]:  # a start for each line: a process that has not seen the attacked kernel, only the compiler at work
+    kernel(other, "warm")(5.0)
     for line in sys.stdin:
         child = os.fork()
         if not child:
