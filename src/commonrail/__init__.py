@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from commonrail.fuel.fuel import Fuel
     from commonrail.injector.definition import Injector, Source, parameter_quantities
     from commonrail.injector.variants import Variant
-    from commonrail.kinds import QuantityData, RateData, Role
+    from commonrail.kinds import QuantityData, RateData, ReturnData, Role
     from commonrail.kinds.maps.sister import Sister
     from commonrail.observation.low_pass import LowPass
     from commonrail.observation.meter import Meter
@@ -114,7 +114,7 @@ _HOMES = {
     "fuel.fuel": "Fuel",
     "injector.definition": "Injector Source parameter_quantities",
     "injector.variants": "Variant",
-    "kinds": "QuantityData RateData Role",
+    "kinds": "QuantityData RateData ReturnData Role",
     "kinds.maps.sister": "Sister",
     "observation.low_pass": "LowPass",
     "observation.meter": "Meter",
@@ -161,6 +161,7 @@ __all__ = [
     "QuantityData",
     "RateData",
     "Reproduction",
+    "ReturnData",
     "Role",
     "SeedProgress",
     "SimulationError",
