@@ -67,9 +67,9 @@ class _Amounts:
     quantity: Q
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        number = (Annotated[float, Unit(self.quantity.unit)] | None, None)
+        number: Any = (Annotated[float, Unit(self.quantity.unit)] | None, None)
         keys: Any = dict.fromkeys(("value", "lower", "upper", "start"), number)
-        sigma = (Annotated[float, Unit(self.quantity.unit)], ...)
+        sigma: Any = (Annotated[float, Unit(self.quantity.unit)], ...)
         prior: Any = create_model("MeterPrior", __base__=MeterPrior, value=number, sigma=sigma)
         keys["prior"] = (prior | None, None)
         model = handler.generate_schema(create_model("Amount", __base__=Amount, **keys))
