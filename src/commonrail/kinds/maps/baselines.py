@@ -22,8 +22,8 @@ Floats = NDArray[np.float64]
 
 RULE = (
     "{in_time} in energising time at each fitted rail pressure, then {in_pressure} in {scale} between rail pressures "
-    "(of linear and PCHIP, and of p and √p, those that are closest to this data set); dead times linear in p; beyond the "
-    "fitted points the nearest two are continued"
+    "(of linear and PCHIP, and of p and √p, those that are closest to this data set); dead times linear in p; beyond "
+    "the fitted points the nearest two are continued"
 )
 
 _BOTH = tuple(itertools.product(Rule, Rule))  # in energising time and in pressure
