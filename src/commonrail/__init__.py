@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from commonrail.family.from_results import type_from_fleet, type_from_runs
     from commonrail.files.fuel_file import load_fuel
     from commonrail.files.injector_file import dump_injector, injector_catalogue, load_injector, load_meters
+    from commonrail.files.meter_file import load_meter
     from commonrail.files.run_folder import create_run_folder, read_run, write_run
     from commonrail.files.study_file import load_study
     from commonrail.files.truth_file import load_truth
@@ -62,10 +63,11 @@ if TYPE_CHECKING:
     from commonrail.fuel.fuel import Fuel
     from commonrail.injector.definition import Injector, Source, parameter_quantities
     from commonrail.injector.variants import Variant
-    from commonrail.kinds import QuantityData, RateData, Role
+    from commonrail.kinds import QuantityData, RateData, ReturnData, Role
     from commonrail.kinds.maps.sister import Sister
     from commonrail.observation.low_pass import LowPass
     from commonrail.observation.meter import Meter
+    from commonrail.observation.metered import Metered, metered
     from commonrail.report.build import write_report
     from commonrail.report.simulation import simulation_figure
     from commonrail.reproduction.run import Reproduction, reproduce
@@ -108,16 +110,18 @@ _HOMES = {
     "files.fuel_file": "load_fuel",
     "files.injector_file": "dump_injector injector_catalogue load_injector load_meters",
     "files.run_folder": "create_run_folder read_run write_run",
+    "files.meter_file": "load_meter",
     "files.study_file": "load_study",
     "files.truth_file": "load_truth",
     "files.type_file": "dump_type load_type",
     "fuel.fuel": "Fuel",
     "injector.definition": "Injector Source parameter_quantities",
     "injector.variants": "Variant",
-    "kinds": "QuantityData RateData Role",
+    "kinds": "QuantityData RateData ReturnData Role",
     "kinds.maps.sister": "Sister",
     "observation.low_pass": "LowPass",
     "observation.meter": "Meter",
+    "observation.metered": "Metered metered",
     "report.build": "write_report",
     "report.simulation": "simulation_figure",
     "reproduction.run": "Reproduction reproduce",
@@ -150,6 +154,7 @@ __all__ = [
     "Loss",
     "LowPass",
     "Meter",
+    "Metered",
     "Method",
     "Objective",
     "OperatingPoint",
@@ -161,6 +166,7 @@ __all__ = [
     "QuantityData",
     "RateData",
     "Reproduction",
+    "ReturnData",
     "Role",
     "SeedProgress",
     "SimulationError",
@@ -195,10 +201,12 @@ __all__ = [
     "list_runs",
     "load_fuel",
     "load_injector",
+    "load_meter",
     "load_meters",
     "load_study",
     "load_truth",
     "load_type",
+    "metered",
     "parameter_quantities",
     "percent_bounds",
     "read_run",

@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 from commonrail.analysis.bands import LEVEL, bands_of, half_widths
+from commonrail.analysis.identifiability import identify_at
 from commonrail.analysis.influence import influence_of
 from commonrail.analysis.neighbourhood import around
+from commonrail.calibration.goal import Goal, Loss
+from commonrail.calibration.objective import Objective
 from commonrail.calibration.space import Parameter, Space
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.injector.definition import Injector
 from commonrail.kinds import QuantityData, Role
 from commonrail.kinds.simulator import Simulator
 
@@ -74,6 +78,35 @@ def test_the_band_is_that_of_the_posterior(noise: float) -> None:
     variance = max(s2, 1.0) * np.einsum("ij,jk,ik->i", b, covariance, b) + (0.05 + 0.015 * predicted) ** 2
     expected = MM3 * NormalDist().inv_cdf(0.95) * np.sqrt(variance)
     np.testing.assert_allclose(found["validation"]["half_widths"], expected, rtol=EXACT)
+
+
+def standard_errors(data: Linear, injector: Injector, best: np.ndarray, loss: Loss) -> np.ndarray:
+    objective = Objective(injector, SPACE.names, [data], 1e-6, 1, goal=Goal(loss, scale=2.0))
+    found = identify_at(SPACE, objective, best)
+    return np.array([found[name]["standard_error"] for name in SPACE.names])
+
+
+def test_standard_errors_under_soft_l1_are_those_of_its_weights(regulated: Injector) -> None:
+    a, _, rng = problem(3)
+    best, noise = np.array([1.0, -0.5, 2.0]), 0.05 * rng.normal(size=12)
+    clean = linear(a, 20.0 + a @ best + noise, Role.FIT, relative=0.0)
+    noise[4] += 10.0  # two hundred tolerances
+    spoilt = linear(a, 20.0 + a @ best + noise, Role.FIT, relative=0.0)
+    found = standard_errors(spoilt, regulated, best, Loss.SOFT_L1)
+
+    # by hand: weights of iteratively reweighted least squares, w = 1/sqrt(1 + (r/s)²)
+    residuals = -noise / 0.05
+    w = 1.0 / np.sqrt(1.0 + (residuals / 2.0) ** 2)
+    covariance = np.linalg.inv((a * w[:, None]).T @ a / 0.05**2)
+    expected = np.sqrt(np.sum(w * residuals**2) / (12 - 3) * np.diag(covariance))
+    np.testing.assert_allclose(found, expected, rtol=EXACT)
+    # squares let the outlier widen them forty times, the weights eight times at most
+    squares = standard_errors(spoilt, regulated, best, Loss.SQUARES) / standard_errors(
+        clean, regulated, best, Loss.SQUARES
+    )
+    robust = found / standard_errors(clean, regulated, best, Loss.SOFT_L1)
+    assert squares.min() > 40.0
+    assert robust.max() < 10.0
 
 
 def test_the_band_holds_its_share_of_new_values() -> None:

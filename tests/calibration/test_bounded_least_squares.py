@@ -30,12 +30,13 @@ def slopes(x: Floats) -> Floats:
     return np.stack([(residuals(x + step) - residuals(x - step)) / 2e-7 for step in steps], axis=1)
 
 
+@pytest.mark.parametrize(("scale", "loss"), [(1.0, "soft_l1"), (np.inf, "linear")])
 @pytest.mark.parametrize("start", [(0.5, 0.5), (0.05, 0.95), (1.0, 0.0)])
-def test_it_ends_where_scipy_does(start: tuple[float, float]) -> None:
-    other = least_squares(residuals, (0.5, 0.5), slopes, (0.0, 1.0), loss="soft_l1", xtol=1e-12, ftol=1e-14)
-    ended = within_unit_box(residuals, slopes, np.array(start), LIMITS)
+def test_it_ends_where_scipy_does(start: tuple[float, float], scale: float, loss: str) -> None:
+    other = least_squares(residuals, (0.5, 0.5), slopes, (0.0, 1.0), loss=loss, xtol=1e-12, ftol=1e-14)
+    ended = within_unit_box(residuals, slopes, np.array(start), LIMITS._replace(scale=scale))
     np.testing.assert_allclose(ended.x, other.x, atol=1e-5)  # the cost is flat to 1e-10 around its minimum
-    assert soft_l1(residuals(ended.x), 1.0) == pytest.approx(other.cost, rel=1e-9)
+    assert soft_l1(residuals(ended.x), scale) == pytest.approx(other.cost, rel=1e-9)
 
 
 def test_a_minimum_outside_is_met_at_the_bound() -> None:

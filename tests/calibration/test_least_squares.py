@@ -64,6 +64,15 @@ def test_bounds_hold_and_the_bounded_optimum_is_found() -> None:
     assert end.cost == pytest.approx(expected.fun, rel=1e-5)
 
 
+@pytest.mark.parametrize("same_bits", [False, True])
+def test_an_infinite_scale_makes_squares_small_outliers_and_all(same_bits: bool) -> None:
+    data = np.array([1.0, 1.2, 1.4, 6.0])
+    settings = LeastSquaresSettings(residual_scale=np.inf)
+    end = LeastSquares(space(), lambda x: x[:, :1] - data, settings, same_bits).run(np.array([5.0, 1.0]))
+    assert end.x[0] == pytest.approx(data.mean(), rel=1e-6)  # soft L1 would end near 1.4
+    assert end.cost == pytest.approx(0.5 * np.sum((data - data.mean()) ** 2), rel=1e-9)
+
+
 def test_a_jacobian_is_one_batch_of_as_many_candidates_as_parameters() -> None:
     sizes: list[int] = []
 

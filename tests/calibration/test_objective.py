@@ -180,3 +180,46 @@ def test_screening_is_coarser_and_near_the_residuals(regulated: Injector) -> Non
     assert not np.array_equal(fine, coarse)
     # f32 and a step half as long again: less than 1 % of quantities of up to 40 mm³, whose tolerance is 10 % and more
     assert coarse == pytest.approx(fine, abs=0.1)
+
+
+@pytest.mark.parametrize("scale", [0.5, 3.0])
+def test_soft_l1_is_that_of_the_plain_residuals_and_its_residuals_square_to_it(
+    regulated: Injector, scale: float
+) -> None:
+    own = np.array([regulated.values[name] for name in NAMES])
+    priors = Priors([None, Prior(1.1 * own[1], 0.05 * own[1])])
+    values, data = candidates(regulated, 3), [a_curve(80e6, 2.0), a_map("low", 60e6, 2.5)]
+    plain = Objective(regulated, NAMES, data, STEP, 1, goal=Goal(Loss.SQUARES)).residuals(values)
+    roots = np.sqrt(np.repeat([2.0, 2.5], [30, 2]))
+    r = plain / roots
+    expected = np.sum(roots**2 * 2.0 * scale**2 * (np.sqrt(1.0 + (r / scale) ** 2) - 1.0), axis=1)
+    objective = Objective(regulated, NAMES, data, STEP, 1, goal=Goal(Loss.SOFT_L1, priors, scale=scale))
+    pulls = ((values[:, 1] / own[1] - 1.1) / 0.05) ** 2
+    residuals = objective.residuals(values)
+    # rounding of sums of some thirty squares
+    assert objective.costs(values).costs == pytest.approx(expected + pulls, rel=1e-9)
+    assert np.sum(residuals**2, axis=1) == pytest.approx(expected + pulls, rel=1e-9)
+    assert np.sign(residuals[:, :-1]).tolist() == np.sign(plain).tolist()
+    weighted = objective.linearised(values)[:, :-1]
+    weights = 1.0 / np.sqrt(1.0 + (r[0] / scale) ** 2)
+    assert weighted == pytest.approx(plain * np.sqrt(weights), rel=1e-9)
+    assert objective.screened(values).shape == residuals.shape
+
+
+def test_a_failure_under_soft_l1_has_its_status(regulated: Injector) -> None:
+    values = candidates(regulated, 3)
+    values[1, 1] = -1.0
+    objective = Objective(regulated, NAMES, [a_map("low", 60e6)], STEP, 1, goal=Goal(Loss.SOFT_L1))
+    scores = objective.costs(values)
+    assert scores.statuses.tolist() == [Status.OK, Status.OUTSIDE_DOMAIN, Status.OK]
+    assert np.isposinf(scores.costs).tolist() == [False, True, False]
+
+
+def test_an_outlier_hardly_counts_in_the_weights_of_soft_l1() -> None:
+    goal = Goal(Loss.SOFT_L1, scale=1.0)
+    residuals = np.array([0.0, 0.1, 100.0])
+    # 1/sqrt(1 + r²), of which the root is taken
+    assert goal.roots_of_weights(residuals) ** 2 == pytest.approx([1.0, 0.99503719, 0.0099995], rel=1e-6)
+    assert goal.bent(residuals) ** 2 == pytest.approx(
+        [0.0, 2.0 * (np.sqrt(1.01) - 1.0), 2.0 * (np.sqrt(10001.0) - 1.0)]
+    )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import commonrail as cr
@@ -182,4 +184,54 @@ def test_an_engine_that_is_not_to_be_had_is_refused(command: Command, monkeypatc
     done = command(*SIMULATE, "--engine", "cuda")
     assert done.status == 2
     assert done.err.endswith('commonrail: The engine "cuda" needs a GPU.\n')
+    assert "Traceback" not in done.err
+
+
+METERS = """
+[meters.bench]
+delay = { lower = "0 us", upper = "40 us", start = "20 us" }
+gain = 1.5
+"""
+
+
+def metered_study(tmp_path: Path) -> Path:
+    """The scaffold's study with a meter; its data are not there, and need not be."""
+    text = resources.files("commonrail.files").joinpath("templates", "study.toml").read_text(encoding="utf-8")
+    file = tmp_path / "study.toml"
+    file.write_text(text + METERS, encoding="utf-8")
+    return file
+
+
+def test_a_meter_shows_its_rate_beside_the_true_one(command: Command, tmp_path: Path) -> None:
+    files = ("--study", str(metered_study(tmp_path)), "--meter", "bench")
+    out, plot = tmp_path / "seen.csv", tmp_path / "seen.html"
+    record = command(*SIMULATE, *files, "--out", str(out), "--plot", str(plot), "--json").record
+    own = solution()
+    assert record["meter"]["name"] == "bench"
+    assert record["meter"]["quantity"] == pytest.approx(1.5 * own.injected_volume)
+    rows = list(csv.DictReader(line for line in out.read_text(encoding="utf-8").splitlines() if line[0] != "#"))
+    true, seen = (
+        np.array([float(row[key]) for row in rows]) for key in ("rate [mm3/ms]", "rate by meter bench [mm3/ms]")
+    )
+    # nine digits in the file; the delay is twenty steps
+    np.testing.assert_allclose(seen[20:], 1.5 * true[:-20], atol=1e-6)
+    assert "rate by meter bench" in plot.read_text(encoding="utf-8")
+    assert "by meter bench" in command(*SIMULATE, *files).out
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--meter", "bench"), "is no file; name a study or a calibrated.toml with --study"),
+        (("--study", "STUDY"), "name one of its meters with --meter"),
+        (("--study", "STUDY", "--meter", "bank"), 'there is no meter "bank"; it has bench'),
+    ],
+)
+def test_a_meter_that_is_not_there_is_one_sentence(
+    command: Command, tmp_path: Path, options: tuple[str, ...], words: str
+) -> None:
+    file = str(metered_study(tmp_path))
+    done = command(*SIMULATE, *(file if option == "STUDY" else option for option in options))
+    assert done.status == 2
+    assert words in " ".join(done.err.split())
     assert "Traceback" not in done.err

@@ -146,6 +146,25 @@ def test_samples_are_means_of_the_injected_mass(regulated: Injector) -> None:
     assert coarse.mass_rate == pytest.approx(means, rel=1e-9, abs=1e-13)
 
 
+@pytest.mark.parametrize(
+    ("step", "interval", "words"),
+    [
+        ("1.875 us", "3 us", r"3 us is 1\.6 steps of 1\.875 us; take 1\.875 us or 3\.75 us"),
+        ("2 us", "1 us", r"1 us is 0\.5 steps of 2 us; take 2 us\."),
+    ],
+)
+def test_samples_that_are_no_whole_number_of_steps_are_refused(
+    regulated: Injector, step: str, interval: str, words: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        simulate(regulated, POINT, time_step=step, sample_interval=interval)
+
+
+def test_the_times_of_samples_are_as_far_apart_as_asked_for(regulated: Injector) -> None:
+    found = simulate(regulated, POINT, time_step="0.7 us", sample_interval="2.1 us")
+    assert np.diff(found.time) == pytest.approx(2.1e-6, rel=1e-9)
+
+
 @pytest.mark.parametrize("step", [0.0, -1e-6, 1e-3, float("nan")])
 def test_a_senseless_step_is_refused(regulated: Injector, step: float) -> None:
     with pytest.raises(ConfigurationError, match="time step"):

@@ -11,11 +11,14 @@ from typing import Annotated, Any
 import pytest
 from pydantic import TypeAdapter
 
+from commonrail.calibration.conditions import Wanted
+from commonrail.calibration.goal import Loss
 from commonrail.files.injector_file import room_quantities
-from commonrail.files.study_models import ConstraintsModel, ParameterModel, read_optimisers
+from commonrail.files.study_models import ConditionModel, ConstraintsModel, ParameterModel, read_optimisers
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds.curves.reading import RateModel
 from commonrail.kinds.maps.reading import QuantitiesModel
+from commonrail.kinds.maps.returned import ReturnsModel
 from commonrail.reading.fields import Quantities, Room
 from commonrail.reading.tables import Column, read_columns
 
@@ -33,10 +36,15 @@ def tables(page: str) -> dict[str, list[Any]]:
 
 def test_study_page() -> None:
     found = tables("study-file.md")
-    rate, quantities = found["data"]
+    rate, quantities, returns = found["data"]
     RateModel.model_validate(rate)
     # The page leaves out what the first example has explained.
     QuantitiesModel.model_validate({"name": "map", "role": "fit"} | quantities)
+    ReturnsModel.model_validate(returns)
+    ConditionModel.model_validate(found["condition"][0])
+    text = (PAGES / "study-file.md").read_text(encoding="utf-8")
+    assert [wanted for wanted in Wanted if f'"{wanted.value}"' not in text] == []
+    assert [loss for loss in Loss if f'"{loss.value}"' not in text] == []
     models = [ParameterModel.model_validate(parameter) for parameter in found["parameter"]]
     assert {model.name for model in models} <= set(parameter_quantities())
     ConstraintsModel.model_validate(found["constraints"][0])

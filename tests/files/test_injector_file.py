@@ -211,6 +211,16 @@ FAULTS = {
     ),
     "inline without value": (GRAMS, 'mass = { mark = "M" }', r"valve\.mass: the inline table has no value"),
     "inline unknown key": (GRAMS, 'mass = { val = "5 g" }', r'valve\.mass: there is no key "val"'),
+    "knots do not rise": (
+        "holes = 7",
+        'holes = 7\nknot_2 = "30 um"',
+        r"nozzle\.knot_2: the knots must rise, and knot_1 is at 40 um, knot_2 at 30 um; correct them",
+    ),
+    "first knot beyond the default of the second": (
+        "holes = 7",
+        'holes = 7\nknot_1 = "95 um"',
+        r"nozzle\.knot_1: the knots must rise, and knot_1 is at 95 um, knot_2 at 90 um",
+    ),
     "no such mark": (GRAMS, 'mass = { value = "5 g", mark = "X" }', r'valve\.mass\.mark: "X" is no mark; write one of'),
     "source no text": (GRAMS, 'mass = { value = "5 g", source = 3 }', r"valve\.mass\.source: this must be a text"),
     "variant": (

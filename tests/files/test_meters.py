@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from commonrail.calibration.objective import Objective
+from commonrail.calibration.optimisers import EvolutionSettings
+from commonrail.calibration.prior import Priors
+from commonrail.calibration.result import result_record
+from commonrail.calibration.run import calibrate
+from commonrail.calibration.search import goal_of
 from commonrail.errors import CommonrailError, InputError
 from commonrail.files.injector_file import load_injector, load_meters
 from commonrail.files.injector_writer import dump_injector
@@ -59,9 +67,58 @@ def test_a_start_that_is_left_out_is_neutral_or_in_the_middle(metered: Edit) -> 
     assert values == pytest.approx({"delay": 0.0, "gain": 1.2})
 
 
+PRIOR = 'prior = { sigma = "3 us", source = "cable and recorder" }'
+
+
+def test_a_prior_lies_about_the_start_unless_it_has_a_value(metered: Edit) -> None:
+    for more, value in (("", 2e-6), ('value = "4 us", ', 4e-6)):
+        prior = PRIOR.replace("{ ", "{ " + more)
+        study = load_study(metered(TABLE.replace('start = "2 us" }', f'start = "2 us", {prior} }}')))
+        delay = study.space.parameters[-1]
+        assert delay.prior is not None
+        assert (delay.prior.value, delay.prior.sigma) == pytest.approx((value, 3e-6))
+        assert (delay.reference, delay.mark, delay.source) == (2e-6, "F", "cable and recorder")
+        assert study.meters[0].sources["delay"] == Source("F", "cable and recorder")
+        assert content_of(study) != content_of(load_study(metered()))
+    without = TABLE.replace(', start = "2 us" }', f", {prior} }}")
+    assert load_study(metered(without)).space.parameters[-1].reference == 4e-6
+
+
+def test_the_prior_of_a_meter_is_part_of_objective_and_result(metered: Edit) -> None:
+    study = load_study(metered(TABLE.replace('start = "2 us" }', f'start = "2 us", {PRIOR} }}')))
+    names, goal = study.space.names, goal_of(study)
+    values = np.array([study.space.reference, study.space.reference])
+    values[1, -1] += 6e-6
+    delay = study.space.parameters[-1]
+    assert delay.prior is not None
+    costs = [
+        Objective(study.injector, names, study.data, study.time_step, 1, goal=one).costs(values).costs
+        for one in (goal, goal._replace(priors=Priors()))
+    ]
+    assert costs[0] - costs[1] == pytest.approx([0.0, 4.0], rel=1e-9)  # two standard deviations, squared
+    with_result = replace(study, method=replace(study.method, evolution=EvolutionSettings(4, 1), polish=0))
+    found = calibrate(with_result, threads=1)
+    record = result_record(found, {})["parameters"][-1]
+    assert record["prior"] == {"value": 2e-6, "sigma": delay.prior.sigma, "source": "cable and recorder"}
+    assert record["pull"] == pytest.approx((found.best["meter.bench.delay"] - 2e-6) / 3e-6)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
+        (
+            "gain = 1.02",
+            'gain = { value = 1.0, prior = { sigma = 0.1, source = "x" } }',
+            ["meters.bench.gain", "fitted"],
+        ),
+        ('start = "2 us"', 'prior = { sigma = "0 us", source = "x" }', ["meters.bench.delay.prior", "sigma greater"]),
+        ('start = "2 us"', 'prior = { sigma = "1 us" }', ["meters.bench.delay.prior.source", "missing"]),
+        ('start = "2 us"', 'prior = { sigma = "1 kg", source = "x" }', ["meters.bench.delay.prior.sigma"]),
+        (
+            'start = "2 us"',
+            'prior = { value = "1 ms", sigma = "1 us", source = "x" }',
+            ["meters.bench.delay", "outside"],
+        ),
         ("gain = 1.02", "gian = 1.02", ["meters.bench", "gian", "gain"]),
         ("gain = 1.02", "gain = -1.0", ["meters.bench.gain", "greater than zero"]),
         ("gain = 1.02", 'gain = "2 kg"', ["meters.bench.gain"]),

@@ -195,7 +195,12 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         'role = "fitt"',
         r"data\[1\]\.role: this must be 'fit' or 'validation', not 'fitt'",
     ),
-    "kind": (InputError, 'kind = "rate"', 'kind = "evi"', r'data\[1\]: kind must be "rate" or "quantities"'),
+    "kind": (
+        InputError,
+        'kind = "rate"',
+        'kind = "evi"',
+        r'data\[1\]: kind must be "rate", "quantities" or "return quantities"',
+    ),
     "treatment": (
         InputError,
         "members = 24",

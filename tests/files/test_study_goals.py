@@ -95,3 +95,24 @@ def test_each_of_them_makes_another_study(study_file: Edit) -> None:
     loss = (UPPER, UPPER + MASS), ("seed = 1", 'seed = 1\nloss = "squares"')
     prints.append(content_of(load_study(study_file(*loss))))
     assert len(set(prints)) == len(prints)
+
+
+def test_soft_l1_takes_a_scale_and_other_losses_refuse_one(study_file: Edit) -> None:
+    prints = []
+    for lines in ('loss = "soft_l1"', 'loss = "soft_l1"\nloss_scale = 2.0', 'loss = "squares"'):
+        study = load_study(study_file(("seed = 1", f"seed = 1\n{lines}")))
+        prints.append((study.loss.value, study.loss_scale, content_of(study)))
+    assert [one[:2] for one in prints] == [("soft_l1", 1.0), ("soft_l1", 2.0), ("squares", 1.0)]
+    assert len({one[2] for one in prints}) == 3
+    path = study_file(("seed = 1", "seed = 1\nloss_scale = 2.0"))
+    with pytest.raises(CommonrailError) as caught:
+        load_study(path)
+    assert f'{path}, loss_scale: it has no effect with the loss "kinds"' in str(caught.value)
+
+
+@pytest.mark.parametrize("by", ["rail_pressure", "energising_time"])
+def test_rows_to_be_left_out_need_a_map(study_file: Edit, by: str) -> None:
+    path = study_file((UPPER, UPPER + f'[judgement]\nleave_out = ["{by}"]\n'))
+    with pytest.raises(CommonrailError) as caught:
+        load_study(path)
+    assert str(caught.value).startswith(f'{path}: judgement.leave_out names "{by}", and no map')

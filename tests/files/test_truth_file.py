@@ -184,6 +184,15 @@ def test_an_injector_that_the_bench_cannot_take_is_refused(
         load_truth(path)
 
 
+def test_the_truth_may_be_driven_with_a_free_wheel(truth_file: Edit, tmp_path: Path) -> None:
+    catalogue = resources.files("commonrail.injector") / "catalogue"
+    editor(catalogue / "virtual-lino-2016.toml", tmp_path / "own.toml")(
+        ('drive_kind = "pwm"', 'drive_kind = "free-wheel"')
+    )
+    truth = load_truth(truth_file(('injector = "virtual-lino-2016"', 'injector = "own.toml"')))
+    assert truth.injector == str(tmp_path / "own.toml")
+
+
 def test_the_howtos_example_is_accepted(tmp_path: Path) -> None:
     (example,) = re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)
     path = tmp_path / "my-truth.toml"

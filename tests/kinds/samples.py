@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -51,14 +52,19 @@ def curve_table(values: np.ndarray) -> str:
     return "time [us],rate [m3/s]\n" + "".join(rows)
 
 
-def map_table(values: np.ndarray) -> str:
+def map_table(values: np.ndarray, column: str = "quantity") -> str:
     """Quantities at two rail pressures."""
     places = ((60, 300), (60, 700), (160, 300), (160, 700))
     rows = (f"{rail},{time},{float(q)!r}\n" for (rail, time), q in zip(places, values, strict=True))
-    return "rail_pressure [MPa],energising_time [us],quantity [m3]\n" + "".join(rows)
+    return f"rail_pressure [MPa],energising_time [us],{column} [m3]\n" + "".join(rows)
 
 
 SAMPLES = {
     "rate": Sample('rail_pressure = "160 MPa"\nenergising_time = "400 us"\n', curve_table, 190),
     "quantities": Sample('absolute = "0.2 mm3"\nrelative = 0.05\n', map_table, 4),
+    "return quantities": Sample(
+        'absolute = "0.2 mm3"\nrelative = 0.05\nstroke_period = "40 ms"\n',
+        partial(map_table, column="return_quantity"),
+        4,
+    ),
 }

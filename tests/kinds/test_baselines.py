@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 from commonrail.calibration.result import data_records
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.errors import ConfigurationError
 from commonrail.kinds import QuantityData, Role
-from commonrail.kinds.maps.interpolation import SCALES, interpolate, interpolate_line
+from commonrail.kinds.maps.interpolation import SCALES, Rule, interpolate, interpolate_line
 from commonrail.kinds.maps.sister import Sister
 from commonrail.kinds.maps.view import MapView
 from commonrail.report.headline import baseline_lines
@@ -39,11 +41,15 @@ def known(law: Law, places: np.ndarray) -> np.ndarray:
     return np.column_stack([places, law(places[:, 0], places[:, 1])])
 
 
+BOTH = list(itertools.product(Rule, Rule))
+
+
+@pytest.mark.parametrize("rules", BOTH)
 @pytest.mark.parametrize("exponent", SCALES.values())
-def test_a_bilinear_map_is_interpolated_exactly(exponent: float) -> None:
+def test_a_bilinear_map_is_interpolated_exactly(exponent: float, rules: tuple[Rule, Rule]) -> None:
     law, at = bilinear(exponent), grid(np.array([55e6, 120e6, 160e6]), np.array([3.5e-4, 7e-4]))
     rows = np.random.default_rng(1).permutation(known(law, grid(RAILS, TIMES)))
-    found = interpolate(rows, at, exponent)
+    found = interpolate(rows, at, exponent, rules)
     np.testing.assert_allclose(found.values, law(at[:, 0], at[:, 1]), rtol=EXACT)
     assert not found.extrapolated.any()
 
@@ -53,6 +59,39 @@ def test_a_bilinear_map_is_continued_exactly_and_said_to_be() -> None:
     found = interpolate(known(law, grid(RAILS, TIMES)), at)
     np.testing.assert_allclose(found.values, law(at[:, 0], at[:, 1]), rtol=EXACT)
     assert found.extrapolated.tolist() == [True, True, True, True, False]
+
+
+@pytest.mark.parametrize(
+    "y", [[0.0, 1.0, 5.0, 6.0, 30.0], [3.0, 1.0, 4.0, 4.0, 2.0], [0.0, 0.1, 9.0, 9.1, 9.1], [0, 5, 1, 1, 9]]
+)
+def test_the_cubic_is_the_one_of_scipy(y: list[float]) -> None:
+    x, values = np.array([1.0, 2.0, 2.5, 4.0, 7.0]), np.array(y, float)
+    rows = np.column_stack([np.full(5, 80e6), x, values])
+    at = np.linspace(1.0, 7.0, 61)
+    found = interpolate(rows, np.column_stack([np.full(61, 80e6), at]), rules=(Rule.PCHIP, Rule.LINEAR))
+    # quantities below zero do not occur: the cubic is monotone between points that are not
+    np.testing.assert_allclose(found.values, PchipInterpolator(x, values)(at), rtol=1e-12, atol=1e-12)
+    rows = np.column_stack([x, np.full(5, 80e6), values])
+    found = interpolate(rows, np.column_stack([at, np.full(61, 80e6)]), rules=(Rule.LINEAR, Rule.PCHIP))
+    np.testing.assert_allclose(found.values, PchipInterpolator(x, values)(at), rtol=1e-12, atol=1e-12)
+
+
+def test_a_convex_map_is_better_met_by_the_cubic_and_is_judged_by_it() -> None:
+    """A parabola in time: lines lie above it between the points, by a quarter of the curvature times the width."""
+
+    def law(rail: np.ndarray, time: np.ndarray) -> np.ndarray:
+        return np.asarray(1e-9 * (1.0 + (time / 1e-4) ** 2) * (rail / 1e8) ** 0.5)
+
+    times = np.array([3e-4, 5e-4, 7e-4, 9e-4])
+    fitted, seen = (
+        a_map(law, grid(RAILS, times)),
+        a_map(law, grid(RAILS, times + 1e-4)[[0, 1, 2, 4, 5, 6]], Role.VALIDATION),
+    )
+    (baseline,) = seen.baselines([fitted], seen.scored(seen.quantity, np.empty(0)))
+    assert baseline["rule"].startswith("PCHIP in energising time")
+    linear = interpolate(known(law, grid(RAILS, times)), grid(RAILS, times + 1e-4)[[0, 1, 2, 4, 5, 6]]).values
+    own = 100.0 * np.sqrt(np.mean((linear / seen.quantity - 1.0) ** 2))
+    assert baseline["figures"]["rms_large_percent"] < 0.5 * own
 
 
 def test_no_quantity_is_below_zero() -> None:
@@ -120,11 +159,13 @@ def test_a_model_that_fails_does_not_beat_it() -> None:
     assert seen["baselines"][0]["beaten"] is False
 
 
-def test_the_better_of_both_scales_is_the_baseline() -> None:
-    _, seen = records(lambda quantity: quantity, 0.5)
-    assert "linear in √p" in seen["baselines"][0]["rule"]
-    _, seen = records(lambda quantity: quantity, 1.0)
-    assert "linear in p between" in seen["baselines"][0]["rule"]
+@pytest.mark.parametrize(("exponent", "scale"), [(0.5, "√p"), (1.0, "p")])
+def test_the_better_of_both_scales_is_the_baseline(exponent: float, scale: str) -> None:
+    law = bilinear(exponent)
+    fitted, seen = a_map(law, grid(RAILS, TIMES)), a_map(law, grid(np.array([120e6]), TIMES), Role.VALIDATION)
+    (baseline,) = seen.baselines([fitted], seen.scored(seen.quantity, np.empty(0)))
+    assert f" in {scale} between rail pressures" in baseline["rule"]
+    assert baseline["figures"]["rms_large_percent"] < 1e-9  # rounding
 
 
 def test_the_table_shows_the_baseline_and_its_rule() -> None:

@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import gammainc
 
+from commonrail.errors import ConfigurationError
+from commonrail.observation.low_pass import LowPass, low_pass
 from commonrail.observation.meter import Meter
 from commonrail.observation.signal import Flow, given_values, shown_quantities, shown_rates
 
@@ -110,13 +113,62 @@ def test_zeroing_moves_on_steadily_with_its_share() -> None:
 def test_the_late_cutoff_takes_over_from_the_opening_peak() -> None:
     rise = np.clip((END - 100e-6) / 50e-6, 0.0, 1.0)
     rate = rise * np.exp(-np.maximum(END - 150e-6, 0.0) / 400e-6)
-    both = shown(rate, law="butterworth", cutoff=9e3, late_cutoff=2.7e3, blend=200e-6)[0]
-    early, late = (shown(rate, law="butterworth", cutoff=f)[0] for f in (9e3, 2.7e3))
+    both = shown(rate, law="zero-phase", cutoff=9e3, late_cutoff=2.7e3, blend=200e-6)[0]
+    early, late = (shown(rate, law="zero-phase", cutoff=f)[0] for f in (9e3, 2.7e3))
     peak = MIDDLE[np.argmax(early)]
-    np.testing.assert_allclose(both[BOUNDS[1:] < peak - 10e-6], early[BOUNDS[1:] < peak - 10e-6], rtol=1e-12)
+    before = BOUNDS[1:] < peak - 10e-6
+    np.testing.assert_allclose(both[before], early[before], rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(both[BOUNDS[:-1] > peak + 210e-6], late[BOUNDS[:-1] > peak + 210e-6], rtol=1e-9)
     half = np.argmin(np.abs(MIDDLE - peak - 100e-6))
     assert both[half] == pytest.approx(0.5 * (early[half] + late[half]), rel=0.02)  # the peak is known to one sample
+
+
+def pulse(duration: float, steps: int = 6000) -> np.ndarray:
+    """A rate of 1 for a duration between ramps of 60 us, at rest for 1.5 ms before it."""
+    since = STEP * (np.arange(steps) + 0.5) - 1.5e-3
+    return np.clip(np.minimum(since, duration + 60e-6 - since) / 60e-6, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("order", "duration", "percent"),
+    [
+        (1, 0.3e-3, 3.5),
+        (2, 0.2e-3, 3.6),
+        (2, 0.3e-3, 0.4),
+        (2, 0.5e-3, 0.5),
+        (2, 1e-3, 0.3),
+        (2, 2e-3, 0.1),
+        (4, 0.3e-3, 0.1),
+    ],
+)
+def test_the_late_cutoff_changes_the_volume_by_as_much_as_the_page_says(
+    order: int, duration: float, percent: float
+) -> None:
+    meter = Meter("bench", {"cutoff": 9e3, "late_cutoff": 2.7e3, "blend": 200e-6}, "zero-phase", order)
+    rate, bounds = pulse(duration)[None], 3e-6 * np.arange(2001)
+    seen = shown_rates(meter, given_values(meter, {}, 1), Flow(rate, 0.0, STEP), bounds)
+    change = 100.0 * (np.sum(seen * np.diff(bounds)) / (STEP * rate.sum()) - 1.0)
+    assert change == pytest.approx(percent, abs=0.05)  # the page rounds to one digit
+
+
+@pytest.mark.parametrize("law", ["butterworth", "cascade"])
+def test_a_late_cutoff_with_a_law_that_delays_is_refused(law: str) -> None:
+    with pytest.raises(ConfigurationError, match='take "zero-phase", or remove late_cutoff'):
+        Meter("bench", {"cutoff": 9e3, "late_cutoff": 2.7e3}, law)
+
+
+@pytest.mark.parametrize(
+    ("order", "cutoff", "worst"),
+    [(1, 60e3, 2e-7), (2, 10e3, 3.1e-4), (2, 60e3, 8.2e-3), (2, 200e3, 4.0e-2), (3, 60e3, 5.4e-3)],
+)
+def test_a_cascade_is_as_far_from_its_step_response_as_the_page_says(order: int, cutoff: float, worst: float) -> None:
+    """The response of n equal lags is the incomplete gamma function; 200 points of it make the mean of a step."""
+    found = low_pass(np.ones(400), STEP, LowPass.CASCADE, order, cutoff)
+    time = STEP * (np.arange(400 * 200) + 0.5) / 200
+    exact = gammainc(order, 2.0 * np.pi * cutoff * time).reshape(400, 200).mean(axis=1)
+    error = float(np.abs(found - exact).max())
+    assert error <= worst
+    assert order == 1 or error > 0.9 * worst
 
 
 def test_candidates_have_the_bits_that_they_have_alone_and_failed_ones_no_number() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
+from commonrail.errors import ConfigurationError
 from commonrail.report.simulation import course_figure, simulation_figure
 
 
@@ -57,3 +58,14 @@ def test_the_page_is_titled_escaped_and_says_how_the_simulation_ended() -> None:
     assert "<h1>&lt;b&gt;160 MPa&lt;/b&gt;</h1>" in page
     assert Status.OK.sentence in page
     assert "not measured" in page
+
+
+def test_the_rate_by_a_meter_stands_beside_the_true_one() -> None:
+    rate, *_ = course_figure({"": solution()}, {"bench": np.array([0.0, 1e-5, 2e-5, 1e-5])}).panels
+    assert [s.label for s in rate.series] == ["rate", "rate by meter bench"]
+    assert rate.series[1].y == pytest.approx((0.0, 10.0, 20.0, 10.0))
+    assert rate.series[0].family != rate.series[1].family
+    assert "rate by meter bench" in simulation_figure(solution(), "", {"bench": np.zeros(4)})
+    for solutions, samples in (({"a": solution()}, 4), (solution(), 3)):
+        with pytest.raises(ConfigurationError, match="single solution"):
+            simulation_figure(solutions, "", {"bench": np.zeros(samples)})

@@ -46,7 +46,8 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     See `identify_at` and `bands_of`.
     """
     study = calibration.study
-    fitted, goal = of_role(study.data, Role.FIT), Goal(study.loss, Priors.of(study.space.parameters))
+    fitted = of_role(study.data, Role.FIT)
+    goal = Goal(study.loss, Priors.of(study.space.parameters), scale=study.loss_scale)
     objective = Objective(
         study.injector, study.space.names, fitted, study.time_step, threads, goal=goal, same_bits=study.same_bits
     )
@@ -63,8 +64,8 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
     From the Jacobian J of the residuals with respect to the position in the bounds, and the residual's own
     size s² = |r|²/(N − d): a parameter moved alone has the standard error s/|J_i|, and s/|J_i⊥| once the
     others may readjust, J_i⊥ being the part of J_i that they cannot imitate. With priors, which the effects leave out,
-    the standard error is that of data and priors together, see `Influence.errors`. Local and linear: it says nothing
-    about other basins.
+    the standard error is that of data and priors together, see `Influence.errors`. Under the loss soft L1 each residual
+    counts with its weight there, see `Goal.roots_of_weights`. Local and linear: it says nothing about other basins.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
     instance(space, Space, "space")
     instance(objective, Objective, "objective")
     place = around(space, best)
-    values = objective.residuals(place.values)
+    values = objective.linearised(place.values)
     many = values.shape[1] - len(objective.goal.priors)  # the data's residuals stand before those of the priors
     residuals = values[:, :many]
     own = residuals[0]

@@ -120,4 +120,4 @@ def _add(folds: dict[str, list[Fold]], parts: dict[str, Any], found: Calibration
     maps = [data for data in kept if isinstance(data, QuantityData)]
     for name, (_, held, rows) in parts.items():
         score: Any = scores[held.name]
-        folds[name].append(Fold(rows, score, interpolated(held, maps)))
+        folds[name].append(Fold(rows, score, interpolated(held, [one for one in maps if one.kind == held.kind])))

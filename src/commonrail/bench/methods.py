@@ -113,8 +113,10 @@ def _finite(figures: dict[str, float]) -> dict[str, float | None]:
 
 
 def _lanes(step: float) -> Method:
+    interval = step * max(round(INTERVAL / step), 1)  # whole numbers of steps, some 3 us
+
     def run() -> Counted:
-        return Counted(simulate(injector(), POINT, time_step=step, sample_interval=INTERVAL), 0)
+        return Counted(simulate(injector(), POINT, time_step=step, sample_interval=interval), 0)
 
     return Method(f"lanes, {step * 1e6:g} us, one simulation alone with its whole course", LANES, run)
 

@@ -9,9 +9,13 @@ from typing import Any, NamedTuple
 from commonrail.errors import StudyError
 from commonrail.workers.task import Answer, Task, Withdrawn, Work
 
-__all__ = ["Done", "Finished"]
+__all__ = ["Done", "Finished", "WrongGenerationError"]
 
 ROOM = 64 * 2**20  # for the candidates of finished pieces [bytes]: 500,000 with 16 parameters
+
+
+class WrongGenerationError(StudyError):
+    """A finished generation of a search is wrong, or may be: nothing may continue from it."""
 
 
 class Done(NamedTuple):
@@ -51,12 +55,12 @@ class Finished:
 
         Raises
         ------
-        StudyError
+        WrongGenerationError
             If its bits were others, or it is forgotten: the search has gone on from it.
         """
         kept = self._pieces.get(task.number)
         if kept is None or self._bits(kept[0], self._work(kept[0])) != kept[1]:
-            raise StudyError(
+            raise WrongGenerationError(
                 f"The worker {withdrawn.worker} has answered wrongly, and finished generations of this search "
                 f"{'may stand' if kept is None else 'stand'} on its answers; start the run anew, without that worker."
             )

@@ -5,10 +5,16 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from commonrail.calibration.conditions import Condition
 from commonrail.calibration.prior import Priors
 
 __all__ = ["PLAIN", "Goal", "Loss"]
+
+
+Floats = NDArray[np.float64]
 
 
 class Loss(StrEnum):
@@ -19,6 +25,9 @@ class Loss(StrEnum):
 
     SQUARES = "squares"
     """Sum of the squared residuals, for maps in units of their tolerances."""
+
+    SOFT_L1 = "soft_l1"
+    """Sum of 2 s² (sqrt(1 + (r/s)²) − 1) of the residuals r with a scale s: r² for small ones, 2 s |r| for large."""
 
 
 class Goal(NamedTuple):
@@ -33,12 +42,36 @@ class Goal(NamedTuple):
         A candidate that does not meet one of them loses, whatever its loss.
     screening_step : float or None
         Time step [s] of the simulations that screen candidates in f32; None for that of the search.
+    scale : float
+        s of the loss `Loss.SOFT_L1`, in units of the residuals.
     """
 
     loss: Loss = Loss.KINDS
     priors: Priors = Priors()
     conditions: tuple[Condition, ...] = ()
     screening_step: float | None = None
+    scale: float = 1.0
+
+    def bent(self, residuals: Floats) -> Floats:
+        """Residuals (n, m) whose squares sum to the loss; those themselves unless the loss is soft L1.
+
+        r sqrt(2/(1 + sqrt(1 + (r/s)²))): its square is 2 s² (sqrt(1 + (r/s)²) − 1), without the cancellation.
+        """
+        if self.loss is not Loss.SOFT_L1:
+            return residuals
+        return np.asarray(residuals * np.sqrt(2.0 / (1.0 + _root(residuals, self.scale))))
+
+    def roots_of_weights(self, residuals: Floats) -> Floats:
+        """Roots (m,) of the weights that the soft-L1 loss gives residuals (m,).
+
+        The weight is the slope of the loss in r², 1/sqrt(1 + (r/s)²): residuals far beyond s hardly count in standard
+        errors.
+        """
+        return np.asarray(1.0 / np.sqrt(_root(residuals, self.scale)))
+
+
+def _root(residuals: Floats, scale: float) -> Floats:
+    return np.asarray(np.sqrt(1.0 + (residuals / scale) ** 2))
 
 
 PLAIN = Goal()

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.calibration.conditions import broken
+from commonrail.calibration.conditions import broken, distances_past
 from commonrail.calibration.goal import PLAIN, Goal, Loss
 from commonrail.choices import Precision
+from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
 from commonrail.injector.definition import Injector
 from commonrail.kinds import KINDS, DataSet, in_order
+from commonrail.kinds.base import Term
 from commonrail.kinds.metering import meters_of
 from commonrail.kinds.simulator import Candidates, Simulator
 from commonrail.observation.signal import given_values
@@ -44,7 +46,7 @@ class Scores(NamedTuple):
 class Objective:
     """Objective of a set of data: Σ weight · J over the data sets, and the squared pulls of the priors.
 
-    J is as the kinds of data define it, or the sum of the squared residuals.
+    J is as the kinds of data define it, the sum of the squared residuals, or their soft-L1 sum.
 
     Parameters
     ----------
@@ -82,6 +84,7 @@ class Objective:
         self.simulator = Simulator(injector, names, time_step, threads, same_bits=same_bits)
         coarse = goal.screening_step or time_step
         self._screening = Simulator(injector, names, coarse, threads, precision=Precision.F32, same_bits=same_bits)
+        self._costing = Simulator(injector, names, time_step, threads, precision=precision, same_bits=same_bits)
         self._points = tuple(condition.point for condition in goal.conditions)
         self.data = tuple(self._without_neutral_meter(d) for d in in_order(data))
         groups = ((kind, [d for d in self.data if d.kind == name]) for name, kind in KINDS.items())
@@ -118,14 +121,17 @@ class Objective:
         """Objective of candidates (n, names), SI."""
         total = np.zeros(len(values))
         statuses = np.zeros(len(values), np.int8)
-        for term in self._terms:
-            batch = self.simulator.batch(term.points, values, self.precision, term.misfit)
+        for term in self._terms if self.goal.loss is not Loss.SOFT_L1 else ():
+            batch = self._batch(term, values)
             losses = term.squares if self.goal.loss is Loss.SQUARES else term.misfits
             total += np.sum(losses(batch, Candidates(self.simulator, values)) * term.weights, axis=1)
             _note_failures(statuses, batch.status, term.failed(batch.status))
+        if self.goal.loss is Loss.SOFT_L1:
+            total += np.sum(self._of_data(self._costing, values) ** 2, axis=1)
+            self._note_reasons(statuses, values, ~np.isfinite(total))
         if self._points:
-            batch = self.simulator.batch(self._points, values, self.precision)
-            lost = broken(self.goal.conditions, batch)
+            batch, past = self._at_conditions(self.simulator, values, self.precision)
+            lost = broken(self.goal.conditions, batch, past)
             total[lost.any(axis=1)] = np.inf
             _note_failures(statuses, np.where(batch.status == OK, Status.CONDITION_NOT_MET, batch.status), lost)
         if len(self.goal.priors):
@@ -139,14 +145,33 @@ class Objective:
     def misfits(self, values: Floats) -> Floats:
         """J of each data set, (n, data sets) in the order of `data`, without weights; NaN for a failed simulation."""
         candidates = Candidates(self.simulator, values)
-        batches = ((t, self.simulator.batch(t.points, values, self.precision, t.misfit)) for t in self._terms)
+        batches = ((term, self._batch(term, values)) for term in self._terms)
         return np.concatenate([term.misfits(batch, candidates) for term, batch in batches], axis=1)
+
+    def _note_reasons(self, statuses: NDArray[np.int8], values: Floats, lost: NDArray[np.bool_]) -> None:
+        """Put the status of candidates that failed, (n,) mask, in its place: those alone are simulated once more."""
+        if lost.any():
+            found = statuses[lost]
+            for term in self._terms:
+                status = self._batch(term, values[lost]).status
+                _note_failures(found, status, term.failed(status))
+            statuses[lost] = found
+
+    def _at_conditions(
+        self, simulator: Simulator, values: Floats, precision: Precision | None = None
+    ) -> tuple[Batch, Floats | None]:
+        """Candidates at the points of the conditions, and their distances beyond the stops that conditions name."""
+        batch = simulator.batch(self._points, values, precision)
+        return batch, distances_past(self.goal.conditions, simulator, values)
+
+    def _batch(self, term: Term, values: Floats) -> Batch:
+        return self.simulator.batch(term.points, values, self.precision, term.misfit, whole=term.whole)
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals for least squares (n, all samples and points, then priors).
 
-        Those of a data set are scaled by the root of its weight; of a candidate that does not meet a condition they are
-        NaN.
+        Those of a data set are scaled by the root of its weight, and their squares sum to the loss where that is one of
+        squares or soft L1; of a candidate that does not meet a condition they are NaN.
         """
         return self._residuals(self.simulator, values)
 
@@ -155,12 +180,36 @@ class Objective:
         return self._residuals(self._screening, values)
 
     def _residuals(self, simulator: Simulator, values: Floats) -> Floats:
-        simulator.threads = self.threads
-        found = [d.residuals(d.simulated(simulator, values)) for d in self.data]
-        residuals = np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+        found = self._of_data(simulator, values)
+        residuals = np.concatenate([found, self.goal.priors.residuals(values)], axis=1)
         if self._points:
-            residuals[broken(self.goal.conditions, simulator.batch(self._points, values)).any(axis=1)] = np.nan
+            lost = broken(self.goal.conditions, *self._at_conditions(simulator, values))
+            residuals[lost.any(axis=1)] = np.nan
         return residuals
+
+    def _of_data(self, simulator: Simulator, values: Floats) -> Floats:
+        """Residuals (n, all samples and points) whose squares sum to the loss."""
+        return self._scaled(simulator, values, self.goal.bent)
+
+    def _scaled(self, simulator: Simulator, values: Floats, law: Callable[[Floats], Floats]) -> Floats:
+        """Residuals (n, all samples and points), those of each data set under a law that knows no weight of the set."""
+        simulator.threads = self.threads
+        found = []
+        for d in self.data:
+            own = d.residuals(d.simulated(simulator, values))
+            root = np.sqrt(d.weight)
+            found.append(own if self.goal.loss is not Loss.SOFT_L1 else root * law(own / root))
+        return np.concatenate(found, axis=1)
+
+    def linearised(self, values: Floats) -> Floats:
+        """Residuals as `residuals` returns them, for derivatives at the first candidate and standard errors.
+
+        Where the loss weighs residuals by their size, each is itself times the root of its weight at that candidate.
+        """
+        if self.goal.loss is not Loss.SOFT_L1:
+            return self.residuals(values)
+        found = self._scaled(self.simulator, values, lambda own: own * self.goal.roots_of_weights(own[0]))
+        return np.concatenate([found, self.goal.priors.residuals(values)], axis=1)
 
 
 def _note_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]], failed: NDArray[np.bool_]) -> None:

@@ -62,6 +62,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         "optimiser": _optimiser(study.method),
         "labels": {label: text for label, text in LABELS.items() if label in calibration.scores},
         **({"loss": study.loss.value} if study.loss is not Loss.KINDS else {}),
+        **({"loss_scale": study.loss_scale} if study.loss is Loss.SOFT_L1 else {}),
         "objective": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
         **_identifiability(identified),
         "data": _banded(data_records(study.data, calibration.scores), identified),

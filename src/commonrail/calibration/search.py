@@ -20,7 +20,7 @@ from commonrail.calibration.checkpoint import (
     Stage,
     Step,
 )
-from commonrail.calibration.goal import Goal
+from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Best, Counts, Optimiser, Trials, Wanted
 from commonrail.calibration.optimisers.registry import row
@@ -96,7 +96,8 @@ def _costs(trials: Trials, objective: Objective) -> Step:
 def goal_of(study: Study) -> Goal:
     """Goal of a study's search."""
     step = min(max(COARSEST_SCREENING, study.time_step), nice_step(longest_for_all(study.injector, study.space)))
-    return Goal(study.loss, Priors.of(study.space.parameters), study.conditions, max(step, study.time_step))
+    priors, screening = Priors.of(study.space.parameters), max(step, study.time_step)
+    return Goal(study.loss, priors, study.conditions, screening, study.loss_scale)
 
 
 class Search:
@@ -139,7 +140,7 @@ class Search:
         self.history: list[Generation] = []
         self.simulations = 0
         self.failures: Counter[str] = Counter()
-        self._row = row(study.method, study.space, study.seed, study.same_bits)
+        self._row = row(study.method, study.space, study.seed, study.same_bits, study.loss is Loss.SOFT_L1)
         self._begun = [self._row[0](None)]
         self._before: tuple[Stage, ...] = ()  # of the optimisers that have finished
         self._start = time.perf_counter()

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from commonrail.arguments import chosen, flag, instance, instances, plain_text, settle, whole
+from commonrail.arguments import Limits, amount, chosen, flag, instance, instances, plain_text, settle, whole
 from commonrail.calibration.conditions import Condition
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.judgement import NO_JUDGEMENT, Judgement
@@ -17,10 +17,13 @@ from commonrail.choices import Precision
 from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.injector.definition import Injector
-from commonrail.kinds import ANY_KIND, DataSet
+from commonrail.kinds import ANY_KIND, DataSet, QuantityData, Role, of_role
+from commonrail.kinds.maps.folds import levels
 from commonrail.kinds.metering import check_meters, meters_of
 from commonrail.observation.meter import Meter
 from commonrail.observation.quantities import QUANTITIES
+
+SCALES = Limits(1e-6, 1e6)  # of the residual from which soft L1 grows in proportion
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,8 @@ class Study:
         Of the search. The scores of its result are simulated in f64.
     loss : Loss
         Loss on the data that the search makes small.
+    loss_scale : float
+        Residual [mm³/ms of a curve, tolerances of a map] from which the loss `Loss.SOFT_L1` grows in proportion.
     same_bits : bool
         Give the same result, bit for bit, on every x86-64 processor with AVX2 and FMA; at some cost of speed.
     conditions : tuple of Condition
@@ -110,6 +115,7 @@ class Study:
     files: Mapping[Path, str] = field(default_factory=dict)
     same_bits: bool = False
     judgement: Judgement = NO_JUDGEMENT
+    loss_scale: float = 1.0
 
     def __post_init__(self) -> None:
         for what in ("title", "text", "note"):
@@ -125,10 +131,12 @@ class Study:
             time_step=check_step(self.time_step),
             precision=chosen(self.precision, Precision, "precision"),
             loss=chosen(self.loss, Loss, "loss"),
+            loss_scale=amount(self.loss_scale, "1", "loss_scale", SCALES),
             same_bits=flag(self.same_bits, "same_bits"),
             conditions=instances(self.conditions, Condition, "conditions"),
         )
         self._check_names()
+        self._check_judgement()
         check_meters(self.injector, self.data, self.space)
 
     def _check_names(self) -> None:
@@ -139,6 +147,16 @@ class Study:
                 raise ConfigurationError(
                     f"The space of the study has {name}, which is no parameter of the injector, and of no meter of "
                     f"the data{nearest(name, [*self.injector.values, *meters])}."
+                )
+
+    def _check_judgement(self) -> None:
+        """Refuse rows to be left out where no fitted map has two values of them: they would be ignored in silence."""
+        maps = [data for data in of_role(self.data, Role.FIT) if isinstance(data, QuantityData)]
+        for by in self.judgement.leave_out:
+            if not any(len(levels(data, by.value)) > 1 for data in maps):
+                raise ConfigurationError(
+                    f'judgement.leave_out names "{by.value}", and no map with role "fit" has rows at two or more '
+                    "values of it; remove it, or fit a quantity map with more rows."
                 )
 
     @property

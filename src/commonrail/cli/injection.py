@@ -18,6 +18,7 @@ from commonrail.engine.status import Status
 from commonrail.errors import SimulationError
 from commonrail.files import atomic
 from commonrail.injector.definition import Injector
+from commonrail.observation.metered import Metered
 from commonrail.units import to_text
 
 __all__ = ["Run", "Settings", "figures", "heading", "record", "solve", "with_body", "write_csv"]
@@ -40,7 +41,7 @@ class Settings(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Injector, operating point, solution, time step [s], wall time [s] and precision."""
+    """Injector, operating point, solution, time step [s], wall time [s], precision, and what a meter shows of it."""
 
     injector: Injector
     point: OperatingPoint
@@ -48,6 +49,7 @@ class Run(NamedTuple):
     time_step: float
     seconds: float
     precision: Precision = Precision.F64
+    shown: Metered | None = None
 
 
 def with_body(injector: Injector, body: Body | None) -> Injector:
@@ -103,6 +105,7 @@ def figures(run: Run) -> list[tuple[str, str]]:
         ("needle closes", _instant(r["closing"], r["closing_delay"], "end")),
         *([("for the first time", _instant(r["first_closing"], r["first_closing"] - end, "end"))] if again else []),
         ("largest rate", f"{r['peak_rate'] * 1e6:.2f} mm3/ms"),
+        *_shown(run.shown),
         ("largest needle lift", f"{r['greatest_lift'] * 1e6:.1f} um"),
         ("reference density", f"{s.reference_density:.1f} kg/m3"),
         ("status", f"{s.status.name}: {s.sentence}"),
@@ -150,10 +153,27 @@ def record(run: Run) -> dict[str, Any]:
         "closing_delay": _finite(s.closing - end),
         "first_closing": _finite(s.first_closing),
         "peak_rate": _finite(np.max(s.rate)),
+        **_shown_record(run.shown),
         "greatest_lift": _finite(np.max(s.channels["needle_lift"])),
         "balance": _finite(s.balance),
         "seconds": run.seconds,
     }
+
+
+def _shown(shown: Metered | None) -> list[tuple[str, str]]:
+    """Names and texts of what a meter shows."""
+    if shown is None:
+        return []
+    peak, quantity = float(np.max(shown.rate)) * 1e6, shown.quantity * 1e9
+    return [(f"by meter {shown.meter.name}", f"largest rate {peak:.2f} mm3/ms, quantity {quantity:.2f} mm3")]
+
+
+def _shown_record(shown: Metered | None) -> dict[str, Any]:
+    """Figures of what a meter shows [SI], under the key "meter"; empty without one."""
+    if shown is None:
+        return {}
+    peak, quantity = _finite(np.max(shown.rate)), _finite(shown.quantity)
+    return {"meter": {"name": shown.meter.name, "peak_rate": peak, "quantity": quantity}}
 
 
 def write_csv(run: Run, path: Path) -> None:
@@ -161,12 +181,15 @@ def write_csv(run: Run, path: Path) -> None:
     s = run.solution
     names = [f"{name} [{_unit(name)[0]}]" for name in s.channels]
     columns = [s.time[1:] * 1e6, s.rate_mm3_per_ms, s.rate_mg_per_ms, s.injected[1:] * 1e6]
+    if run.shown is not None:
+        columns.append(run.shown.rate_mm3_per_ms)
     columns += [values[1:] * _unit(name)[1] for name, values in s.channels.items()]
     notes = (
         f"simulated by commonrail, not measured: {heading(run)}",
         "rates are means over the interval that ends at the row's time; the rest is instantaneous",
     )
-    head = ["time [us]", "rate [mm3/ms]", "mass rate [mg/ms]", "injected [mg]", *names]
+    seen = [] if run.shown is None else [f"rate by meter {run.shown.meter.name} [mm3/ms]"]
+    head = ["time [us]", "rate [mm3/ms]", "mass rate [mg/ms]", "injected [mg]", *seen, *names]
     rows = ([f"{value:.9g}" for value in row] for row in np.column_stack(columns))
     atomic.write_csv(path, notes, head, rows)
 

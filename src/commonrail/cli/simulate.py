@@ -24,6 +24,7 @@ from commonrail.units import parse
 
 if TYPE_CHECKING:
     from commonrail.cli.injection import Run
+    from commonrail.observation.meter import Meter
 
 __all__ = ["simulate"]
 
@@ -74,6 +75,17 @@ def simulate(
             "rounding error."
         ),
     ] = Precision.F64,
+    meter: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Meter through which the rate is shown beside the true one: a table [meters.NAME] of --study.",
+        ),
+    ] = None,
+    study: Annotated[
+        Path | None,
+        typer.Option(help="Study, or calibrated.toml of a run, that describes the meter. [default: the injector file]"),
+    ] = None,
     out: OutFile = None,
     plot: PlotFile = None,
     json: Json = False,
@@ -85,15 +97,19 @@ def simulate(
       commonrail simulate virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us
       commonrail simulate my.toml --rail-pressure 1200bar --energising 0us:200us \\
           --energising 900us:600us --set plunger_needle.k1=303N/um --out injection.csv
+      commonrail simulate runs/first/calibrated.toml --rail-pressure 160MPa --energising-time 700us \\
+          --meter bench --plot seen.html
     """
     from commonrail.cli import injection
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.files.injector_file import load_injector
+    from commonrail.observation.metered import metered
 
     if engine is Engine.REFERENCE and precision is not Precision.F64:
         raise InputError("--precision f32: the reference engine computes in f64 only; omit --precision or --engine.")
     check_file(out, "--out")
     check_file(plot, "--plot")
+    seen = _meter(injector, meter, study)
     point = OperatingPoint(
         parse(rail_pressure, "Pa", "--rail-pressure"),
         read_energisings(energising_time, energising or []),
@@ -106,6 +122,8 @@ def simulate(
     begin = time.perf_counter()
     solution = injection.solve(chosen, point, injection.Settings(engine, step, precision))
     run = injection.Run(chosen, point, solution, step, time.perf_counter() - begin, precision)
+    if seen is not None:
+        run = run._replace(shown=metered(solution, seen, chosen, point))
     files = _write(run, out, plot)
     if json:
         print_json(injection.record(run) | {"files": files})
@@ -113,6 +131,19 @@ def simulate(
         print_pairs(injection.figures(run), injection.heading(run))
     for path in files:
         say(f"wrote {path}")
+
+
+def _meter(injector: str, name: str | None, study: Path | None) -> Meter | None:
+    """Meter that the options name, or None."""
+    from commonrail.files.meter_file import load_meter
+
+    if name is None:
+        if study is not None:
+            raise InputError(f"--study {study}: name one of its meters with --meter, or omit --study.")
+        return None
+    if study is None and not injector.endswith(".toml"):
+        raise InputError(f"--meter {name}: {injector} is no file; name a study or a calibrated.toml with --study.")
+    return load_meter(study or Path(injector), name)
 
 
 def _write(run: Run, out: Path | None, plot: Path | None) -> list[str]:
@@ -125,6 +156,7 @@ def _write(run: Run, out: Path | None, plot: Path | None) -> list[str]:
         from commonrail.report.simulation import simulation_figure
 
         with writing(plot, "--plot"):
-            page = simulation_figure(run.solution, injection.heading(run))
+            shown = {} if run.shown is None else {run.shown.meter.name: run.shown.rate}
+            page = simulation_figure(run.solution, injection.heading(run), shown)
             write_text(plot, page)
     return [str(path) for path in (out, plot) if path is not None]

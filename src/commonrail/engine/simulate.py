@@ -29,11 +29,13 @@ from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.injector.variants import Variant
+from commonrail.units import to_text
 
 Floats = NDArray[np.float64]
 
 BACKFLOW = 1e-7  # largest mass that a SAC takes back from the cylinder [kg]; more is an injector that has run empty
 
+ROUNDING = 1e-6  # relative difference from a whole number of steps that counts as rounding
 
 _Given = ParamSpec("_Given")
 
@@ -94,7 +96,8 @@ def simulate(
     time_step : float or str
         The fixed step [s], or text such as ``"1 us"``; from 1 ns to 100 us.
     sample_interval : float or str, optional
-        Spacing of the samples [s], or text; by default the fixed step, 3 us for the reference.
+        Spacing of the samples [s], or text; by default the fixed step, 3 us for the reference. A whole number of fixed
+        steps.
     precision : Precision or str
         "f64" or "f32", of the fast engines; the reference is f64 alone.
     same_bits : bool
@@ -127,11 +130,11 @@ def simulate(
         from commonrail.engine.reference import simulate_reference
 
         return simulate_reference(injector, point, sample_interval or 3e-6)
+    stride = 1 if sample_interval is None else _stride(sample_interval, time_step)
     prepared = plan.prepare(injector, [point], time_step)
     how = _How(prepared, injector.wired(), None, False, real, engine, True, same_bits=fixed)
     theta = how.prepared.row[None]
     outcome, trace = _run(theta, how, how.prepared.densities)
-    stride = max(round((sample_interval or time_step) / time_step), 1)
     states = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T, strict=True))
     time: Floats = np.asarray(point.start + time_step * stride * np.arange(-(-trace.shape[1] // stride)), float)
     injected = states["nozzle.injected"][::stride]
@@ -152,6 +155,19 @@ def simulate(
         relative_balance(injector, point, states, time_step),
         longest_step(injector, theta[0], how.prepared.medium, reached),
     )
+
+
+def _stride(sample_interval: float, time_step: float) -> int:
+    """Steps of a sample; `ConfigurationError` if they are no whole number."""
+    steps = sample_interval / time_step
+    stride = max(round(steps), 1)
+    if abs(steps - stride) > ROUNDING * stride:
+        near = [to_text(n * time_step, "s") for n in sorted({max(int(steps), 1), int(steps) + 1})]
+        raise ConfigurationError(
+            f"The sample interval must be a whole number of time steps, and {to_text(sample_interval, 's')} is "
+            f"{steps:.4g} steps of {to_text(time_step, 's')}; take {' or '.join(near)}."
+        )
+    return stride
 
 
 def simulate_batch(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.calibration.goal import Goal
+from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.calibration.prior import Priors
 from commonrail.calibration.search import goal_of
@@ -38,7 +38,7 @@ class FamilyObjective(Objective):
 
     def __init__(self, studies: Sequence[Study], sharing: Sharing, priors: Priors, threads: int | None = None) -> None:
         self.sharing, self.names = sharing, sharing.names
-        self.goal = Goal(studies[0].loss, priors)
+        self.goal = Goal(studies[0].loss, priors, scale=studies[0].loss_scale)
         self.parts = [_objective(study, threads) for study in studies]
         self.data = tuple(data for part in self.parts for data in part.data)
 
@@ -75,6 +75,13 @@ class FamilyObjective(Objective):
     def screened(self, values: Floats) -> Floats:
         """Residuals as `residuals` returns them, in f32 and at the time step of the screening."""
         found = [p.screened(own)[which] for p, (own, which) in zip(self.parts, self._distinct(values), strict=True)]
+        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+
+    def linearised(self, values: Floats) -> Floats:
+        """Residuals for derivatives at the first candidate, see `Objective.linearised`."""
+        if self.goal.loss is not Loss.SOFT_L1:
+            return self.residuals(values)
+        found = [part.linearised(self.sharing.of_part(k, values)) for k, part in enumerate(self.parts)]
         return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
 
     def _distinct(self, values: Floats) -> list[tuple[Floats, NDArray[np.intp]]]:

@@ -6,6 +6,7 @@ table that adds mark and source; what a file leaves out takes the default of the
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
@@ -31,6 +32,7 @@ from commonrail.reading.fields import FileModel, Given, Number, Quantities, Room
 from commonrail.reading.place import Place, located
 from commonrail.reading.reach import Reach
 from commonrail.reading.toml_file import parse_toml, read_toml
+from commonrail.units import to_text
 
 __all__ = ["dump_injector", "injector_catalogue", "load_injector", "load_meters", "room_quantities"]
 
@@ -160,6 +162,7 @@ def _injector(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | 
     given: dict[str, Given] = {}
     for room in ROOMS:
         given |= _room(room, getattr(model, room).values(), at / room)
+    _check_knots(given, document.get("nozzle", {}), at / "nozzle")
     given[FUEL_TEMPERATURE] = model.fuel.temperature.given(model.fuel.origin())
     fuel = _fuel(model.fuel, at / "fuel", reach or Reach(Path(at.file), model.allow_outside))
     name = stem if model.name is None else model.name
@@ -185,6 +188,30 @@ def _room(room: str, values: Values, at: Place) -> Values:
         raise at.error(f"there is no value for {first}, the {quantities[first].meaning}{more}; add it")
     defaults = {name: Given(q.default, _DEFAULT) for name, q in quantities.items() if q.default is not None}
     return {f"{room}.{name}": values.get(name) or defaults[name] for name in quantities}
+
+
+def _check_knots(given: Values, stated: Mapping[str, Any], at: Place) -> None:
+    """Refuse knots of the shape of c_d over lift that do not rise; one of zero behind the first is none.
+
+    Parameters
+    ----------
+    given : mapping of str to Given
+        All values by dotted name.
+    stated : mapping of str to Any
+        Those that the file states for the nozzle, by key.
+    at : Place
+        Of the table of the nozzle.
+    """
+    names = [f"knot_{i}" for i in range(1, 9)]
+    lifts = {name: given[f"nozzle.{name}"].value for name in names}
+    known = [name for name in names if lifts[name] > 0.0 or name == names[0]]
+    for before, name in itertools.pairwise(known):
+        if not lifts[name] > lifts[before]:
+            low, high = to_text(lifts[before], "m"), to_text(lifts[name], "m")
+            raise (at / (name if name in stated else before)).error(
+                f"the knots must rise, and {before} is at {low}, {name} at {high}; correct them, or set knots that are "
+                "not wanted to zero"
+            )
 
 
 def _fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:

@@ -9,11 +9,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, GetCoreSchemaHandler, create_model
 from pydantic_core import CoreSchema, core_schema
 
+from commonrail.injector.definition import Source
 from commonrail.observation.low_pass import LowPass
 from commonrail.observation.meter import HIGHEST_ORDER, Meter
 from commonrail.observation.quantities import QUANTITIES, parameter_name
 from commonrail.parts.furniture import Q
-from commonrail.reading.fields import Sourced, Unit, choice, fault
+from commonrail.reading.fields import UNSTATED, FileModel, Sourced, Text, Unit, choice, fault
 from commonrail.reading.place import Place, located
 
 __all__ = ["Amount", "MeterModel", "MeterTables", "MeterHead", "free_names", "meters_of_tables"]
@@ -21,13 +22,22 @@ __all__ = ["Amount", "MeterModel", "MeterTables", "MeterHead", "free_names", "me
 MOST_METERS = 100
 
 
+class MeterPrior(FileModel):
+    """Knowledge of a quantity besides the data: value (its start by default), standard deviation and source."""
+
+    value: float | None = None
+    sigma: float
+    source: Text
+
+
 class Amount(Sourced):
-    """A known value, or bounds and a start."""
+    """A known value, or bounds, a start and a prior."""
 
     value: float | None = None
     lower: float | None = None
     upper: float | None = None
     start: float | None = None
+    prior: MeterPrior | None = None
     scale: Literal["linear", "log"] = "linear"
 
     @property
@@ -35,9 +45,15 @@ class Amount(Sourced):
         """True if it is fitted."""
         return self.lower is not None
 
+    def origin(self, default: Source = UNSTATED) -> Source:
+        """Mark and source that are stated, else the prior's, else those of `default`."""
+        return super().origin(default if self.prior is None else Source("F", self.prior.source))
+
     def at_start(self, q: Q) -> float:
-        """Value [SI] before a fit: as stated, else the neutral one if it lies within the bounds, else their middle."""
+        """Value [SI] before a fit: as stated, else the prior's, the neutral one within the bounds, or their middle."""
         stated = self.start if self.value is None else self.value
+        if stated is None and self.prior is not None:
+            stated = self.prior.value
         if stated is not None:
             return stated
         lower, upper = float(self.lower or 0.0), float(self.upper or 0.0)
@@ -51,8 +67,11 @@ class _Amounts:
     quantity: Q
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        number = (Annotated[float, Unit(self.quantity.unit)] | None, None)
+        number: Any = (Annotated[float, Unit(self.quantity.unit)] | None, None)
         keys: Any = dict.fromkeys(("value", "lower", "upper", "start"), number)
+        sigma: Any = (Annotated[float, Unit(self.quantity.unit)], ...)
+        prior: Any = create_model("MeterPrior", __base__=MeterPrior, value=number, sigma=sigma)
+        keys["prior"] = (prior | None, None)
         model = handler.generate_schema(create_model("Amount", __base__=Amount, **keys))
         table = core_schema.no_info_before_validator_function(_as_table, model)
         return core_schema.no_info_after_validator_function(self._checked, table)
@@ -64,8 +83,10 @@ class _Amounts:
                 "give either a value, or lower and upper (and a start) between which it is fitted, as in "
                 "{ lower = …, upper = …, start = … }"
             )
-        for key in ("value", "lower", "upper", "start"):
-            value = getattr(item, key)
+        if known and item.prior is not None:
+            raise fault("a prior belongs to a quantity that is fitted; give lower and upper, or remove the prior")
+        stated = {key: getattr(item, key) for key in ("value", "lower", "upper", "start")}
+        for value in (*stated.values(), None if item.prior is None else item.prior.value):
             if value is not None and not self.quantity.domain.admits(value):
                 raise fault(f"the {self.quantity.meaning} must be {self.quantity.domain.value}, not {value:g}")
         return item

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.prior import Prior
 from commonrail.files.meter_models import Amount, MeterHead
 from commonrail.injector.definition import Source
 from commonrail.observation.quantities import QUANTITIES, parameter_name
@@ -49,8 +50,18 @@ def _parameter(name: str, amount: Amount, q: Q, default: Source, at: Place) -> P
             mark=source.mark,  # type: ignore[arg-type]  # read as a mark
             source=source.text,
             scale=amount.scale,
+            prior=_prior(amount, start, at / "prior"),
             signed=q.domain is Domain.ANY,
         )
     if not amount.lower <= start <= amount.upper:
         raise at.error(f"the start value {start:g} must lie between lower and upper")
     return found
+
+
+def _prior(amount: Amount, start: float, at: Place) -> Prior | None:
+    """The prior that a quantity states, about its start value unless it gives another."""
+    if amount.prior is None:
+        return None
+    value = start if amount.prior.value is None else amount.prior.value
+    with located(at):
+        return Prior(value, amount.prior.sigma, amount.prior.source)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from commonrail.arguments import file_path
 from commonrail.calibration.conditions import Condition
+from commonrail.calibration.goal import Loss
 from commonrail.calibration.judgement import Judgement
 from commonrail.calibration.parameter import Parameter, percent_bounds
 from commonrail.calibration.prior import Prior
@@ -95,6 +96,10 @@ def _study(file: Path) -> Study:
     meters = meters_of_tables(model.meters, at / "meters")
     data = _data(model.data, Context(injector, time_step, reach, at, meters), at / "data")
     _refuse_unused(meters, data, at / "meters")
+    if model.loss_scale is not None and model.loss is not Loss.SOFT_L1:
+        raise (at / "loss_scale").error(
+            f'it has no effect with the loss "{model.loss.value}"; take "soft_l1", or remove it'
+        )
     space = _with_products(space, model.constraints.products, injector, data, at / "constraints")
     with located(at):
         return Study(
@@ -112,6 +117,7 @@ def _study(file: Path) -> Study:
             _conditions(model.condition, injector, at / "condition"),
             same_bits=model.same_bits,
             judgement=Judgement(model.judgement.seeds, tuple(model.judgement.leave_out)),
+            loss_scale=1.0 if model.loss_scale is None else model.loss_scale,
         )
 
 

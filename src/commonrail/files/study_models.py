@@ -197,6 +197,7 @@ class StudyModel(FileModel):
     time_step: Annotated[float | None, PlainValidator(_step)] = None  # "auto": short enough for every candidate
     precision: Precision = Field(default=Precision.F64, strict=False)
     loss: Loss = Field(default=Loss.KINDS, strict=False)
+    loss_scale: Annotated[float, Unit("1")] | None = None
     fixed: list[FixedModel] = Field(default=[], max_length=MOST_PARAMETERS)
     same_bits: bool = False
     judgement: JudgementModel = JudgementModel()

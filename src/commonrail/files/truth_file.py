@@ -182,8 +182,8 @@ def _check_fit(truth: Truth, injector: Injector, at: Place) -> None:
         raise (at / "friction").error(
             f"the injector {injector.name} has a rigid body, and friction acts on nine masses"
         )
-    if injector.variant.drive not in (Drive.PWM, Drive.REGULATED):
+    if injector.variant.drive in (Drive.CURRENT, Drive.VOLTAGE):
         raise (at / "injector").error(
             f"{injector.name} is driven by a measured trace, and the bench has none; "
-            'choose an injector with drive_kind = "pwm" or "regulated"'
+            'choose an injector with drive_kind = "pwm", "regulated" or "free-wheel"'
         )

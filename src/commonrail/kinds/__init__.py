@@ -10,6 +10,7 @@ from types import UnionType
 from commonrail.kinds.base import DataSet, Role, Score
 from commonrail.kinds.curves.data import RateData, RateScore
 from commonrail.kinds.maps.data import QuantityData, QuantityScore
+from commonrail.kinds.maps.returned import ReturnData
 
 __all__ = [
     "ANY_KIND",
@@ -19,6 +20,7 @@ __all__ = [
     "QuantityScore",
     "RateData",
     "RateScore",
+    "ReturnData",
     "Role",
     "Score",
     "in_order",
@@ -26,7 +28,7 @@ __all__ = [
 ]
 
 # By `kind` in files; an objective, a report and its tables take them in this order.
-KINDS: Mapping[str, type[DataSet]] = {kind.kind: kind for kind in (RateData, QuantityData)}
+KINDS: Mapping[str, type[DataSet]] = {kind.kind: kind for kind in (RateData, QuantityData, ReturnData)}
 ANY_KIND: UnionType = reduce(or_, KINDS.values())  # type: ignore[assignment]  # or_ of types is a union
 
 

@@ -60,6 +60,8 @@ class Term(NamedTuple):
         Which simulations count as failed.
     misfit : Misfit or None
         Samples that are compared inside the simulation.
+    whole : bool
+        Simulate to the horizon of each point, where a simulation else ends once the injector is at rest.
     """
 
     points: Sequence[OperatingPoint]
@@ -68,6 +70,7 @@ class Term(NamedTuple):
     squares: Callable[[Batch, Candidates], Floats]
     failed: Callable[[NDArray[np.int64]], Bools]
     misfit: Misfit | None = None
+    whole: bool = False
 
 
 class Score(Protocol):

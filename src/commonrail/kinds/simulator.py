@@ -125,6 +125,8 @@ class Simulator:
         values: Floats,
         precision: Precision | None = None,
         misfit: Misfit | None = None,
+        *,
+        whole: bool = False,
     ) -> Batch:
         """Figures of candidates at operating points.
 
@@ -137,6 +139,8 @@ class Simulator:
         precision : Precision, optional
         misfit : Misfit, optional
             Samples to compare with.
+        whole : bool
+            As in `Term`.
         """
         if id(points) not in self._prepared:
             check_step(self.time_step)
@@ -148,6 +152,7 @@ class Simulator:
             time_step=self.time_step,
             threads=self.threads,
             misfit=misfit,
+            stop_when_closed=not whole,
             precision=precision or self.precision,
             prepared=self._prepared[id(points)],
             same_bits=self.same_bits,

@@ -41,7 +41,8 @@ class Meter:
     Raises
     ------
     ConfigurationError
-        If a quantity is unknown or outside its domain, both density and temperature are given, or the name is no name.
+        If a quantity is unknown or outside its domain, both density and temperature are given, a late cut-off is given
+        with a law that delays, or the name is no name.
     """
 
     name: str
@@ -70,11 +71,18 @@ class Meter:
         values = {key: self._read(key, value) for key, value in given.items()}
         if {"density", "temperature"} <= set(values):
             raise ConfigurationError(f"The meter {self.name} has a density and a temperature; keep one of them.")
+        law = chosen(self.law, LowPass, f"law of the meter {self.name}")
+        if "late_cutoff" in values and law is not LowPass.ZERO_PHASE:
+            raise ConfigurationError(
+                f'The late_cutoff of the meter {self.name} needs the law "zero-phase", not "{law.value}": filters that '
+                'delay by different times change the volume when they are blended; take "zero-phase", or remove '
+                "late_cutoff."
+            )
         mapping(self.sources, f"sources of the meter {self.name}", '{"delay": Source("M", "data sheet")}')
         settle(
             self,
             values=values,
-            law=chosen(self.law, LowPass, f"law of the meter {self.name}"),
+            law=law,
             order=whole(self.order, f"order of the meter {self.name}", 1, HIGHEST_ORDER),
         )
 

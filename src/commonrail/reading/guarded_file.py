@@ -28,6 +28,7 @@ __all__ = [
     "opened",
     "read_plain",
     "sha256",
+    "similar_names",
 ]
 
 LARGEST_FILE = 100_000_000  # [bytes]; no reader but that of Parquet takes a larger one
@@ -119,7 +120,7 @@ def _told(path: Path) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError as error:
-        raise InputError(f"{path}: there is no such file{_similar(path)}.") from error
+        raise InputError(f"{path}: there is no such file{similar_names(path)}.") from error
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: the file cannot be read ({reason}).") from error
@@ -139,7 +140,8 @@ def _too_large(path: Path, size: str, largest: int) -> InputError:
     )
 
 
-def _similar(path: Path) -> str:
+def similar_names(path: Path) -> str:
+    """Suggestion of a file near a path at which there is none, in parentheses; empty if there is none."""
     try:
         below = sorted(path.parent.glob(f"*/{escape(path.name)}"))
         if below:

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
+from commonrail.reading.guarded_file import similar_names
 from commonrail.reading.place import Place
 
 __all__ = ["ALLOW", "Reach"]
@@ -40,10 +41,12 @@ class Reach(NamedTuple):
         Raises
         ------
         InputError
-            If it lies outside, be it by its name or because it is a link, and that is not allowed.
+            If it lies outside, be it by its name or because it is a link, and that is not allowed; or if there is none.
         """
         path = folder / name
         if self.outside or self._inside(path):
+            if not os.path.lexists(path) and name.isprintable():  # a name that no file can have is told when it is read
+                raise at.error(f"{path}: there is no such file{similar_names(path)}")
             return path
         shown = name if len(name) <= 80 else f"{name[:77]}..."
         raise at.error(

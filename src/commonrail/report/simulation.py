@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 
-from commonrail.arguments import instance, mapping, plain_text
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from commonrail.arguments import array, instance, mapping, plain_text
 from commonrail.display.chart import Figure, Panel, Series, points
 from commonrail.engine.solution import Solution
 from commonrail.errors import ConfigurationError
@@ -13,6 +17,8 @@ from commonrail.report.draw import figure_html
 from commonrail.report.html import render
 
 __all__ = ["course_figure", "simulation_figure"]
+
+Floats = NDArray[np.float64]
 
 MICRO = 1e6
 MPA = 1e-6
@@ -38,7 +44,9 @@ _ORDER = [key for panel in (_RATE, *_PANELS) for key in panel[2]]
 _DASHES = ("solid", "dash", "dot", "dashdot")
 
 
-def simulation_figure(solutions: Solution | Mapping[str, Solution], title: str = "") -> str:
+def simulation_figure(
+    solutions: Solution | Mapping[str, Solution], title: str = "", shown: Mapping[str, ArrayLike] = MappingProxyType({})
+) -> str:
     """Page that shows rate, lifts, pressures and current against time.
 
     Parameters
@@ -47,6 +55,8 @@ def simulation_figure(solutions: Solution | Mapping[str, Solution], title: str =
         One, or several by the name that the legend gives them.
     title : str
         What was simulated.
+    shown : mapping of str to (samples,)
+        Rates [m³/s] as meters show them, by the meters' names; of a single solution only.
 
     Returns
     -------
@@ -56,7 +66,7 @@ def simulation_figure(solutions: Solution | Mapping[str, Solution], title: str =
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, or there is no solution.
+        If an argument is of another kind, there is no solution, or what meters show does not belong to a single one.
     """
     plain_text(title, "title")
     if isinstance(solutions, Solution):
@@ -67,7 +77,10 @@ def simulation_figure(solutions: Solution | Mapping[str, Solution], title: str =
         raise ConfigurationError("The solutions must be at least one.")
     for name, solution in named.items():
         instance(solution, Solution, f'solution "{name}" of the solutions')
-    figure = course_figure(named)
+    seen = {name: array(rate, "m3/s", f"rate by meter {name}", 1) for name, rate in shown.items()}
+    if seen and (list(named) != [""] or any(len(rate) != len(named[""].rate) for rate in seen.values())):
+        raise ConfigurationError("What meters show must belong to a single solution, with one rate for each sample.")
+    figure = course_figure(named, seen)
     statuses = [f"{f'{name}: ' if name else ''}{s.sentence}" for name, s in named.items()]
     return render(
         "simulation.html",
@@ -78,16 +91,29 @@ def simulation_figure(solutions: Solution | Mapping[str, Solution], title: str =
     )
 
 
-def course_figure(solutions: Mapping[str, Solution]) -> Figure:
+def course_figure(solutions: Mapping[str, Solution], shown: Mapping[str, Floats] = MappingProxyType({})) -> Figure:
     """Figure data of solutions by name ("" for a single one).
 
     A single solution has a colour for each channel; several have a colour each, and a dash for each
     channel of a panel.
+
+    Parameters
+    ----------
+    solutions : mapping of str to Solution
+    shown : mapping of str to (samples,)
+        Rates [m³/s] of the single solution as meters show them, by the meters' names.
     """
     panels = []
     for y_title, scale, channels in (_RATE, *_PANELS):
         share = 0.34 if y_title == RATE else 0.22
-        panels.append(Panel(y_title, tuple(_series(solutions, scale, channels)), share))
+        series = tuple(_series(solutions, scale, channels))
+        if y_title == RATE:
+            time = points(next(iter(solutions.values())).sample_time * MICRO)
+            series += tuple(
+                Series(f"rate by meter {name}", "dash", time, points(rate * scale), family=len(_ORDER) + i)
+                for i, (name, rate) in enumerate(shown.items())
+            )
+        panels.append(Panel(y_title, series, share))
     return Figure("Course of the injection", "", "time, µs", tuple(panels))
 
 

@@ -37,6 +37,8 @@ def content_of(study: Study) -> str:
     more: tuple[Any, ...] = () if study.precision is Precision.F64 else (study.precision,)
     if study.loss is not Loss.KINDS:
         more += (study.loss,)
+    if study.loss is Loss.SOFT_L1:
+        more += (study.loss_scale,)
     if any(parameter.prior for parameter in study.space.parameters):
         more += (tuple(parameter.prior for parameter in study.space.parameters),)
     if study.conditions:
@@ -46,6 +48,9 @@ def content_of(study: Study) -> str:
     tolerances = tuple(getattr(data, "dead_time_tolerance", None) for data in study.data)
     if any(tolerances):
         more += (tolerances,)
+    periods = tuple(getattr(data, "stroke_period", None) for data in study.data)
+    if any(periods):
+        more += (periods,)
     more += ("same bits",) if study.same_bits else ()
     if FUEL_TEMPERATURE in study.space.names:
         densities = [np.asarray(data.mass_density, float) for data in study.data]

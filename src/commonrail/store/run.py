@@ -13,6 +13,7 @@ from commonrail.analysis.identifiability import identify
 from commonrail.analysis.refits import refits_of
 from commonrail.arguments import file_path, flag, instance, thread_count, whole
 from commonrail.calibration.checkpoint import Checkpoint, CheckpointError
+from commonrail.calibration.finished import WrongGenerationError
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.search import Progress
@@ -103,6 +104,9 @@ def calibrate_into(
         return _run(journal, own, None, listener, threads=threads, workers=workers, strict=strict)
 
 
+WRONG = "wrong"  # fact of a journal: why its generations are not to be trusted
+
+
 def resume(
     folder: str | Path,
     *,
@@ -131,7 +135,8 @@ def resume(
     Raises
     ------
     StudyError
-        If there is no journal, another process is at work in the folder, or the study or its data have changed.
+        If there is no journal, another process is at work in the folder, the study or its data have changed, or the run
+        ended because a finished generation was wrong.
     OutputError
         If the folder cannot be written; what was done before is kept.
     ConfigurationError
@@ -148,6 +153,8 @@ def resume(
     with Journal(path) as journal:
         if "content" not in journal.about:
             raise StudyError(_nothing_to_resume(path))
+        if reason := journal.about.get(WRONG):
+            raise StudyError(f"{path}: this run cannot be resumed. {reason}")
         check_files(journal, as_begun)
         own = _study_of(journal, study)
         if generations:
@@ -199,6 +206,8 @@ def _ending(journal: Journal) -> Iterator[None]:
     except BaseException as error:
         stopped = isinstance(error, KeyboardInterrupt)
         with suppress(CommonrailError):
+            if isinstance(error, WrongGenerationError):
+                journal.describe({WRONG: str(error)})
             journal.end_session(State.INTERRUPTED if stopped else State.FAILED, "" if stopped else str(error))
         raise
 

@@ -64,8 +64,10 @@ def soft_l1(residuals: Floats, scale: float) -> float:
     ----------
     residuals : (m,)
     scale : float
-        Residual beyond which the loss grows linearly.
+        Residual beyond which the loss grows linearly; infinite for half the sum of squares.
     """
+    if np.isinf(scale):
+        return float(0.5 * np.sum(residuals * residuals))
     square = (residuals / scale) * (residuals / scale)
     return float(scale * scale * np.sum(square / (1.0 + np.sqrt(1.0 + square))))
 

@@ -32,7 +32,7 @@ class LeastSquaresSettings:
         rounding of a simulation; raise it where the objective is noisy.
     residual_scale : float
         Residual beyond which the loss (soft L1) grows linearly; 1 suits residuals divided by
-        their standard deviations.
+        their standard deviations. Infinite for squares, of residuals that know their own loss.
     failed_residual : float
         Finite value that stands for every residual of a failed simulation.
     constraint_weight : float
@@ -58,7 +58,8 @@ class LeastSquaresSettings:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0.0):
+            finite = np.isfinite(value) or name == "residual_scale"
+            if not (finite and value > 0.0):
                 raise ConfigurationError(f"{name} = {value:g} must be a number greater than zero")
         if self.step > 0.5:
             raise ConfigurationError(f"step = {self.step:g} must not exceed half of the range, 0.5")
@@ -136,14 +137,15 @@ class LeastSquares:
     def _by_scipy(self, batch: _Batch, unit: FloatArray) -> Ended:
         from scipy.optimize import least_squares  # slow to import
 
+        scale = self.settings.residual_scale
         found = least_squares(
             batch.values,
             unit,
             jac=batch.jacobian,
             bounds=(0.0, 1.0),
             method="trf",
-            loss="soft_l1",
-            f_scale=self.settings.residual_scale,
+            loss="soft_l1" if np.isfinite(scale) else "linear",
+            f_scale=scale if np.isfinite(scale) else 1.0,
             x_scale=1.0,  # unit coordinates are scaled already
             ftol=self.settings.tolerance,
             xtol=self.settings.tolerance,
@@ -159,8 +161,10 @@ class LeastSquares:
         return (start, end)[winner].copy(), float(costs[winner])
 
     def _cost(self, values: FloatArray) -> FloatArray:
-        """Half the sum (n,) of the soft-L1 losses of residuals (n, m)."""
+        """Half the sum (n,) of the soft-L1 losses of residuals (n, m), or of their squares."""
         scale = self.settings.residual_scale
+        if np.isinf(scale):
+            return np.asarray(0.5 * np.sum(values**2, axis=1))
         return np.asarray(scale**2 * (np.sqrt(1.0 + (values / scale) ** 2) - 1.0).sum(axis=1))
 
 

@@ -31,11 +31,15 @@ SOLVER = LeastSquaresSettings(step=1e-2)
 
 
 class RefinementSettings(NamedTuple):
-    """Number of refinements, of Jacobians of each at most, and whether their bits must not depend on the processor."""
+    """Number of refinements, of Jacobians of each at most, and whether their bits must not depend on the processor.
+
+    `squares`: the residuals' squares sum to the objective, and are made small; else their soft-L1 sum is.
+    """
 
     refinements: int
     iterations: int
     same_bits: bool = False
+    squares: bool = False
 
 
 class Refinement(Optimiser):
@@ -93,7 +97,8 @@ class Refinement(Optimiser):
 
     def _propose(self) -> Trials:
         """First points of a refinement."""
-        settings = replace(SOLVER, iterations=self.settings.iterations)
+        scale = np.inf if self.settings.squares else SOLVER.residual_scale
+        settings = replace(SOLVER, iterations=self.settings.iterations, residual_scale=scale)
         start = self._starts[self.steps] if self.steps < len(self._starts) else self._near_best()
         exact = self.settings.same_bits
         self._solving = conversation(lambda call: LeastSquares(self.space, call, settings, exact).run(start))

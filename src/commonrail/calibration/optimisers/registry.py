@@ -60,7 +60,7 @@ def registered(settings: object) -> Registered | None:
     return next((entry for entry in REGISTERED if isinstance(settings, entry.settings)), None)
 
 
-def row(method: Method, space: Space, seed: int, same_bits: bool = False) -> list[Stage]:
+def row(method: Method, space: Space, seed: int, same_bits: bool = False, squares: bool = False) -> list[Stage]:
     """Optimisers of a study in the order in which they run: the one that it names, then refinements of what that found.
 
     Parameters
@@ -71,11 +71,13 @@ def row(method: Method, space: Space, seed: int, same_bits: bool = False) -> lis
         Of all their draws.
     same_bits : bool
         Take methods whose bits do not depend on the processor.
+    squares : bool
+        The squares of the residuals sum to the objective; see `RefinementSettings`.
     """
     first = registered(method.evolution)
     assert first is not None  # Method has checked it
     stages: list[Stage] = [lambda _: first.begin(space, np.random.default_rng(seed), method.evolution)]
     if method.polish:
-        settings = RefinementSettings(method.polish, method.polish_iterations, same_bits)
+        settings = RefinementSettings(method.polish, method.polish_iterations, same_bits, squares)
         stages.append(lambda before: Refinement(space, seed, settings, before))  # type: ignore[arg-type]
     return stages

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.display.text import fixed, listed, number, significant
-from commonrail.kinds.maps.interpolation import SCALES, interpolate, interpolate_line
+from commonrail.kinds.maps.interpolation import SCALES, Rule, interpolate, interpolate_line
 from commonrail.kinds.records import MM3
 
 if TYPE_CHECKING:
@@ -20,10 +21,12 @@ __all__ = ["baseline_record", "Interpolated", "interpolated", "interpolated_base
 Floats = NDArray[np.float64]
 
 RULE = (
-    "linear in energising time at each fitted rail pressure, then linear in {scale} between rail pressures (of p and "
-    "√p the one that is closer to this data set); dead times linear in p; beyond the fitted points the nearest two "
-    "are continued"
+    "{in_time} in energising time at each fitted rail pressure, then {in_pressure} in {scale} between rail pressures "
+    "(of linear and PCHIP, and of p and √p, those that are closest to this data set); dead times linear in p; beyond "
+    "the fitted points the nearest two are continued"
 )
+
+_BOTH = tuple(itertools.product(Rule, Rule))  # in energising time and in pressure
 
 # Figures that decide, with what they are called, decimals, factor and unit.
 _DECISIVE = (
@@ -33,10 +36,10 @@ _DECISIVE = (
 
 
 class Interpolated(NamedTuple):
-    """An interpolation: number of fitted points, scale of the pressure, extrapolated values, and its score."""
+    """An interpolation: number of known points, its rule in words, extrapolated values, and its score."""
 
     known: int
-    scale: str
+    rule: str
     extrapolated: int
     score: Any
 
@@ -62,7 +65,7 @@ def interpolated_baseline(data: QuantityData, fitted: Sequence[QuantityData], mo
         found.score,
         name="interpolation",
         text=f"interpolating the {found.known} fitted points",
-        rule=RULE.format(scale=found.scale),
+        rule=found.rule,
         extrapolated=found.extrapolated,
     )
 
@@ -79,21 +82,24 @@ def sister_baseline(data: QuantityData, model: Any) -> dict[str, Any] | None:
     """
     if data.sister is None or not _is_plain(data) or not data.judged.any():
         return None
-    found = interpolate(data.sister.places, places_of(data))
-    score = data.scored(data.sister.flow_ratio * found.values, np.full(int(data.dead_time.sum()), np.nan))
+    ratio, places = data.sister.flow_ratio, places_of(data)
+    by_rules = {rules: interpolate(data.sister.places, places, rules=rules) for rules in _BOTH}
+    (in_time, in_pressure), found = min(by_rules.items(), key=lambda one: _closeness(data, ratio * one[1].values))
+    score = data.scored(ratio * found.values, np.full(int(data.dead_time.sum()), np.nan))
     return baseline_record(
         data,
         model,
         score,
         name="sister",
-        text=f"the sister part's map times {data.sister.flow_ratio:.4g}",
-        rule=f"linear in energising time, then in p, between its points; its source: {data.sister.source}",
+        text=f"the sister part's map times {ratio:.4g}",
+        rule=f"{in_time.value} in energising time, then {in_pressure.value} in p, between its points (of linear and "
+        f"PCHIP those that are closest to this data set); its source: {data.sister.source}",
         extrapolated=int(np.count_nonzero(found.extrapolated & data.judged)),
     )
 
 
 def interpolated(data: QuantityData, fitted: Sequence[QuantityData]) -> Interpolated | None:
-    """Interpolation of fitted maps at the points of another, in the better of both scales; None where not possible.
+    """Interpolation of fitted maps at the points of another, by the best rule and scale; None where not possible.
 
     Parameters
     ----------
@@ -107,10 +113,11 @@ def interpolated(data: QuantityData, fitted: Sequence[QuantityData]) -> Interpol
         return None
     dead_time = _dead_times(data, fitted)
     found = []
-    for scale, exponent in SCALES.items():
-        values, beyond = interpolate(known, places_of(data), exponent)
+    for rules, (scale, exponent) in itertools.product(_BOTH, SCALES.items()):
+        values, beyond = interpolate(known, places_of(data), exponent, rules)
         count = int(np.count_nonzero(beyond & data.judged))
-        found.append(Interpolated(len(known), scale, count, data.scored(values, dead_time)))
+        text = RULE.format(in_time=rules[0].value, in_pressure=rules[1].value, scale=scale)
+        found.append(Interpolated(len(known), text, count, data.scored(values, dead_time)))
     return min(found, key=lambda one: _closeness(data, one.score.quantity))
 
 

@@ -21,14 +21,14 @@ from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
 from commonrail.kinds.maps.baselines import interpolated_baseline, sister_baseline
 from commonrail.kinds.maps.dead_times import NO_DEAD_TIME, NOT_REACHED, crossing_times, find_dead_times, neighbours
 from commonrail.kinds.maps.hold_out import divide
-from commonrail.kinds.maps.reading import QuantitiesModel, read_map
+from commonrail.kinds.maps.reading import MapModel, QuantitiesModel, read_map
 from commonrail.kinds.maps.sister import Sister, read_sister
 from commonrail.kinds.maps.view import MapView
 from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, point_record
 from commonrail.kinds.simulator import Candidates, Simulator
 from commonrail.observation.meter import Meter
-from commonrail.observation.signal import shown_quantities
+from commonrail.observation.signal import Given, shown_quantities
 from commonrail.reading.place import Place
 
 __all__ = ["SMALL_QUANTITY", "QuantityData", "QuantityScore", "soft_l1"]
@@ -72,6 +72,8 @@ class QuantityData(DataSet):
 
     Attributes
     ----------
+    whole : bool
+        Of the kind: whether its quantity depends on what follows the end of injection, see `Term.whole`.
     name : str
     role : Role
     points : tuple of OperatingPoint, length n
@@ -106,6 +108,7 @@ class QuantityData(DataSet):
     model: ClassVar[type[QuantitiesModel]] = QuantitiesModel
     view: ClassVar[MapView] = MapView()
     seen: ClassVar[frozenset[str]] = frozenset({"gain", "quantity_offset", "density", "temperature"})
+    whole: ClassVar[bool] = False
 
     name: str
     role: Role
@@ -187,12 +190,36 @@ class QuantityData(DataSet):
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term for each map."""
         failed = partial(np.not_equal, OK)
-        return [Term(d._simulated_points, np.array([d.weight]), d._j_of, d._squares_of, failed) for d in group]
+        return [
+            Term(d._simulated_points, np.array([d.weight]), d._j_of, d._squares_of, failed, whole=d.whole)
+            for d in group
+        ]
 
-    @staticmethod
-    def mass_of(batch: Batch) -> Floats:
-        """Mass per stroke that a map holds volumes of, (candidates, points) [kg]."""
+    def masses(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
+        """Mass per stroke that the map holds volumes of, (candidates, points) [kg].
+
+        Parameters
+        ----------
+        batch : Batch
+        candidates : Candidates
+            Those of the batch.
+        points : sequence of OperatingPoint
+            Those of the batch.
+        """
         return batch.injected_mass
+
+    def densities(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], given: Given) -> Floats:
+        """Densities that make volumes of masses where the data state none, (1 or candidates, points) [kg/m³].
+
+        Parameters
+        ----------
+        batch, candidates, points
+            As of `masses`.
+        given : mapping of str to (candidates,)
+            Quantities of the meter; of them `density` and `temperature` count.
+        """
+        own = {"density", "temperature"} & given.keys()
+        return candidates.densities(points, given) if own else batch.reference_density
 
     @property
     def measured(self) -> Floats:
@@ -214,7 +241,8 @@ class QuantityData(DataSet):
 
         A needle that never closes is a failure too.
         """
-        return self._values_of(simulator.batch(self._simulated_points, values), Candidates(simulator, values))
+        batch = simulator.batch(self._simulated_points, values, whole=self.whole)
+        return self._values_of(batch, Candidates(simulator, values))
 
     def _values_of(self, batch: Batch, candidates: Candidates) -> Floats:
         """Values (candidates, points), in the units of `measured`, of a batch at `_simulated_points`."""
@@ -229,11 +257,6 @@ class QuantityData(DataSet):
         values[:, self._timed] = crossing_times(self._target[self._timed], three, self.quantity[self._timed])
         return values
 
-    def volumes(self, batch: Batch, mass_density: ArrayLike) -> Floats:
-        """Volumes (candidates, points) of a batch [m³], at the data's density or the candidates' own."""
-        density = np.where(np.isnan(mass_density), batch.reference_density, mass_density)
-        return np.where(batch.status == OK, self.mass_of(batch) / density, np.nan)
-
     def shown(
         self, batch: Batch, mass_density: ArrayLike, candidates: Candidates, points: Sequence[OperatingPoint]
     ) -> Floats:
@@ -243,18 +266,19 @@ class QuantityData(DataSet):
         ----------
         batch : Batch
         mass_density : float or (points,)
-            As in the data.
+            As in the data; the candidates' own where it is NaN.
         candidates : Candidates
             Those of the batch.
         points : sequence of OperatingPoint
             Those of the batch.
         """
-        if self.meter is None or not self.is_metered(candidates.simulator):
-            return self.volumes(batch, mass_density)
-        given = candidates.given(self.meter)
-        if {"density", "temperature"} & given.keys():
-            mass_density = np.where(np.isnan(mass_density), candidates.densities(points, given), mass_density)
-        return shown_quantities(given, self.volumes(batch, mass_density))
+        seen = self.meter is not None and self.is_metered(candidates.simulator)
+        given = candidates.given(self.meter) if self.meter is not None and seen else {}
+        density = np.asarray(mass_density, float)
+        if np.isnan(density).any():
+            density = np.where(np.isnan(density), self.densities(batch, candidates, points, given), density)
+        volumes = np.where(batch.status == OK, self.masses(batch, candidates, points) / density, np.nan)
+        return shown_quantities(given, volumes) if seen else volumes
 
     def errors(self, values: Floats) -> Floats:
         """(Q − Q_measured)/(absolute + relative · Q_measured) of simulated quantities (…, points).
@@ -338,13 +362,13 @@ class QuantityData(DataSet):
             "limit_quantity": SMALL_QUANTITY,
         }
 
-    def divided(self, model: QuantitiesModel, at: Place) -> tuple[QuantityData, ...]:
+    def divided(self, model: MapModel, at: Place) -> tuple[QuantityData, ...]:
         """The map itself, or its fitted and its held-out part; see `divide`."""
         return (self,) if model.hold_out is None else divide(self, model.hold_out, at / "hold_out")
 
     def baselines(self, fitted: Sequence[DataSet], score: QuantityScore) -> list[dict[str, Any]]:
         """Interpolation of the fitted maps, and the map of a sister part, if there are any."""
-        maps = [d for d in fitted if isinstance(d, QuantityData)]
+        maps = [d for d in fitted if isinstance(d, QuantityData) and d.kind == self.kind]
         found = interpolated_baseline(self, maps, score), sister_baseline(self, score)
         return [one for one in found if one]
 

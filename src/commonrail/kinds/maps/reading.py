@@ -22,7 +22,7 @@ from commonrail.reading.place import Place, located
 from commonrail.reading.tables import Column, Table
 from commonrail.units import parse, to_text
 
-__all__ = ["DeadTimesModel", "QuantitiesModel", "ReadMap", "read_map"]
+__all__ = ["DeadTimesModel", "MapModel", "QuantitiesModel", "ReadMap", "read_map"]
 
 Floats = NDArray[np.float64]
 Pressure = Annotated[float, Unit("Pa")]
@@ -53,25 +53,42 @@ class DeadTimesModel(FileModel):
     energising_time_unit: str | None = None
 
 
-class QuantitiesModel(DataModel):
-    """A map of quantities per stroke; rail_pressure and energising_time choose rows of it."""
+class MapModel(DataModel):
+    """Keys of all maps of a quantity per stroke; rail_pressure and energising_time choose rows of a map."""
 
     selects_rows: ClassVar[bool] = True
-    quantity_column: ClassVar[str] = "quantity"
+    quantity_column: ClassVar[str]
 
-    kind: Literal["quantities"]
     rail_pressure_unit: str | None = None
     energising_time_unit: str | None = None
     quantity_unit: str | None = None
     rail_pressure: list[Pressure] | None = Field(default=None, min_length=1, max_length=1000)
     energising_time: list[Annotated[float, Unit("s")]] | None = Field(default=None, min_length=1, max_length=1000)
-    dead_times: DeadTimesModel | None = None
     hold_out: HoldOutModel | None = None
-    sister: SisterModel | None = None
     cylinder_pressure: Pressure
     return_pressure: Pressure
     absolute: Annotated[float, Unit("m3")] = 0.15e-9
     relative: Annotated[float, Unit("1")] = 0.03
+
+    @property
+    def small_quantity(self) -> DeadTimesModel | None:
+        """Dead times of the map; None for a kind that has none."""
+        return None
+
+
+class QuantitiesModel(MapModel):
+    """A map of injected quantities."""
+
+    quantity_column: ClassVar[str] = "quantity"
+
+    kind: Literal["quantities"]
+    dead_times: DeadTimesModel | None = None
+    sister: SisterModel | None = None
+
+    @property
+    def small_quantity(self) -> DeadTimesModel | None:
+        """Dead times of the map."""
+        return self.dead_times
 
     @property
     def has_dead_times(self) -> bool:
@@ -103,7 +120,7 @@ class ReadMap(NamedTuple):
     dead_time_tolerance: float | None
 
 
-def read_map(model: QuantitiesModel, context: Context) -> ReadMap:
+def read_map(model: MapModel, context: Context) -> ReadMap:
     """Read a quantity map; see `DataSet.read`."""
     injector, at = context.injector, context.at
     if drive_unit(injector):
@@ -114,7 +131,8 @@ def read_map(model: QuantitiesModel, context: Context) -> ReadMap:
     rows = _map_rows(model, context, at) + _dead_time_rows(model, context, at)
     if not (model.absolute > 0.0 and model.relative >= 0.0):
         raise at.error("absolute must be greater than zero and relative zero or greater")
-    if model.dead_times is not None and model.dead_times.tolerance is not None and not model.dead_times.tolerance > 0.0:
+    dead = model.small_quantity
+    if dead is not None and dead.tolerance is not None and not dead.tolerance > 0.0:
         raise (at / "dead_times" / "tolerance").error("the tolerance must be greater than zero")
     density = np.array([mass_density(injector, row.unit, row.point) for row in rows])
     by_volume = np.isnan(density)
@@ -126,11 +144,11 @@ def read_map(model: QuantitiesModel, context: Context) -> ReadMap:
         model.relative,
         np.array([row.dead_time for row in rows]),
         math.nan if by_volume.all() else density,
-        None if model.dead_times is None else model.dead_times.tolerance,
+        None if dead is None else dead.tolerance,
     )
 
 
-def _map_rows(model: QuantitiesModel, context: Context, at: Place) -> list[_Row]:
+def _map_rows(model: MapModel, context: Context, at: Place) -> list[_Row]:
     name = model.quantity_column
     wanted = [*_point_columns(model), Column(name, ("m3", "kg"), model.quantity_unit, domain=Domain.NON_NEGATIVE)]
     table = context.columns(model.file, at, wanted, least=1)
@@ -140,8 +158,8 @@ def _map_rows(model: QuantitiesModel, context: Context, at: Place) -> list[_Row]
     return [_Row(_point(table, i, model, context), float(quantity[i]), unit, False) for i in chosen]
 
 
-def _dead_time_rows(model: QuantitiesModel, context: Context, at: Place) -> list[_Row]:
-    dead = model.dead_times
+def _dead_time_rows(model: MapModel, context: Context, at: Place) -> list[_Row]:
+    dead = model.small_quantity
     if dead is None:
         return []
     table = context.columns(dead.file, at / "dead_times", _point_columns(dead), least=1)
@@ -149,7 +167,7 @@ def _dead_time_rows(model: QuantitiesModel, context: Context, at: Place) -> list
     return [_Row(_point(table, i, model, context), *dead.quantity, True) for i in chosen]
 
 
-def _point_columns(model: QuantitiesModel | DeadTimesModel) -> list[Column]:
+def _point_columns(model: MapModel | DeadTimesModel) -> list[Column]:
     return [
         Column("rail_pressure", "Pa", model.rail_pressure_unit),
         Column("energising_time", "s", model.energising_time_unit),
@@ -183,7 +201,7 @@ def _choose(table: Table, filters: Mapping[str, tuple[Sequence[float] | None, st
     return [int(i) for i in np.flatnonzero(keep)]
 
 
-def _point(table: Table, row: int, model: QuantitiesModel, context: Context) -> OperatingPoint:
+def _point(table: Table, row: int, model: MapModel, context: Context) -> OperatingPoint:
     energising = float(table.columns["energising_time"][row])
     rail = float(table.columns["rail_pressure"][row])
     for column, value in (("energising_time", energising), ("rail_pressure", rail)):
