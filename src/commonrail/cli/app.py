@@ -23,6 +23,7 @@ from commonrail.cli.report import report
 from commonrail.cli.reproduce import reproduce
 from commonrail.cli.resume import resume
 from commonrail.cli.runs import runs
+from commonrail.cli.sensitivity import sensitivity
 from commonrail.cli.simulate import simulate
 from commonrail.cli.validate import validate
 from commonrail.cli.verify import verify
@@ -51,6 +52,7 @@ _VERBS = (
     fleet,
     family,
     adapt,
+    sensitivity,
     report,
     verify,
     catalogue,

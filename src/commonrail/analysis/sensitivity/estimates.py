@@ -71,9 +71,9 @@ class Effects(NamedTuple):
 def sobol_indices(y: Floats, rng: np.random.Generator, resamples: int, confidence: float) -> Indices | None:
     """First and total indices from a Saltelli design.
 
-    First order: mean of f(B) (f(AB_j) − f(A)) over the variance (Saltelli et al. 2010, Table 2 b); total: half the mean of
-    (f(A) − f(AB_j))² over the variance (Jansen 1999). Interval: percentiles of the bootstrap over the base points. On a
-    Sobol' sequence, which is more even than random points, it is wider than needed.
+    First order: mean of f(B) (f(AB_j) − f(A)) over the variance (Saltelli et al. 2010, Table 2 b); total: half the
+    mean of (f(A) − f(AB_j))² over the variance (Jansen 1999). Interval: percentiles of the bootstrap over the base
+    points. On a Sobol' sequence, which is more even than random points, it is wider than needed.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ SCHEMA = 1
 class Failed(NamedTuple):
     """Simulations without an output: number, share, number by reason, and the end of a range where most of them are."""
 
-    count: int
+    number: int
     share: float
     reasons: Mapping[str, int]
     where: str
@@ -122,14 +122,14 @@ class Sensitivity:
             "title": self.title,
             "injector": self.injector,
             "synthetic": self.synthetic,
-            "design": how.design.value,  # type: ignore[union-attr]
+            "design": how.design.value,
             "samples": how.samples,
             "seed": how.seed,
             "resamples": how.resamples,
             "confidence": how.confidence,
-            "on_failure": how.on_failure.value,  # type: ignore[union-attr]
+            "on_failure": how.on_failure.value,
             "most_failed": how.most_failed,
-            "precision": how.precision.value,  # type: ignore[union-attr]
+            "precision": how.precision.value,
             "notes": list(self.notes),
             "ranges": [_range(p) for p in self.parameters],
             "outputs": [self._output(o) for o in self.outputs],
@@ -162,8 +162,8 @@ class Sensitivity:
             return ""
         if found.failed.share > self.settings.most_failed:
             return (
-                f"{found.failed.share:.1%} of the simulations have no value, more than the {self.settings.most_failed:.0%} "
-                "up to which indices are given; narrow the ranges."
+                f"{found.failed.share:.1%} of the simulations have no value, more than the "
+                f"{self.settings.most_failed:.0%} up to which indices are given; narrow the ranges."
             )
         return "The output is the same in all simulations, or too few of them have a value."
 

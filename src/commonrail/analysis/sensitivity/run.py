@@ -1,4 +1,4 @@
-"""Sensitivity study: simulate a design, estimate indices or effects of each output, and the tornado about the centre."""
+"""Sensitivity study: simulate a design, estimate indices or effects, and vary one parameter at a time."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def sensitivity(
         parameters = study.space.parameters
     space = Space(instances(parameters, Parameter, "parameters"))
     _check(space, injector, study)
-    computing = Computing(how.step_or(study and study.time_step), thread_count(threads), how.precision)  # type: ignore[arg-type]
+    computing = Computing(how.step_or(study and study.time_step), thread_count(threads), how.precision)
     models: list[Model] = [Misfits(_objective(study, space, computing))] if study else []
     if instances(points, OperatingPoint, "points"):
         models.append(Features(injector, space.names, points, read_features(features), computing))
@@ -119,8 +119,8 @@ def sensitivity(
 
 
 CONSTRAINTS = (
-    "The constraints of the study are not applied: indices need parameters that vary independently, each over its whole "
-    "range."
+    "The constraints of the study are not applied: indices need parameters that vary independently, each over its "
+    "whole range."
 )
 
 
@@ -187,7 +187,7 @@ def study_of_model(
 
 
 def _designed(how: SensitivitySettings, dimension: int, rng: np.random.Generator) -> _Design:
-    samples, each = how.samples or 0, dimension + (1 if how.design is Design.MORRIS else 2)
+    samples, each = how.samples, dimension + (1 if how.design is Design.MORRIS else 2)
     share = max(AT_A_TIME // each, 1)
     firsts = range(0, samples, share)
     if how.design is Design.MORRIS:
@@ -240,10 +240,10 @@ def _failed(codes: Codes, away: Floats, space: Space) -> Failed:
 
 
 def _heed(how: SensitivitySettings, output: Output, failed: Failed) -> None:
-    if how.on_failure is OnFailure.REFUSE and failed.count:
+    if how.on_failure is OnFailure.REFUSE and failed.number:
         why = max(failed.reasons, key=lambda text: failed.reasons[text])
         raise SimulationError(
-            f"{failed.count} simulations have no {output.name}, most at {failed.where}, and the policy is to refuse "
+            f"{failed.number} simulations have no {output.name}, most at {failed.where}, and the policy is to refuse "
             f"that: {why}"
         )
 

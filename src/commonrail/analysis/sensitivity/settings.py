@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from commonrail.arguments import Quantity, chosen, instance, known_names, mapping, number, settle, whole
 from commonrail.calibration.parameter import Parameter
@@ -43,8 +44,8 @@ class SensitivitySettings:
     ----------
     design : Design or str
         "sobol" or "morris".
-    samples : int, optional
-        Base points of a Sobol' study, a power of two, or trajectories of a Morris study; 1024 or 50 by default.
+    samples : int
+        Base points of a Sobol' study, a power of two, or trajectories of a Morris study; 0 for 1024 or 50.
     seed : int
         Of design and bootstrap.
     resamples : int
@@ -66,20 +67,36 @@ class SensitivitySettings:
         If a value is of another kind or beyond its limits.
     """
 
-    design: Design | str = Design.SOBOL
-    samples: int | None = None
+    design: Design = Design.SOBOL
+    samples: int = 0
     seed: int = 1
     resamples: int = 1000
     confidence: float = 0.95
-    on_failure: OnFailure | str = OnFailure.OMIT
+    on_failure: OnFailure = OnFailure.OMIT
     most_failed: float = 0.1
-    time_step: Quantity | None = None
-    precision: Precision | str = Precision.F64
+    time_step: float | None = None
+    precision: Precision = Precision.F64
+
+    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+
+        def __init__(
+            self,
+            *,
+            design: Design | str = Design.SOBOL,
+            samples: int = 0,
+            seed: int = 1,
+            resamples: int = 1000,
+            confidence: float = 0.95,
+            on_failure: OnFailure | str = OnFailure.OMIT,
+            most_failed: float = 0.1,
+            time_step: Quantity | None = None,
+            precision: Precision | str = Precision.F64,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         design = chosen(self.design, Design, "design")
         default = 1024 if design is Design.SOBOL else 50
-        samples = whole(default if self.samples is None else self.samples, "number of samples", 4, 2**20)
+        samples = whole(self.samples or default, "number of samples", 4, 2**20)
         if design is Design.SOBOL and samples & (samples - 1):
             raise ConfigurationError(
                 f"The number of samples must be a power of two for Sobol' indices, such as "
@@ -154,7 +171,7 @@ def parameters_within(
     wanted = known_names(list(dict.fromkeys([*names, *own])), parameter_quantities(), "names", "valve.lift")
     if not wanted:
         raise ConfigurationError("At least one parameter is needed among the names.")
-    return tuple(_ranged(injector, name, own[name] if name in own else None, share) for name in wanted)
+    return tuple(_ranged(injector, name, own.get(name), share) for name in wanted)
 
 
 def _ranged(injector: Injector, name: str, given: object, share: float) -> Parameter:
@@ -174,7 +191,8 @@ def _ranged(injector: Injector, name: str, given: object, share: float) -> Param
         low, high = (number(end, quantity.unit, f"range of {name}") for end in pair)
     if not (quantity.domain.admits(low) and quantity.domain.admits(high)):
         raise ConfigurationError(
-            f"The range of {name}, {low:g} to {high:g} {quantity.unit}, must lie in its domain: {quantity.domain.value}."
+            f"The range of {name}, {low:g} to {high:g} {quantity.unit}, must lie in its domain: "
+            f"{quantity.domain.value}."
         )
     source = f"{share:.3g} of the value to either side" if given is None else "range of the sensitivity study"
     return Parameter(name, value, low, high, quantity.unit, mark="E", source=source, signed=True)
