@@ -25,6 +25,7 @@ from commonrail.cli.resume import resume
 from commonrail.cli.runs import runs
 from commonrail.cli.sensitivity import sensitivity
 from commonrail.cli.simulate import simulate
+from commonrail.cli.tolerance import tolerance
 from commonrail.cli.validate import validate
 from commonrail.cli.verify import verify
 from commonrail.cli.virtual_bench import virtual_bench
@@ -53,6 +54,7 @@ _VERBS = (
     family,
     adapt,
     sensitivity,
+    tolerance,
     report,
     verify,
     catalogue,

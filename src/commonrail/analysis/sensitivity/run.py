@@ -100,7 +100,7 @@ def sensitivity(
         parameters = study.space.parameters
     space = Space(instances(parameters, Parameter, "parameters"))
     _check(space, injector, study)
-    computing = Computing(how.step_or(study and study.time_step), thread_count(threads), how.precision)
+    computing = Computing(how.step_or(study.time_step if study else None), thread_count(threads), how.precision)
     models: list[Model] = [Misfits(_objective(study, space, computing))] if study else []
     if instances(points, OperatingPoint, "points"):
         models.append(Features(injector, space.names, points, read_features(features), computing))

@@ -132,7 +132,7 @@ class VarianceShares:
         means = products[0, 1:] / n
         covariances = products[1:, 1:] / n - np.outer(means, means)
         with_quantity = sums[1:] / n - means * float(sums[0]) / n
-        slopes = np.linalg.lstsq(covariances, with_quantity, rcond=1e-12)[0]
+        slopes: Floats = np.asarray(np.linalg.lstsq(covariances, with_quantity, rcond=1e-12)[0], dtype=np.float64)
         by_degree = (slopes * with_quantity).reshape(DEGREE, d).sum(axis=0)
         own = [_quadratic(covariances, slopes, np.arange(j, DEGREE * d, d)) for j in range(d)]
         odd = slopes.reshape(DEGREE, d)[::2].sum(axis=0)

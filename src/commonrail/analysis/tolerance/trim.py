@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.tolerance.draws import Draws
 from commonrail.analysis.tolerance.spread import Spread, spread_of
-from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import OK
 from commonrail.errors import SimulationError
 
@@ -171,4 +171,4 @@ def _with_time(point: OperatingPoint, time: float) -> OperatingPoint:
     """The point with another energising time, and with the same time simulated after it."""
     pulse = point.pulses[0]
     horizon = None if point.horizon is None else point.horizon + time - pulse.duration
-    return replace(point, energisings=((pulse.start, time),), horizon=horizon)
+    return replace(point, energisings=(Energising(pulse.start, time),), horizon=horizon)
