@@ -47,7 +47,7 @@ def tolerance(
     """
     from commonrail.files.tolerance_file import load_tolerances
 
-    changed = {"parts": parts, "seed": seed, "precision": precision}
+    changed: dict[str, Any] = {"parts": parts, "seed": seed, "precision": precision}
     loaded = replace(load_tolerances(file), **{key: value for key, value in changed.items() if value is not None})
     found = _run(loaded, threads) if out is None else _into(out, loaded, threads)
     record = found.record()
