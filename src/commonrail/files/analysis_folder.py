@@ -14,22 +14,15 @@ __all__ = ["SENSITIVITY", "TOLERANCE", "Kind", "read_analysis", "write_analysis"
 
 
 class Kind(NamedTuple):
-    """Kind of folder: verb that leaves it, which is the name of its record and table too."""
+    """Kind of folder: verb that leaves it, file of its record, file of its table."""
 
     verb: str
-
-    @property
-    def record(self) -> str:
-        """File of the record."""
-        return f"{self.verb}.json"
-
-    @property
-    def table(self) -> str:
-        """File of the table."""
-        return f"{self.verb}.csv"
+    record: str
+    table: str
 
 
-SENSITIVITY, TOLERANCE = Kind("sensitivity"), Kind("tolerance")
+SENSITIVITY = Kind("sensitivity", "sensitivity.json", "sensitivity.csv")
+TOLERANCE = Kind("tolerance", "tolerance.json", "tolerance.csv")
 
 
 def write_analysis(folder: Path, kind: Kind, record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
