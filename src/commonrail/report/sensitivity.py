@@ -12,7 +12,15 @@ from commonrail.kinds.records import Record
 from commonrail.report.draw import figure_html
 from commonrail.report.html import render
 
-__all__ = ["SHOWN", "bar_height", "sensitivity_html", "sensitivity_lines", "sensitivity_tables", "shown_unit"]
+__all__ = [
+    "SHOWN",
+    "bar_height",
+    "sensitivity_html",
+    "sensitivity_lines",
+    "sensitivity_tables",
+    "shown_unit",
+    "time_and_software",
+]
 
 SHOWN = 16  # parameters in a table or figure; all are in the CSV file
 HEIGHT_OF_A_ROW = 26  # of a figure with bars [px]
@@ -234,8 +242,6 @@ _POLICY = {
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:
-    seconds = record["clock"]["seconds"]
-    speed = f"{significant(record['injections'] / seconds, 3)} simulations/s" if seconds else MISSING
     return [
         ("Injector", record["injector"]),
         (
@@ -245,6 +251,13 @@ def _facts(record: Record) -> list[tuple[str, str]]:
         ("Intervals", f"{percent(record['confidence'], 0)} %, bootstrap with {record['resamples']:,} resamples"),
         ("Seed", str(record["seed"])),
         ("Precision", record["precision"]),
-        ("Time", f"{duration(seconds)}, {speed}"),
-        ("Software", ", ".join(f"{name} {version}" for name, version in record["software"].items())),
+        *time_and_software(record),
     ]
+
+
+def time_and_software(record: Record) -> list[tuple[str, str]]:
+    """Facts that a sensitivity and a tolerance study share."""
+    seconds = record["clock"]["seconds"]
+    speed = f"{significant(record['injections'] / seconds, 3)} simulations/s" if seconds else MISSING
+    versions = ", ".join(f"{name} {version}" for name, version in record["software"].items())
+    return [("Time", f"{duration(seconds)}, {speed}"), ("Software", versions)]

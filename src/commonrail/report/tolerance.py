@@ -6,11 +6,11 @@ import shlex
 
 from commonrail.display.chart import Bars, Figure, Panel, Series
 from commonrail.display.table import Column, Table, tabulated
-from commonrail.display.text import MISSING, duration, fixed, percent, quantity, significant
+from commonrail.display.text import MISSING, fixed, percent, quantity, significant
 from commonrail.kinds.records import MICROSECOND, MM3, Record
 from commonrail.report.draw import figure_html
 from commonrail.report.html import render
-from commonrail.report.sensitivity import SHOWN, bar_height
+from commonrail.report.sensitivity import SHOWN, bar_height, time_and_software
 
 __all__ = ["tolerance_html", "tolerance_lines", "tolerance_tables"]
 
@@ -233,13 +233,10 @@ _SAMPLING = {
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:
-    seconds = record["clock"]["seconds"]
-    speed = f"{significant(record['injections'] / seconds, 3)} simulations/s" if seconds else MISSING
     return [
         ("Injector", f"{record['injector']['name']} ({record['injector']['variant']})"),
         ("Parts", f"{record['parts']:,}, {_SAMPLING[record['sampling']]}"),
         ("Seed", str(record["seed"])),
         ("Time step", f"{significant(record['time_step'], 4, MICROSECOND)} µs, {record['precision']}"),
-        ("Time", f"{duration(seconds)}, {speed}"),
-        ("Software", ", ".join(f"{name} {version}" for name, version in record["software"].items())),
+        *time_and_software(record),
     ]

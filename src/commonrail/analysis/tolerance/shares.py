@@ -88,8 +88,10 @@ class VarianceShares:
             [m³].
         """
         scaled = (values - self._middle) / self._reach
-        powers = [scaled**degree for degree in range(1, DEGREE + 1)]
-        terms = np.hstack([np.ones((len(values), 1)), *powers])
+        powers = [np.ones((len(values), 1)), scaled]
+        for _ in range(1, DEGREE):
+            powers.append(powers[-1] * scaled)
+        terms = np.hstack(powers)
         everything = terms.T @ terms
         for k, column in enumerate((quantities - self._centre).T):
             there = np.isfinite(column)
