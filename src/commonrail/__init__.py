@@ -12,6 +12,20 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from commonrail.analysis.identifiability import identify, identify_at
     from commonrail.analysis.seeds import SeedProgress, for_seeds
+    from commonrail.analysis.sensitivity.result import Sensitivity
+    from commonrail.analysis.sensitivity.run import sensitivity
+    from commonrail.analysis.sensitivity.settings import SensitivitySettings, parameters_within
+    from commonrail.analysis.tolerance.distributions import Normal, Triangular, Uniform
+    from commonrail.analysis.tolerance.result import ToleranceResult
+    from commonrail.analysis.tolerance.run import tolerance
+    from commonrail.analysis.tolerance.tolerances import (
+        Correlation,
+        Dimension,
+        Limit,
+        TolerancePoint,
+        Tolerances,
+        Trim,
+    )
     from commonrail.analysis.truth import Truth
     from commonrail.analysis.virtual_bench import PAPER_OPTIMUM, Bench, bench_curve
     from commonrail.calibration.checkpoint import Generation
@@ -58,6 +72,7 @@ if TYPE_CHECKING:
     from commonrail.files.meter_file import load_meter
     from commonrail.files.run_folder import create_run_folder, read_run, write_run
     from commonrail.files.study_file import load_study
+    from commonrail.files.tolerance_file import load_tolerances
     from commonrail.files.truth_file import load_truth
     from commonrail.files.type_file import dump_type, load_type
     from commonrail.fuel.fuel import Fuel
@@ -80,6 +95,13 @@ if TYPE_CHECKING:
 _HOMES = {
     "analysis.identifiability": "identify identify_at",
     "analysis.seeds": "SeedProgress for_seeds",
+    "analysis.sensitivity.result": "Sensitivity",
+    "analysis.sensitivity.run": "sensitivity",
+    "analysis.sensitivity.settings": "SensitivitySettings parameters_within",
+    "analysis.tolerance.distributions": "Normal Triangular Uniform",
+    "analysis.tolerance.result": "ToleranceResult",
+    "analysis.tolerance.run": "tolerance",
+    "analysis.tolerance.tolerances": "Correlation Dimension Limit TolerancePoint Tolerances Trim",
     "analysis.truth": "Truth",
     "analysis.virtual_bench": "Bench PAPER_OPTIMUM bench_curve",
     "calibration.checkpoint": "Generation",
@@ -112,6 +134,7 @@ _HOMES = {
     "files.run_folder": "create_run_folder read_run write_run",
     "files.meter_file": "load_meter",
     "files.study_file": "load_study",
+    "files.tolerance_file": "load_tolerances",
     "files.truth_file": "load_truth",
     "files.type_file": "dump_type load_type",
     "fuel.fuel": "Fuel",
@@ -140,8 +163,10 @@ __all__ = [
     "Comparison",
     "Condition",
     "ConfigurationError",
+    "Correlation",
     "Counts",
     "DifferentialEvolution",
+    "Dimension",
     "Energising",
     "EvolutionSettings",
     "Finding",
@@ -151,12 +176,14 @@ __all__ = [
     "Injector",
     "InjectorType",
     "InputError",
+    "Limit",
     "Loss",
     "LowPass",
     "Meter",
     "Metered",
     "Method",
     "Objective",
+    "Normal",
     "OperatingPoint",
     "OutputError",
     "PAPER_OPTIMUM",
@@ -169,6 +196,8 @@ __all__ = [
     "ReturnData",
     "Role",
     "SeedProgress",
+    "Sensitivity",
+    "SensitivitySettings",
     "SimulationError",
     "Sister",
     "Solution",
@@ -178,11 +207,17 @@ __all__ = [
     "Status",
     "Study",
     "StudyError",
+    "TolerancePoint",
+    "ToleranceResult",
+    "Tolerances",
     "Trace",
     "Treatment",
+    "Triangular",
+    "Trim",
     "Truth",
     "TypeParameter",
     "TypePart",
+    "Uniform",
     "Variant",
     "__version__",
     "adapt",
@@ -204,19 +239,23 @@ __all__ = [
     "load_meter",
     "load_meters",
     "load_study",
+    "load_tolerances",
     "load_truth",
     "load_type",
     "metered",
     "parameter_quantities",
+    "parameters_within",
     "percent_bounds",
     "read_run",
     "reproduce",
     "resume",
     "sample_feasible",
+    "sensitivity",
     "simulate",
     "simulate_batch",
     "simulation_figure",
     "steps",
+    "tolerance",
     "type_from_fleet",
     "type_from_runs",
     "validate",

@@ -10,8 +10,10 @@ import pytest
 from tests.cli.conftest import Command
 
 VERBS = {
+    "sensitivity",
     "simulate",
     "calibrate",
+    "tolerance",
     "validate",
     "compare",
     "fleet",

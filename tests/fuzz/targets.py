@@ -22,6 +22,7 @@ from commonrail.files.injector_file import load_injector
 from commonrail.files.injector_writer import injector_text
 from commonrail.files.run_folder import read_run
 from commonrail.files.study_file import load_study
+from commonrail.files.tolerance_file import load_tolerances
 from commonrail.files.truth_file import load_truth
 from commonrail.files.type_file import load_type
 from commonrail.injector.definition import Injector, parameter_paths
@@ -30,6 +31,7 @@ from commonrail.report.build import write_report
 from tests.fuzz import kept
 from tests.fuzz.database import spoilt_database
 from tests.fuzz.mutation import BYTES, mutated
+from tests.report.analysis_samples import sensitivity_record, tolerance_record
 from tests.report.comparison_samples import compared_maps, compared_rates, compared_traces
 from tests.report.reproduction_sample import record as reproduction_record
 from tests.report.samples import map_record, rate_record, rate_traces
@@ -161,6 +163,10 @@ def _read_type(folder: Path) -> None:
     load_type(folder / "type.toml")
 
 
+def _read_tolerances(folder: Path) -> None:
+    load_tolerances(folder / "tolerances.toml")
+
+
 def _read_run(folder: Path) -> None:
     read_run(folder)
 
@@ -215,6 +221,14 @@ def _types() -> list[Files]:
 
 
 @cache
+def _tolerances() -> list[Files]:
+    case = (ROOT / "cases" / "tolerance" / "tolerances.toml").read_bytes()
+    local = case.replace(b'injector = "virtual-lino-2016"', b'injector = "injector.toml"')
+    noted = case + b"# a note, in which a fault does no harm\n" * 200
+    return [{"tolerances.toml": noted}, {"tolerances.toml": local, **_injectors()[0]}]
+
+
+@cache
 def _runs() -> list[Files]:
     """Run folders of every kind."""
     curves = rate_record()
@@ -224,6 +238,8 @@ def _runs() -> list[Files]:
         {"result.json": _json(map_record()), "traces.csv": _traces({}, ("start", "best"))},
         {"comparison.json": _json(compared), "traces.csv": _traces(compared_traces(compared), compared["labels"])},
         {"comparison.json": _json(compared_maps()), "traces.csv": _traces({}, ("start", "best"))},
+        {"sensitivity.json": _json(sensitivity_record())},
+        {"tolerance.json": _json(tolerance_record())},
         {"reproduce.json": _json(reproduction_record()), "traces.csv": REPRODUCED.encode()},
     ]
 
@@ -262,6 +278,7 @@ TARGETS = {
     "injector": Target(_read_injector, _injectors, (".toml",), 18),
     "truth": Target(_read_truth, _truths, (".toml",), 12),
     "type": Target(_read_type, _types, ("type.toml",), 6),
+    "tolerances": Target(_read_tolerances, _tolerances, ("tolerances.toml",), 6),
     "run": Target(_read_run, lambda: _runs()[:2], (".json", ".csv"), 5),
     "report": Target(_report, _runs, (".json", ".csv"), 6),
     "journal": Target(kept.read_journal, kept.runs, (".sqlite",), 6),

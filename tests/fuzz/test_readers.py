@@ -20,6 +20,7 @@ EXAMPLES = {
     "injector": 150,
     "truth": 100,
     "type": 100,
+    "tolerances": 100,
     "run": 50,
     "report": 20,
     "journal": 50,

@@ -23,7 +23,9 @@ from commonrail.cli.report import report
 from commonrail.cli.reproduce import reproduce
 from commonrail.cli.resume import resume
 from commonrail.cli.runs import runs
+from commonrail.cli.sensitivity import sensitivity
 from commonrail.cli.simulate import simulate
+from commonrail.cli.tolerance import tolerance
 from commonrail.cli.validate import validate
 from commonrail.cli.verify import verify
 from commonrail.cli.virtual_bench import virtual_bench
@@ -51,6 +53,8 @@ _VERBS = (
     fleet,
     family,
     adapt,
+    sensitivity,
+    tolerance,
     report,
     verify,
     catalogue,

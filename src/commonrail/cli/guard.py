@@ -29,6 +29,8 @@ MEMORY = {
     "resume": "lower --workers or --threads",
     "compare": "lower --threads, or name fewer models or studies",
     "reproduce": "lower --threads or --seeds",
+    "sensitivity": "lower --threads or --samples, or name fewer parameters or features",
+    "tolerance": "lower --threads or --parts",
     "fleet": "lower --workers, or divide the fleet's table",
 }
 OTHERS = "close other programs or take a machine with more"

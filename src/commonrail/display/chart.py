@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-__all__ = ["BOTH", "LINES", "MARKERS", "Band", "Boxes", "Figure", "Panel", "Points", "Series", "points"]
+__all__ = ["BOTH", "LINES", "MARKERS", "Band", "Bars", "Boxes", "Figure", "Panel", "Points", "Series", "points"]
 
 Points = tuple[float | None, ...]
 
@@ -70,10 +70,28 @@ class Boxes:
 
 
 @dataclass(frozen=True)
+class Bars:
+    """Horizontal bars, one for each row of the panel, from `start` to `end`; None leaves one out.
+
+    `low` and `high`, if given, are the ends of an interval about `end`. Bars of one `slot` lie over each other, those
+    of several side by side.
+    """
+
+    label: str
+    look: str
+    start: Points
+    end: Points
+    low: Points = ()
+    high: Points = ()
+    slot: int = 0
+
+
+@dataclass(frozen=True)
 class Panel:
     """A pair of axes: what the vertical one says, its series, and its share of the height.
 
-    With `categories` the horizontal axis counts them from 0 and shows their names.
+    With `categories` the horizontal axis counts them from 0 and shows their names. With `rows` the vertical axis does,
+    from top to bottom, and `bars` lie in the rows.
     """
 
     y_title: str
@@ -84,6 +102,8 @@ class Panel:
     bands: tuple[Band, ...] = ()
     boxes: tuple[Boxes, ...] = ()
     categories: tuple[str, ...] = ()
+    bars: tuple[Bars, ...] = ()
+    rows: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

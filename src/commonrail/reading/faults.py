@@ -72,7 +72,7 @@ def _sentence(found: ErrorDetails, key: str) -> str:
 
 
 _MISSING = {"injector": 'injector = "virtual-lino-2016"', "temperature": 'temperature = "80 degC"'}
-_LISTS_OF_TABLES = ("data", "parameter")
+_LISTS_OF_TABLES = ("data", "parameter", "dimension", "point", "correlation")
 _LISTS = {
     "window": ', such as ["0 us", "1600 us"]',
     "energisings": ', such as [{ start = "0 us", duration = "700 us" }]',

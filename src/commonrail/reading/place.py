@@ -19,6 +19,7 @@ _KINDS = {
     "commonrail-truth": "a truth of the virtual test bench",
     "commonrail-type": "a type of injector",
     "commonrail-family": "a family of injectors",
+    "commonrail-tolerance": "a tolerance study",
 }
 
 

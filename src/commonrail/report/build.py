@@ -16,6 +16,7 @@ from commonrail.arguments import file_path
 from commonrail.display.chart import Figure
 from commonrail.display.text import duration, significant
 from commonrail.errors import InputError
+from commonrail.files.analysis_folder import SENSITIVITY, TOLERANCE, read_analysis
 from commonrail.files.atomic import replacing, write_text, writing
 from commonrail.files.comparison_folder import COMPARISON, read_comparison
 from commonrail.files.reproduction_folder import RECORD, read_reproduction
@@ -31,7 +32,9 @@ from commonrail.report.parameters import parameter_rows
 from commonrail.report.record import check_record, texts_of
 from commonrail.report.reproduction import PLATE_FOLDER, PLATES, check_reproduction, reproduction_html
 from commonrail.report.rerun import rerun_lines
+from commonrail.report.sensitivity import sensitivity_html
 from commonrail.report.tables import tables_of
+from commonrail.report.tolerance import tolerance_html
 
 __all__ = ["draw_plates", "report_html", "write_report"]
 
@@ -143,6 +146,16 @@ def _reproduced(folder: Path) -> str:
     return reproduction_html(check_reproduction(record, str(folder)), traces, run, _has_plates(folder))
 
 
+def _sensitive(folder: Path) -> str:
+    record = check_record(read_analysis(folder, SENSITIVITY), str(folder), "sensitivity")
+    return sensitivity_html(record, folder.as_posix() or "DIR")
+
+
+def _tolerated(folder: Path) -> str:
+    record = check_record(read_analysis(folder, TOLERANCE), str(folder), "tolerance")
+    return tolerance_html(record, folder.as_posix() or "DIR")
+
+
 def _has_plates(folder: Path) -> bool:
     return all((folder / PLATE_FOLDER / f"{name}.{kind}").is_file() for name in PLATES for kind in ("svg", "pdf"))
 
@@ -150,6 +163,8 @@ def _has_plates(folder: Path) -> bool:
 # File that tells a folder's kind, the verb that leaves it, and what makes its page.
 _KINDS: tuple[tuple[str, str, Callable[[Path], str]], ...] = (
     (COMPARISON, "compare", _compared),
+    (SENSITIVITY.record, SENSITIVITY.verb, _sensitive),
+    (TOLERANCE.record, TOLERANCE.verb, _tolerated),
     (RECORD, "reproduce", _reproduced),
     (RESULT, "calibrate", _calibrated),
 )

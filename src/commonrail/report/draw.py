@@ -12,7 +12,7 @@ import plotly.io as pio
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from commonrail.display.chart import Band, Boxes, Figure, Panel, Series
+from commonrail.display.chart import Band, Bars, Boxes, Figure, Panel, Series
 
 __all__ = ["draw", "drawings", "figure_html", "plotly_script"]
 
@@ -113,6 +113,8 @@ def draw(figure: Figure, height: int) -> go.Figure:
         if panel.categories:
             names = [_plain(name) for name in panel.categories]
             canvas.update_xaxes(tickvals=list(range(len(names))), ticktext=names, row=row, col=1)
+        if panel.rows:
+            canvas.update_yaxes(_rows(panel.rows), row=row, col=1)
     canvas.update_xaxes(showgrid=True, gridcolor=GRID, linecolor=INK, ticks="outside", zeroline=False)
     canvas.update_xaxes(title_text=_plain(figure.x_title), row=count, col=1)
     canvas.update_layout(_layout(height))
@@ -120,9 +122,10 @@ def draw(figure: Figure, height: int) -> go.Figure:
 
 
 def _traces(panel: Panel) -> list[Any]:
-    """Bands behind, boxes, then lines and markers."""
+    """Bands behind, boxes and bars, then lines and markers."""
     bands = [edge for band in panel.bands for edge in _edges(band)]
-    return [*bands, *(_boxes(boxes) for boxes in panel.boxes), *(_trace(series) for series in panel.series)]
+    solid = [*(_boxes(boxes) for boxes in panel.boxes), *(_bars(bars) for bars in panel.bars)]
+    return [*bands, *solid, *(_trace(series) for series in panel.series)]
 
 
 def _edges(band: Band) -> list[go.Scatter]:
@@ -153,6 +156,47 @@ def _boxes(boxes: Boxes) -> go.Box:
         width=0.26,
         whiskerwidth=0.9,
     )
+
+
+def _bars(bars: Bars) -> go.Bar:
+    """Bars as lengths from their starts, as plotly takes them."""
+    colour = _LOOKS[bars.look]["color"]
+    lengths = [None if a is None or b is None else b - a for a, b in zip(bars.start, bars.end, strict=True)]
+    interval = {
+        "type": "data",
+        "symmetric": False,
+        "array": [_distance(high, end) for end, high in zip(bars.end, bars.high or bars.end, strict=True)],
+        "arrayminus": [_distance(end, low) for end, low in zip(bars.end, bars.low or bars.end, strict=True)],
+        "color": INK,
+        "thickness": 1.2,
+        "width": 3,
+    }
+    return go.Bar(
+        x=lengths,
+        base=[0.0 if a is None else a for a in bars.start],
+        y=list(range(len(lengths))),
+        orientation="h",
+        offsetgroup=str(bars.slot),
+        name=_plain(bars.label),
+        marker={"color": _faint(colour), "line": {"color": colour, "width": 1.2}},
+        error_x=interval if bars.high else {"visible": False},
+    )
+
+
+def _distance(high: float | None, low: float | None) -> float:
+    return 0.0 if high is None or low is None else max(high - low, 0.0)
+
+
+def _rows(rows: tuple[str, ...]) -> dict[str, Any]:
+    """Vertical axis with a name for each row, the first at the top."""
+    names = [_plain(name) for name in rows]
+    return {
+        "tickvals": list(range(len(names))),
+        "ticktext": names,
+        "range": [len(names) - 0.5, -0.5],
+        "showgrid": False,
+        "ticks": "",
+    }
 
 
 def _faint(colour: str) -> str:

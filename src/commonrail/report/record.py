@@ -24,10 +24,14 @@ SCHEMA = 1
 _DASHES = ("solid", "dash", "dot", "dashdot")
 _NEEDED = ("title", "seed", "status", "injector", "parameters", "objective", "data", "generations")
 _COMPARED = ("title", "labels", "models", "differences", "studies", "data")
+_SENSITIVE = ("title", "design", "samples", "ranges", "outputs", "injections", "clock")
+_TOLERATED = ("title", "parts", "injector", "dimensions", "points", "trim", "injections", "clock")
 # by kind of record: its file, who writes it, and the keys that it must have
 _FILES = {
     "calibration": ("result.json", "calibrate", _NEEDED),
     "comparison": ("comparison.json", "compare", _COMPARED),
+    "sensitivity": ("sensitivity.json", "sensitivity", _SENSITIVE),
+    "tolerance": ("tolerance.json", "tolerance", _TOLERATED),
 }
 
 
@@ -41,7 +45,7 @@ def check_record(record: Any, folder: str, kind: str = "calibration") -> Record:
     folder : str
         Of the file.
     kind : str
-        What it has to be: a "calibration" or a "comparison".
+        Kind that it has to be: a key of `_FILES`, such as "calibration".
 
     Raises
     ------

@@ -1,0 +1,1 @@
+"""Tolerance studies: spread of the injected quantity over parts whose dimensions scatter within their tolerances."""

@@ -1,0 +1,282 @@
+"""Definition of a tolerance study: dimensions with their distributions, operating points with limits, trim."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.tolerance.distributions import Distribution
+from commonrail.arguments import chosen, instance, instances, known_names, number, plain_text, settle, whole
+from commonrail.choices import Precision
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.time_step import DEFAULT_STEP, check_step
+from commonrail.errors import ConfigurationError, nearest
+from commonrail.injector.definition import Injector, Source, parameter_quantities
+
+__all__ = ["Correlation", "Dimension", "Limit", "MOST_FIGURES", "Sampling", "TolerancePoint", "Tolerances", "Trim"]
+
+Floats = NDArray[np.float64]
+
+MOST_FIGURES = 50_000_000  # parts times operating points: 400 MB
+UNSTATED = Source("E", "no source stated")
+RARE = 1e-4  # share of the parts that may lie outside a dimension's domain
+
+
+class Sampling(Enum):
+    """Drawing of parts: an even, scrambled Sobol' sequence, or independent random numbers."""
+
+    QUASI_RANDOM = "quasi-random"
+    RANDOM = "random"
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A dimension that scatters from part to part.
+
+    Parameters
+    ----------
+    name : str
+        Dotted name of a parameter.
+    distribution : Distribution
+        [SI].
+    source : Source
+        Mark and origin of the distribution.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such parameter, or more than `RARE` of the parts lie outside its domain.
+    """
+
+    name: str
+    distribution: Distribution
+    source: Source = UNSTATED
+
+    def __post_init__(self) -> None:
+        known = parameter_quantities()
+        if self.name not in known:
+            raise ConfigurationError(f"There is no parameter {self.name}{nearest(self.name, known)}.")
+        quantity = known[self.name]
+        ends = self.distribution.at(np.array([RARE, 1.0 - RARE]))
+        if not quantity.domain.admits(ends).all():
+            raise ConfigurationError(
+                f"{self.name}: more than {RARE:g} of the parts lie outside its domain ({quantity.domain.value}); "
+                "take a smaller spread, or cut the distribution."
+            )
+
+
+class Limit(NamedTuple):
+    """Limit of a quantity: [m³], or as a share of the nominal quantity by which it may deviate."""
+
+    value: float
+    relative: bool = False
+
+    def at(self, nominal: float) -> float:
+        """Limit [m³] for a nominal quantity."""
+        return nominal * (1.0 + self.value) if self.relative else self.value
+
+
+@dataclass(frozen=True)
+class TolerancePoint:
+    """An operating point, and the limits of the quantity there.
+
+    Parameters
+    ----------
+    name : str
+    point : OperatingPoint
+    lower, upper : Limit, optional
+    """
+
+    name: str
+    point: OperatingPoint
+    lower: Limit | None = None
+    upper: Limit | None = None
+
+    def __post_init__(self) -> None:
+        plain_text(self.name, "name of an operating point")
+        instance(self.point, OperatingPoint, f"operating point {self.name}")
+
+
+class Correlation(NamedTuple):
+    """Correlation of two dimensions, of their normal scores: between −1 and 1."""
+
+    first: str
+    second: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Trim:
+    """Correction of each part's energising time from quantities that are measured on it.
+
+    Parameters
+    ----------
+    points : sequence of str
+        Names of one or two operating points at which each part is measured. With one, the correction is the same at
+        all points; with two, linear in the energising time.
+    parts : int
+        Number of parts that are trimmed and simulated again.
+    resolution : float or str
+        Step of the energising time [s].
+    scatter : float or str
+        Standard deviation of a measured quantity [m³].
+
+    Raises
+    ------
+    ConfigurationError
+        If there are not one or two points, or a number is beyond its limits.
+    """
+
+    points: tuple[str, ...]
+    parts: int = 8192
+    resolution: float = 1e-6
+    scatter: float = 0.0
+
+    def __post_init__(self) -> None:
+        if len(self.points) not in (1, 2) or len(set(self.points)) != len(self.points):
+            raise ConfigurationError(f"A trim needs one or two operating points, not {len(self.points)}.")
+        settle(
+            self,
+            points=tuple(self.points),
+            parts=whole(self.parts, "number of parts of the trim", 100, 1_000_000),
+            resolution=number(self.resolution, "s", "resolution of the trim"),
+            scatter=number(self.scatter, "m3", "scatter of the trim"),
+        )
+        if not 1e-8 <= self.resolution <= 1e-4 or self.scatter < 0.0:
+            raise ConfigurationError(
+                "The resolution of a trim must lie between 10 ns and 100 us, its scatter not below 0."
+            )
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """A tolerance study, ready to run.
+
+    Parameters
+    ----------
+    title : str
+    injector : Injector
+        As drawn: its values are nominal, and those of dimensions that do not scatter.
+    dimensions : sequence of Dimension
+        At least one, each name once.
+    points : sequence of TolerancePoint
+        At least one, each name once.
+    correlations : sequence of Correlation
+    trim : Trim, optional
+    parts : int
+        Number of parts, from 1000.
+    seed : int
+    sampling : Sampling or str
+        "quasi-random" or "random".
+    time_step : float or str
+        [s].
+    precision : Precision or str
+        "f64" or "f32".
+    synthetic : str
+        What about the tolerances is assumed; empty if nothing.
+    text : str
+        The file it was read from.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, names are unknown or repeated, correlations cannot hold together, or the
+        figures would not fit the memory.
+    """
+
+    title: str
+    injector: Injector
+    dimensions: tuple[Dimension, ...]
+    points: tuple[TolerancePoint, ...]
+    correlations: tuple[Correlation, ...] = ()
+    trim: Trim | None = None
+    parts: int = field(default=100_000, kw_only=True)
+    seed: int = field(default=1, kw_only=True)
+    sampling: Sampling = field(default=Sampling.QUASI_RANDOM, kw_only=True)
+    time_step: float = field(default=DEFAULT_STEP, kw_only=True)
+    precision: Precision = field(default=Precision.F64, kw_only=True)
+    synthetic: str = field(default="", kw_only=True)
+    text: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        for what in ("title", "synthetic", "text"):
+            plain_text(getattr(self, what), f"{what} of a tolerance study")
+        instance(self.injector, Injector, "injector of a tolerance study")
+        settle(
+            self,
+            dimensions=instances(self.dimensions, Dimension, "dimensions"),
+            points=instances(self.points, TolerancePoint, "points"),
+            correlations=tuple(self.correlations),
+            parts=whole(self.parts, "number of parts", 1000, MOST_FIGURES),
+            seed=whole(self.seed, "seed"),
+            sampling=chosen(self.sampling, Sampling, "sampling"),
+            time_step=check_step(self.time_step),
+            precision=chosen(self.precision, Precision, "precision"),
+        )
+        if not self.dimensions or not self.points:
+            raise ConfigurationError("A tolerance study needs at least one dimension and one operating point.")
+        known_names(self.names, parameter_quantities(), "dimensions", "nozzle.hole_diameter")
+        labels = self.names_of_points
+        if len(set(labels)) != len(labels):
+            raise ConfigurationError("The operating points of a tolerance study need names of their own.")
+        if self.parts * len(self.points) > MOST_FIGURES:
+            raise ConfigurationError(
+                f"{self.parts:,} parts at {len(self.points)} operating points are more than {MOST_FIGURES:,} "
+                "quantities; take fewer parts or points."
+            )
+        self._check_trim(labels)
+        self.factor()  # refuses correlations that cannot hold together
+
+    def _check_trim(self, labels: tuple[str, ...]) -> None:
+        if self.trim is None:
+            return
+        for name in self.trim.points:
+            if name not in labels:
+                raise ConfigurationError(f"The trim names no operating point {name}{nearest(name, labels)}.")
+        if any(len(p.point.pulses) != 1 for p in self.points):
+            raise ConfigurationError("A trim corrects a single energising; omit the trim, or the points with several.")
+        times = [self.point(name).point.pulses[0].duration for name in self.trim.points]
+        if len(times) == 2 and not abs(times[1] - times[0]) >= 0.1 * max(times):
+            raise ConfigurationError("The two points of a trim must differ by 10 % or more in energising time.")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the dimensions."""
+        return tuple(dimension.name for dimension in self.dimensions)
+
+    @property
+    def names_of_points(self) -> tuple[str, ...]:
+        """Names of the operating points."""
+        return tuple(p.name for p in self.points)
+
+    def point(self, name: str) -> TolerancePoint:
+        """Operating point of that name."""
+        return next(p for p in self.points if p.name == name)
+
+    def factor(self) -> Floats | None:
+        """Cholesky factor (d, d) of the correlations of normal scores; None where all are independent."""
+        if not self.correlations:
+            return None
+        matrix = np.eye(len(self.names))
+        for first, second, value in self.correlations:
+            for name in (first, second):
+                if name not in self.names:
+                    raise ConfigurationError(f"A correlation names no dimension {name}{nearest(name, self.names)}.")
+            if first == second or not abs(value) < 1.0:
+                raise ConfigurationError(
+                    f"The correlation of {first} and {second} must be of two dimensions and lie between -1 and 1, not "
+                    f"{value:g}."
+                )
+            i, j = self.names.index(first), self.names.index(second)
+            matrix[i, j] = matrix[j, i] = value
+        try:
+            return np.asarray(np.linalg.cholesky(matrix))
+        except np.linalg.LinAlgError as error:
+            raise ConfigurationError(
+                "The correlations cannot hold together: two dimensions that go with a third must go with each other; "
+                "lower one of them."
+            ) from error

@@ -1,0 +1,119 @@
+"""Pages of sensitivity and tolerance studies: sentences, tables, figures; records that are not theirs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail.display.chart import Bars, Figure, Panel
+from commonrail.errors import InputError
+from commonrail.report.build import write_report
+from commonrail.report.draw import draw
+from commonrail.report.sensitivity import sensitivity_html, sensitivity_lines, sensitivity_tables
+from commonrail.report.tolerance import tolerance_html, tolerance_lines, tolerance_tables
+from tests.report.analysis_samples import sensitivity_record, tolerance_record
+
+HOSTILE = "<script>alert(1)</script>"
+
+
+def cells(rows: Any) -> list[list[str]]:
+    return [[cell.text for cell in row] for row in rows]
+
+
+def test_parameters_are_ranked_in_the_units_of_the_field() -> None:
+    table, missing = sensitivity_tables(sensitivity_record())
+    assert table.columns == ("parameter", "total, %", "alone, %", "at lower bound, mm³", "at upper bound, mm³")
+    assert cells(table.rows) == [
+        ["nozzle.hole_diameter", "90.0 (80.0 to 100.0)", "89.0 (79.0 to 99.0)", "45", "56"],
+        ["valve.spring_preload", "0.5 (−9.5 to 10.5)", "−0.5 (−10.5 to 9.5)", "50.5", "49.6"],
+    ]
+    assert cells(missing.rows)[0] == ["nozzle.hole_diameter", "–", "–"]
+
+
+def test_missing_simulations_are_told_with_their_reason() -> None:
+    page = sensitivity_html(sensitivity_record())
+    assert "200 simulations (78.1 %) have no value, most of them at high valve.spring_preload" in page
+    assert "200 × The needle does not open, or does not close." in page
+    assert "78.1% of the simulations have no value, more than the 10%" in page
+    assert "1 of the outputs lack simulations" in sensitivity_lines(sensitivity_record())[-1]
+
+
+def test_a_morris_study_shows_sizes_in_units() -> None:
+    record = sensitivity_record() | {"design": "morris"}
+    row = record["outputs"][0]["parameters"][0]
+    row |= {"effect": row["first"], "magnitude": {"value": 11e-9, "low": 9e-9, "high": 12e-9}, "spread": 1e-9}
+    row["effect"] = {"value": -11e-9, "low": -12e-9, "high": -9e-9}
+    record["outputs"][0]["parameters"] = [row]
+    table = sensitivity_tables(record)[0]
+    assert cells(table.rows) == [["nozzle.hole_diameter", "11 (9 to 12)", "−11 (−12 to −9)", "1", "45", "56"]]
+    assert "Elementary effects (Morris) of 2 parameters" in sensitivity_html(record)
+
+
+def test_capability_shares_and_trim_are_tables() -> None:
+    capability, shares, trim = tolerance_tables(tolerance_record())
+    assert cells(capability.rows) == [
+        ["full load", "50", "50.1", "0.7", "47.9 to 52.1", "48 to –", "0.60 % (0.58 to 0.62)", "3", "–", "1.05"]
+    ]
+    assert cells(shares.rows) == [
+        ["nozzle.hole_diameter", "90.0 (89.0 to 91.0)", "2", "0.4"],
+        ["valve.lift", "–", "–", "–"],
+    ]
+    assert cells(trim.rows)[0][1:4] == ["0.7", "0.1", "14"]
+    assert cells(trim.rows)[0][5] == "300 ppm (100 to 500)"  # below a thousandth
+
+
+def test_failures_and_limits_of_the_trim_are_told() -> None:
+    page = tolerance_html(tolerance_record())
+    for text in (
+        "3 simulations failed; a part that fails counts as out of limits",
+        "3 parts failed: A made-up reason.",
+        "2 parts could not be measured and are left out.",
+        "1 corrections ended at half of the energising time.",
+        "nozzle.hole_diameter and valve.lift: 0.3",
+        "Synthetic, not measured",
+    ):
+        assert text in page
+    assert "90 % of the variance from nozzle.hole_diameter" in tolerance_lines(tolerance_record())[1]
+
+
+def test_a_study_that_was_stopped_says_so() -> None:
+    page = tolerance_html(tolerance_record() | {"status": "interrupted", "asked": 20_000})
+    assert "10000 of 20000 parts were simulated when it was stopped" in page
+
+
+@pytest.mark.parametrize("make", [sensitivity_html, tolerance_html])
+def test_texts_from_outside_are_escaped(make: Any) -> None:
+    record = json.loads(
+        json.dumps(sensitivity_record() if make is sensitivity_html else tolerance_record()).replace("made up", HOSTILE)
+    )
+    assert HOSTILE not in make(record | {"title": HOSTILE})
+
+
+def test_bars_lie_in_rows_from_top_to_bottom_with_their_intervals() -> None:
+    bars = Bars("b", "best", (1.0, 1.0), (3.0, None), (2.5, 0.0), (4.0, 0.0), slot=1)
+    figure = Figure("f", "", "x", (Panel("", (), bars=(bars,), rows=("first", "second")),))
+    canvas = draw(figure, 200)
+    (bar,) = canvas.data
+    assert (bar.orientation, tuple(bar.base), tuple(bar.x)) == ("h", (1.0, 1.0), (2.0, None))
+    assert (tuple(bar.error_x.array), tuple(bar.error_x.arrayminus)) == ((1.0, 0.0), (0.5, 0.0))
+    assert tuple(canvas.layout.yaxis.ticktext) == ("first", "second")
+    assert tuple(canvas.layout.yaxis.range) == (1.5, -0.5)
+
+
+@pytest.mark.parametrize("kind", ["sensitivity", "tolerance"])
+def test_a_record_that_is_broken_is_refused(tmp_path: Path, kind: str) -> None:
+    record = sensitivity_record() if kind == "sensitivity" else tolerance_record()
+    file = tmp_path / f"{kind}.json"
+    file.write_text(json.dumps(record), encoding="utf-8")
+    assert write_report(tmp_path) == tmp_path / "report.html"
+    for changed, words in (
+        ({"schema": 2}, "has schema 2 and this version reads 1"),
+        ({"kind": "calibration"}, f"is not the result of commonrail {kind}"),
+        ({"clock": {}}, "is incomplete"),
+    ):
+        file.write_text(json.dumps(record | changed), encoding="utf-8")
+        with pytest.raises(InputError, match=words):
+            write_report(tmp_path)
