@@ -172,10 +172,10 @@ def test_a_candidate_that_breaks_a_condition_loses(regulated: Injector) -> None:
     assert scores.statuses.tolist() == [Status.CONDITION_NOT_MET] * 2
 
 
-def test_screening_is_coarser_and_near_the_residuals(regulated: Injector) -> None:
-    values = candidates(regulated, 3)
+def test_screening_is_coarser_and_near_the_residuals(pwm: Injector) -> None:
+    values = candidates(pwm, 3)
     goal = Goal(screening_step=1.5e-6)
-    objective = Objective(regulated, NAMES, [a_map("low", 60e6)], STEP, 1, goal=goal)
+    objective = Objective(pwm, NAMES, [a_map("low", 60e6)], STEP, 1, goal=goal)
     fine, coarse = objective.residuals(values), objective.screened(values)
     assert not np.array_equal(fine, coarse)
     # f32 and a step half as long again: less than 1 % of quantities of up to 40 mm³, whose tolerance is 10 % and more

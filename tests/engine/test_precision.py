@@ -28,7 +28,8 @@ def in_f32(injector: Injector, values: np.ndarray, threads: int = 1) -> Any:
 
 
 @compiled
-@pytest.mark.parametrize("wiring", ["pwm", "rigid_volume"])  # both of each: body, rail and drive
+# Both of each: body, rail and drive.
+@pytest.mark.parametrize("wiring", ["pwm", pytest.param("rigid_volume", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("pressure", [40e6, 160e6])
 def test_single_and_double_agree(request: pytest.FixtureRequest, wiring: str, pressure: float) -> None:
     injector, point = request.getfixturevalue(wiring), OperatingPoint(pressure, 700e-6)

@@ -1,6 +1,7 @@
 """The loop over lanes is vectorised: packed arithmetic on wide registers, in one precision.
 
-The kernel is compiled for processors named here, whatever this machine has, and not run: what is asserted is a property
+In the suite it is this machine's own kernels that are looked at, which other tests compile anyway. With the slow tests
+a kernel is compiled for processors named here, whatever this machine has, and not run: what is asserted is a property
 of the laws and of the compiler.
 """
 
@@ -14,9 +15,16 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import llvmlite.binding as llvm
+import numba
 import pytest
 
 from commonrail.choices import Precision
+from commonrail.compile import compiler_choices
+from commonrail.engine import lanes
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate_batch
+from commonrail.injector.definition import Injector
 
 ROOT = Path(__file__).resolve().parents[2]
 X86_64 = platform.machine() in ("x86_64", "AMD64")
@@ -48,13 +56,46 @@ SINGLE = WIDE._replace(precision=Precision.F32)
 NARROW = Target("haswell", "+avx2", Precision.F64)
 
 
+class Case(NamedTuple):
+    """A target, and whether this machine's own kernel stands for it; else one is compiled for it by a process."""
+
+    target: Target
+    own: bool
+
+
+def compiles_for(feature: str) -> bool:
+    """Return whether kernels here are compiled for a processor with a feature: this one, or what Numba is told."""
+    named = numba.config.CPU_FEATURES
+    return bool(llvm.get_host_cpu_features().get(feature)) if named is None else f"+{feature}" in named.split(",")
+
+
+def is_here(target: Target) -> bool:
+    """Return whether this machine's own kernels have what is asserted of a target's."""
+    wide = compiles_for("avx512vl")
+    own = {WIDE, SINGLE} if wide else {NARROW} if compiles_for("avx2") else set()
+    return target in own and not numba.config.DISABLE_JIT
+
+
 @pytest.fixture(scope="module")
-def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Target, str]:
+def compiled(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, regulated: Injector, pwm: Injector
+) -> tuple[Target, str]:
     """A target and the assembly text of the kernel for it."""
-    target: Target = request.param
+    case: Case = request.param
+    if case.own:
+        return case.target, own_assembly({WIDE: regulated, NARROW: regulated, SINGLE: pwm}[case.target], case.target)
     path = tmp_path_factory.mktemp("assembly") / "kernel.s"
-    cross_compile(target, path)
-    return target, path.read_text(encoding="utf-8")
+    cross_compile(case.target, path)
+    return case.target, path.read_text(encoding="utf-8")
+
+
+def own_assembly(injector: Injector, target: Target) -> str:
+    """Assembly text of the kernel that this machine runs, from its optimised form, which the cache keeps too."""
+    simulate_batch(injector, [OperatingPoint(160e6, 1e-4, horizon=1e-5)], precision=target.precision)
+    kernel = lanes.compiled(injector.variant, target.precision, False).compiled  # type: ignore[attr-defined]
+    library = next(iter(kernel.overloads.values())).library
+    with compiler_choices():
+        return str(library.codegen._tm.emit_assembly(library._get_module_for_linking()))
 
 
 def cross_compile(target: Target, path: Path, *options: str) -> None:
@@ -66,14 +107,17 @@ def cross_compile(target: Target, path: Path, *options: str) -> None:
 
 
 def for_each(*targets: Target) -> pytest.MarkDecorator:
-    """Run a test for each of these targets; one after the other, so that each is compiled once.
+    """Run a test for this machine's own kernel, and with the slow tests for each of these targets.
 
-    Each takes half a minute of processor time: the first is compiled in the suite, the others with the slow tests.
+    A target takes half a minute of processor time; one after the other, so that each is compiled once.
     """
-    cases = [
-        pytest.param(t, id=f"{t.processor}-{t.precision.value}", marks=[] if t is WIDE else pytest.mark.slow)
-        for t in targets
-    ]
+    own = [Case(t, True) for t in targets if is_here(t)]
+    cases = [pytest.param(case, id=f"own-{case.target.precision.value}") for case in own]
+    if not own:
+        names = " or ".join(sorted({t.features.lstrip("+") for t in targets}))
+        cases = [pytest.param(None, id="own", marks=pytest.mark.skip(f"kernels here are not compiled for {names}"))]
+    for t in targets:
+        cases.append(pytest.param(Case(t, False), id=f"{t.processor}-{t.precision.value}", marks=pytest.mark.slow))
     return pytest.mark.parametrize("compiled", cases, indirect=True, scope="module")
 
 

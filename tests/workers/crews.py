@@ -122,10 +122,20 @@ def pids_of(workers: Workers) -> list[int]:
     """Process numbers of workers on this machine as they are now."""
     if isinstance(workers.backend, ProcessPool):
         return workers.backend.pids
+    return list(_of_cluster(workers).values())
+
+
+def addresses_of(workers: Workers) -> list[str]:
+    """Addresses of the workers of a cluster as they are now."""
+    return list(_of_cluster(workers))
+
+
+def _of_cluster(workers: Workers) -> dict[str, int]:
+    """Process number of each worker of a cluster on this machine."""
     from commonrail.workers.cluster import Cluster
 
     assert isinstance(workers.backend, Cluster)
-    return list(workers.backend.run_on_each(os.getpid).values())
+    return workers.backend.run_on_each(os.getpid)
 
 
 def gone(pid: int) -> bool:

@@ -19,6 +19,7 @@ from tests.workers.crews import (
     Crew,
     Deed,
     Deeds,
+    addresses_of,
     cluster,
     expected,
     gone,
@@ -99,6 +100,19 @@ def test_a_task_that_is_lost_once_is_repeated_to_the_same_bits(
     assert tries == 2 or (two.inspected and tries > 2)  # a cluster's spot check may take it once more
     if deed == "die":
         wait_until(lambda: len(set(pids_of(two)) - set(before)) == 1, "another worker takes the place")
+
+
+def test_a_task_outlives_the_only_worker_that_may_do_it(
+    two: Workers, package: Package, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the copy of a spot check: the worker that replaces its own has another address, and Dask waits for the old."""
+    (task,) = tasks(package, [Deed(BAD, "die")])
+    if two.inspected:
+        monkeypatch.setattr(two.backend, "_shake", lambda: pytest.fail("It was waited for until its limit."))
+        task = task._replace(avoid=addresses_of(two)[0])
+    assert sines(two.run([task])) == expected([Deed(BAD)])
+    assert len(list((tmp_path / str(BAD)).iterdir())) >= 2
+    wait_until(lambda: len(pids_of(two)) == 2, "another worker takes the place")
 
 
 @pytest.mark.parametrize("crew", ["processes", pytest.param("cluster", marks=pytest.mark.slow)], indirect=True)

@@ -115,6 +115,14 @@ def test_the_folder_of_a_cluster_here_is_private_and_ends_with_it(
     assert not folder.exists()
 
 
+def test_a_worker_that_dies_is_waited_for_beyond_dasks_patience(tmp_path: Path) -> None:
+    """On a busy machine another one takes longer to start than Dask waits, which then starts none at all."""
+    dask = pytest.importorskip("dask", reason=NO_DASK)
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "1 ms"}), cluster(1) as workers:
+        last = [Deed(1, "die")]
+        assert sines(workers.run(tasks(pack(Deeds(tmp_path)), last))) == expected(last)
+
+
 @pytest.mark.slow
 def test_a_scheduler_that_is_halted_in_the_middle_is_told_of(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason=NO_DASK)

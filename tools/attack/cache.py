@@ -95,18 +95,18 @@ def flips(folder: Path, times: int) -> str:
     return ""
 
 
-@attack()
+@attack(times=6, few=2)
 def open_folder(folder: Path, times: int) -> str:
     """Code from a cache that others may write to is not run."""
     _use(folder)
     kernels = _kernel(folder).parent
-    for level in (kernels, kernels.parent):
-        for mode in (0o777, 0o1777, 0o722):
-            level.chmod(mode)
-            said = _use(folder).said
-            level.chmod(0o700)
-            if "may be written by others" not in said:
-                return f"{level.name} with mode {mode:o} is used without a word"
+    tried = [(level, mode) for mode in (0o777, 0o1777, 0o722) for level in (kernels, kernels.parent)]
+    for level, mode in tried[:times]:
+        level.chmod(mode)
+        said = _use(folder).said
+        level.chmod(0o700)
+        if "may be written by others" not in said:
+            return f"{level.name} with mode {mode:o} is used without a word"
     return ""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -13,10 +13,11 @@ from commonrail.errors import StudyError
 from commonrail.notice import note
 from commonrail.workers.deadline import Late
 from commonrail.workers.greeting import differing
+from commonrail.workers.held import Missing, perform_held
 from commonrail.workers.limits import SLICE, waited
 from commonrail.workers.link import ANSWER, CONNECT, LOCAL, Link
-from commonrail.workers.process import Refused, reply
-from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failure
+from commonrail.workers.process import Refused
+from commonrail.workers.task import Answer, Lost, Outcome, Task, failure
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -31,16 +32,28 @@ AHEAD = 2  # tasks submitted for each thread, so that none waits for the next on
 
 
 class Sent(NamedTuple):
-    """A task that is out, and whether the work went with it."""
+    """A task that is out.
+
+    Attributes
+    ----------
+    task : Task
+    complete : bool
+        True if the work went with it.
+    bound : frozenset of str
+        Workers that alone may do it; empty if all may.
+    """
 
     task: Task
     complete: bool
+    bound: frozenset[str]
 
 
 class Cluster:
     """Workers of a Dask cluster.
 
     A worker that dies is Dask's to replace, and its tasks Dask's to repeat: a task is lost here once Dask gives it up.
+    A task that only certain workers may do is sent anew once these have gone: those that replace them have other
+    addresses, and Dask would keep the task for ever.
     A worker that hangs is not noticed by Dask: if nothing at all has come back for as long as a task may take, the
     workers that still have tasks are started anew, or dropped if they cannot be started.
 
@@ -131,8 +144,10 @@ class Cluster:
         except queue.Empty:
             yield from self._after_silence(waited(start))
             return
+        sent = self._open.pop(future, None)
+        if sent is None:  # withdrawn, and sent anew
+            return
         self._silence = 0.0
-        sent = self._open.pop(future)
         giver = self._giver(future)
         outcome = _outcome(future)
         if isinstance(outcome, Missing) and not sent.complete:
@@ -154,9 +169,18 @@ class Cluster:
             tasks, self._unsent = self._unsent, []
             for task in tasks:
                 self._send(task)
+        self._send_stranded(known)
         limit = max((sent.task.limit for sent in self._open.values()), default=self._silence)
         if self._silence > limit:
             yield from ((task, Lost(f"gave no answer within {limit:.6g} s")) for task in self._shake())
+
+    def _send_stranded(self, known: Mapping[str, int]) -> None:
+        """Send anew the tasks whose workers have all gone."""
+        stranded = [future for future, sent in self._open.items() if sent.bound and sent.bound.isdisjoint(known)]
+        if stranded:
+            self._link.tell(lambda client: client.cancel(stranded))
+        for future in stranded:
+            self._send(self._open.pop(future).task)
 
     def drop(self) -> None:
         """Forget the tasks that are out."""
@@ -173,14 +197,14 @@ class Cluster:
             return
         allowed = [name for name in known if name != task.avoid] or known
         package = task.package if complete else None
-        restricted = allowed if self._left_out or task.avoid else None
+        bound = frozenset(allowed if self._left_out or task.avoid else ())
         future: Future[Any] = self._link.ask(
             lambda client: client.submit(
-                perform_held, task.package.key, package, task.argument, pure=False, workers=restricted
+                perform_held, task.package.key, package, task.argument, pure=False, workers=sorted(bound) or None
             )
         )
         self._silence = 0.0 if not self._open else self._silence
-        self._open[future] = Sent(task, complete)
+        self._open[future] = Sent(task, complete, bound)
         future.add_done_callback(self._done.put)
 
     def _shake(self) -> list[Task]:
@@ -265,36 +289,6 @@ def _has_workers(client: Client) -> bool:
 
 def _restart(name: str, client: Client) -> None:
     client.restart_workers([name], timeout=CONNECT)
-
-
-class Missing(NamedTuple):
-    """Answer of a worker that does not have the work."""
-
-
-_HELD: dict[str, Package] = {}  # on a worker; two, so that two studies on one cluster can take turns
-
-
-def perform_held(key: str, package: Package | None, argument: Any) -> Answer | Lost | Refused | Missing:
-    """Answer of a task, on its worker, by the work that is given, or that was given before.
-
-    Parameters
-    ----------
-    key : str
-        Of the package.
-    package : Package or None
-    argument : picklable
-
-    Notes
-    -----
-    Data of Dask's own would be lost with the workers that have them, and out of reach behind one that hangs. An error
-    is returned: of those that Dask passes on, some do not arrive.
-    """
-    if package is not None:
-        while key not in _HELD and len(_HELD) > 1:
-            _HELD.pop(next(iter(_HELD)), None)
-        _HELD[key] = package
-    held = _HELD.get(key)
-    return Missing() if held is None else reply(held, argument)
 
 
 def _outcome(future: Future[Any]) -> Outcome | Missing:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import re
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
@@ -31,6 +31,9 @@ _HERE = re.compile(r"(tls|inproc)://.*|(tcp://)?(127\.[0-9.]+|localhost|\[::1\])
 CONNECT = 5.0  # how long to try to reach a scheduler [s]
 ANSWER = 30.0  # how long a scheduler may take for an answer; one with thousands of workers takes some seconds [s]
 LEAVE = 5.0  # how long to try to say goodbye [s]
+# How long a local cluster waits for the replacement of a worker that has died [s]. Dask waits for 15 s, then ends what
+# starts it; on a busy machine it takes longer, and the cluster would lose one worker after the other.
+RETURN = 3600.0
 _MISSING = (
     "A cluster needs the package {package}, which is not installed; install it with "
     "`pip install 'commonrail[cluster]'`, or use processes of this machine."
@@ -170,8 +173,10 @@ def _local(count: int, opened: ExitStack) -> Client:
         security = distributed.Security.temporary()
     except ImportError:
         raise InputError(_MISSING.format(package="cryptography")) from None
+    opened.enter_context(_configured({"distributed.deploy.lost-worker-timeout": f"{RETURN:.0f} s"}))
     folder = opened.enter_context(tempfile.TemporaryDirectory(prefix="commonrail-", ignore_cleanup_errors=True))
-    with blocked_signals(), _quiet(), _without_pages():
+    # the scheduler's web server, on loopback, has no page
+    with blocked_signals(), _quiet(), _configured({"distributed.scheduler.http.routes": []}):
         cluster = distributed.LocalCluster(
             n_workers=count,
             threads_per_worker=1,
@@ -188,11 +193,11 @@ def _local(count: int, opened: ExitStack) -> Client:
         return distributed.Client(cluster, set_as_default=False)
 
 
-def _without_pages() -> Any:
-    """Leave the scheduler's web server, on loopback, without a page."""
+def _configured(values: Mapping[str, Any]) -> Any:
+    """Dask's configuration of this process with other values, as a context."""
     import dask
 
-    return dask.config.set({"distributed.scheduler.http.routes": []})
+    return dask.config.set(values)
 
 
 @contextmanager
