@@ -11,6 +11,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from commonrail.calibration.optimisers.verdict import Verdict
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError, StudyError
 
@@ -130,6 +131,11 @@ class Optimiser(ABC):
     def reason(self) -> str:
         """Reason for the end of the search; empty before it."""
         return self._ended if self.finished else ""
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Own verdict on convergence; None of a search that does not judge itself, see `calibration/convergence.py`."""
+        return None
 
     @property
     @abstractmethod

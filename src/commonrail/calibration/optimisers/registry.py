@@ -11,6 +11,7 @@ import numpy as np
 from commonrail.calibration.optimisers.base import Optimiser
 from commonrail.calibration.optimisers.differential_evolution import DifferentialEvolution
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, check_initial
+from commonrail.calibration.optimisers.multistart import MultiStartLeastSquares, MultiStartSettings
 from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
 from commonrail.calibration.optimisers.staged import StagedLeastSquares
 from commonrail.calibration.optimisers.staged_settings import StagedSettings
@@ -52,6 +53,7 @@ class Registered(NamedTuple):
 REGISTERED = (
     Registered(DifferentialEvolution, EvolutionSettings, {"initial": check_initial}),
     Registered(StagedLeastSquares, StagedSettings),
+    Registered(MultiStartLeastSquares, MultiStartSettings),
 )
 
 
