@@ -227,6 +227,11 @@ class Optimiser(ABC):
         names = list(space.names)
         return {"method": self.method, "names": names, "lower": space.lower.copy(), "upper": space.upper.copy()}
 
+    def _settings(self, settings: Any) -> dict[str, Any]:
+        """Part of `_origin` for settings: all but the steps, of which a search that resumes may want more."""
+        values = {name: value for name, value in asdict(settings).items() if name != "generations"}
+        return {"settings": [str(value) for value in values.values()]}
+
     @property
     @abstractmethod
     def _ended(self) -> str:

@@ -28,7 +28,7 @@ IntArray = NDArray[np.int64]
 Work = Generator[Trials, FloatArray, "Ends"]
 
 FIRST_DAMPING = 1e-3  # relative to the diagonal of JᵀWJ
-FACTORS = np.array([0.03, 1.0, 30.0])  # dampings tried at once, of the one that was best before
+FACTORS = np.array([0.1, 10.0])  # dampings tried at once, of the one that was best before
 DAMPINGS = (1e-10, 1e6)  # beyond the larger one a descent is stuck
 PROBE = 0.1  # share of a step at which its second difference is taken
 BENT = 1.5  # ratio of acceleration to velocity above which the second difference is not believed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -223,9 +223,7 @@ class MultiStartLeastSquares(Optimiser):
             self._best = Best(x[winner].copy(), float(costs[winner]))
 
     def _origin(self) -> dict[str, Any]:
-        settings = asdict(self.settings)
-        del settings["generations"]  # more may be wanted of the search that resumes
-        return super()._origin() | {"settings": [str(value) for value in settings.values()]}
+        return super()._origin() | self._settings(self.settings)
 
     def _kept(self) -> dict[str, Any]:
         return {
