@@ -26,6 +26,7 @@ VERBS = {
     "new",
     "virtual-bench",
     "bench",
+    "optimisers",
     "doctor",
 }
 HEAVY = ["jinja2", "numba", "numpy", "plotly", "pydantic", "scipy", "tomlkit"]

@@ -143,7 +143,7 @@ def contest(
     Yields
     ------
     dict
-        JSON-able: problem, optimiser, seed, converged, and evaluations, seconds, best after each step.
+        JSON-able: problem, optimiser, seed, converged, and evaluations, seconds, best after each step (None for +inf).
     """
     for problem in problems:
         for entry in entries(problem, evaluations):
@@ -152,4 +152,6 @@ def contest(
             search_once(problem.study, entry, 0, 1)  # compiles what it needs
             for seed in seeds:
                 found = search_once(problem.study, entry, seed, evaluations)
-                yield {"problem": problem.name, "optimiser": entry.name, "seed": seed} | found._asdict()
+                best = [j if np.isfinite(j) else None for j in found.best]
+                named = {"problem": problem.name, "optimiser": entry.name, "seed": seed}
+                yield named | found._asdict() | {"best": best}

@@ -26,11 +26,11 @@ def standing(rows: Sequence[dict[str, Any]], evaluations: int) -> list[dict[str,
     Returns
     -------
     list of dict
-        "tenth" and "end": median objective after a tenth of the evaluations, and after all. "near": share of the seeds
-        that come within 1 % of the best known, of any search in `rows`; "near_evaluations", "near_seconds": their
-        median where at least half of the seeds do, else None. "equal_evaluations": the median number until the median
-        end of the paper's search is reached, and "saving", how many times fewer than its own they are; None where half
-        of the seeds do not reach it. "converged": share of the seeds that say so.
+        "tenth" and "end": median objective after a tenth of the evaluations, and after all; None before the first
+        step. "near": share of the seeds that come within 1 % of the best known, of any search in `rows`;
+        "near_evaluations", "near_seconds": their median, None where half of the seeds do not. "equal_evaluations": the
+        median number until the median end of the paper's search is reached, None where half of the seeds do not reach
+        it; "saving", how many times fewer than its own they are. "converged": share of the seeds that say so.
     """
     found = []
     for problem in dict.fromkeys(row["problem"] for row in rows):
@@ -47,8 +47,8 @@ def standing(rows: Sequence[dict[str, Any]], evaluations: int) -> list[dict[str,
                     "optimiser": name,
                     "seeds": len(group),
                     "best_known": known,
-                    "tenth": median(trace.after(evaluations // 10) for trace in group),
-                    "end": median(trace.after(evaluations) for trace in group),
+                    "tenth": _finite(median(trace.after(evaluations // 10) for trace in group)),
+                    "end": _finite(median(trace.after(evaluations) for trace in group)),
                     "near": near[2],
                     "near_evaluations": near[0],
                     "near_seconds": near[1],
@@ -65,8 +65,13 @@ def _names(rows: Iterable[dict[str, Any]]) -> list[str]:
     return list(dict.fromkeys(row["optimiser"] for row in rows))
 
 
+def _finite(objective: float) -> float | None:
+    return objective if objective < float("inf") else None
+
+
 def _trace(row: dict[str, Any]) -> Trace:
-    return Trace(row["evaluations"], row["seconds"], row["best"], row["converged"])
+    best = [float("inf") if j is None else j for j in row["best"]]
+    return Trace(row["evaluations"], row["seconds"], best, row["converged"])
 
 
 def _reached(group: Sequence[Trace], objective: float) -> tuple[float | None, float | None, float]:
