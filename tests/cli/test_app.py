@@ -28,6 +28,7 @@ VERBS = {
     "new",
     "virtual-bench",
     "bench",
+    "optimisers",
     "doctor",
 }
 HEAVY = ["jinja2", "numba", "numpy", "plotly", "pydantic", "scipy", "tomlkit"]

@@ -63,6 +63,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         "labels": {label: text for label, text in LABELS.items() if label in calibration.scores},
         **({"loss": study.loss.value} if study.loss is not Loss.KINDS else {}),
         **({"loss_scale": study.loss_scale} if study.loss is Loss.SOFT_L1 else {}),
+        **({"convergence": calibration.convergence.record()} if calibration.convergence else {}),
         "objective": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
         **_identifiability(identified),
         "data": _banded(data_records(study.data, calibration.scores), identified),
@@ -184,4 +185,5 @@ def _optimiser(method: Method) -> dict[str, Any]:
     entry = registered(method.evolution)
     named = {"method": entry.name} if entry and entry is not REGISTERED[0] else {}
     settings = {name: list(v) if isinstance(v, tuple) else v for name, v in vars(method.evolution).items()}
-    return {**named, **settings, "polish": method.polish, "polish_iterations": method.polish_iterations}
+    polish = {"polish": method.polish, "polish_iterations": method.polish_iterations}
+    return {**named, **settings, **polish, **({"stop_when_converged": True} if method.stop_when_converged else {})}

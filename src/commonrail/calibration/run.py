@@ -11,6 +11,7 @@ import numpy as np
 from commonrail.arguments import flag, function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.optimisers import Counts
+from commonrail.calibration.optimisers.verdict import Verdict
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
 from commonrail.calibration.search import Listeners, Progress, Search
 from commonrail.calibration.study import Study
@@ -59,6 +60,8 @@ class Calibration:
         Failed simulations by the name of their status.
     warnings : tuple of Finding
         What about study, data and result is implausible, found before and after the fit.
+    convergence : Verdict or None
+        Whether the search has converged, by which rule; None of one that was interrupted.
     """
 
     study: Study
@@ -75,6 +78,7 @@ class Calibration:
     simulations: int
     failures: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[Finding, ...] = ()
+    convergence: Verdict | None = None
 
     @property
     def meters(self) -> tuple[Meter, ...]:
@@ -222,6 +226,7 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
         seconds,
         search.simulations,
         dict(search.failures),
+        convergence=search.verdict() if status == "finished" else None,
     )
 
 

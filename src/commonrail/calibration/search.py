@@ -20,10 +20,13 @@ from commonrail.calibration.checkpoint import (
     Stage,
     Step,
 )
+from commonrail.calibration.convergence import judge_population, judge_restarts, noise_in
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Best, Counts, Optimiser, Trials, Wanted
+from commonrail.calibration.optimisers.refinement import Refinement
 from commonrail.calibration.optimisers.registry import row
+from commonrail.calibration.optimisers.verdict import Verdict
 from commonrail.calibration.prior import Priors
 from commonrail.calibration.spread import SpreadObjective
 from commonrail.calibration.study import Study
@@ -138,6 +141,7 @@ class Search:
         )
         self.objective = objective if workers is None else SpreadObjective(objective, workers)
         self.history: list[Generation] = []
+        self._residuals = 0  # number of residuals, once it is known
         self.simulations = 0
         self.failures: Counter[str] = Counter()
         self._row = row(study.method, study.space, study.seed, study.same_bits, study.loss is Loss.SOFT_L1)
@@ -165,13 +169,44 @@ class Search:
     @property
     def reason(self) -> str:
         """Reason for the end of the first optimiser."""
-        return self._begun[0].reason
+        first = self._begun[0]
+        if first.finished or first.verdict is not None:
+            return first.reason
+        return self._of_population(first).sentence
+
+    def verdict(self) -> Verdict:
+        """Verdict on convergence: that of the refinements, else of the first optimiser or on its population."""
+        first, last = self._begun[0], self._begun[-1]
+        if isinstance(last, Refinement) and len(last.ends):
+            return judge_restarts(last.ends, self._noise(last))
+        return first.verdict or self._of_population(first)
+
+    def _of_population(self, optimiser: Optimiser) -> Verdict:
+        return judge_population(optimiser.costs, self.history, self._noise(optimiser))
+
+    def _noise(self, optimiser: Optimiser) -> float:
+        """Change of the objective that changes 2 ln L by 1."""
+        objective, space = self.objective, self.study.space
+        if not self._residuals:
+            self._residuals = objective.residuals(space.reference[None, :]).shape[1]
+        goal = objective.goal.loss, objective.data
+        return noise_in(optimiser.best.cost, self._residuals, space.dimension, goal)
+
+    def _ends(self, optimiser: Optimiser) -> bool:
+        """Return whether an optimiser has no more to do, by itself or because the study stops it when it has converged.
+
+        Refinements are all done.
+        """
+        if optimiser.finished or not self.study.method.stop_when_converged or not self.history:
+            return optimiser.finished
+        first = optimiser is self._begun[0] and optimiser.verdict is None
+        return first and np.isfinite(optimiser.best.cost) and self._of_population(optimiser).converged
 
     def run(self) -> None:
         """Each optimiser to its end, the next one from what it has found."""
         while True:
-            for step in steps(self._begun[-1], self.objective):
-                self._note(step)
+            while not self._ends(self._begun[-1]):
+                self._note(next(steps(self._begun[-1], self.objective)))
             if len(self._begun) == len(self._row):
                 return
             self._begin_next()
@@ -215,7 +250,7 @@ class Search:
         spent = 0.0
         for number, stage in enumerate(checkpoint.stages):
             if number:
-                if not self._begun[-1].finished:
+                if not self._ends(self._begun[-1]):
                     break
                 self._before = checkpoint.stages[:number]
                 self._begun.append(self._row[number](self._begun[-1]))

@@ -18,6 +18,7 @@ from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.injector.definition import Injector
 from commonrail.kinds import ANY_KIND, DataSet, QuantityData, Role, of_role
+from commonrail.kinds.base import LATER
 from commonrail.kinds.maps.folds import levels
 from commonrail.kinds.metering import check_meters, meters_of
 from commonrail.observation.meter import Meter
@@ -40,11 +41,15 @@ class Method:
         near the best; 0 for none.
     polish_iterations : int
         Largest number of Jacobians of each refinement.
+    stop_when_converged : bool
+        End the first optimiser as soon as its population has collapsed and no longer gains. One that judges itself,
+        such as the multi-start least squares, ends by itself either way.
     """
 
     evolution: Settings = field(default_factory=EvolutionSettings)
     polish: int = 0
     polish_iterations: int = 30
+    stop_when_converged: bool = field(default=False, metadata=LATER)
 
     def __post_init__(self) -> None:
         if registered(self.evolution) is None:
@@ -53,6 +58,7 @@ class Method:
             self,
             polish=whole(self.polish, "polish"),
             polish_iterations=whole(self.polish_iterations, "polish_iterations", 1),
+            stop_when_converged=flag(self.stop_when_converged, "stop_when_converged"),
         )
 
 

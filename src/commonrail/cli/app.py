@@ -19,6 +19,7 @@ from commonrail.cli.family import family
 from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
 from commonrail.cli.new import new
+from commonrail.cli.optimisers import optimisers
 from commonrail.cli.report import report
 from commonrail.cli.reproduce import reproduce
 from commonrail.cli.resume import resume
@@ -62,6 +63,7 @@ _VERBS = (
     virtual_bench,
     reproduce,
     bench,
+    optimisers,
     doctor,
 )
 for _verb in _VERBS:

@@ -135,7 +135,7 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
     StudyError
         If `strict` and the run has given a warning; its files are written.
     """
-    from commonrail.report.headline import baseline_lines
+    from commonrail.report.headline import baseline_lines, convergence_lines
     from commonrail.report.judgement import judgement_lines, judgement_tables
     from commonrail.report.parameters import parameter_table
     from commonrail.report.tables import tables_of
@@ -151,7 +151,8 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
             print_table(table)
         for table in judgement_tables(outcome.record):
             print_table(table)
-        for line in (*baseline_lines(outcome.record["data"]), *judgement_lines(outcome.record)):
+        record = outcome.record
+        for line in (*convergence_lines(record), *baseline_lines(record["data"]), *judgement_lines(record)):
             typer.echo(line)
         typer.echo(f"report: {outcome.report}{_mention(warnings)}")
     if outcome.interrupted:

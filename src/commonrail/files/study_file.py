@@ -230,7 +230,7 @@ def method_of(stated: Optimisers, space: Space, at: Place) -> Method:
     for key, check in stated.chosen.checks.items():
         with located(at / key):
             check(settings, space)
-    return Method(settings, stated.polish, stated.polish_iterations)
+    return Method(settings, stated.polish, stated.polish_iterations, stated.stop_when_converged)
 
 
 def _space(

@@ -141,6 +141,7 @@ class Optimisers(NamedTuple):
     settings: dict[str, Any]
     polish: int
     polish_iterations: int
+    stop_when_converged: bool
 
 
 def read_optimisers(table: Any) -> Optimisers:
@@ -150,7 +151,7 @@ def read_optimisers(table: Any) -> Optimisers:
     chosen = known[0] if known else registry.REGISTERED[0]
     model = _optimiser_model(chosen.settings)  # type: ignore[arg-type]
     stated = dict(model.model_validate(table if known else {"method": name}))  # an unknown one is its first fault
-    polish = {key: stated.pop(key) for key in ("polish", "polish_iterations")}
+    polish = {key: stated.pop(key) for key in ("polish", "polish_iterations", "stop_when_converged")}
     kept = {f.name: stated[f.name] for f in fields(chosen.settings) if stated[f.name] is not None}
     return Optimisers(chosen, kept, **polish)
 
@@ -163,6 +164,7 @@ def _optimiser_model(settings: type[Any]) -> type[FileModel]:
         **{f.name: _setting(types[f.name], f.metadata.get("most")) for f in fields(settings)},
         "polish": (int, Field(default=0, ge=0, le=10_000)),
         "polish_iterations": (int, Field(default=30, ge=1, le=10_000)),
+        "stop_when_converged": (bool, False),
         "method": (Annotated[str, AfterValidator(_known_method)] | None, None),
     }
     return create_model("OptimiserModel", __base__=FileModel, **keys)

@@ -211,7 +211,11 @@ def _search(settings: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     if settings is None:
         return []
     size = f"{settings['generations']} generations of {settings['members']} members"
-    if "starts" in settings:  # the staged search
+    if "difference" in settings:  # the multi-start search
+        size = (
+            f"{settings['starts']} starts of {settings['members']} draws, {settings['generations']} iterations at most"
+        )
+    elif "starts" in settings:  # the staged search
         size = f"{settings['members']} screened candidates, {settings['generations']} steps"
     polish = f"; {settings['polish']} least-squares refinements" if settings["polish"] else ""
     initial = settings.get("initial", "")

@@ -9,8 +9,21 @@ from commonrail.kinds.records import Record
 from commonrail.report.meters import meter_lines
 from commonrail.report.record import by_kind, of_role
 
-__all__ = ["baseline_lines", "data_lines", "headline", "parameter_lines", "synthetic_notes", "warning_lines"]
+__all__ = [
+    "baseline_lines",
+    "convergence_lines",
+    "data_lines",
+    "headline",
+    "parameter_lines",
+    "synthetic_notes",
+    "warning_lines",
+]
 
+_ENDINGS = {
+    None: "the search ran to its end",
+    True: "the search has converged",
+    False: "the search ran to its end and has not converged",
+}
 _ROLES = {"fit": "On the fitted data", "validation": "On data that the fit never saw"}
 
 
@@ -19,6 +32,7 @@ def headline(record: Record) -> list[str]:
     return [
         _task(record),
         _objective(record),
+        *convergence_lines(record),
         *data_lines(record["data"]),
         *baseline_lines(record["data"]),
         *meter_lines(record),
@@ -38,6 +52,12 @@ def data_lines(data: Sequence[Record]) -> list[str]:
 def baseline_lines(data: Sequence[Record]) -> list[str]:
     """One sentence for each trivial model beside data of validation: whether the calibrated model beats it."""
     return [str(baseline["sentence"]) for d in data for baseline in d.get("baselines", ())]
+
+
+def convergence_lines(record: Record) -> list[str]:
+    """Sentence on whether the search has converged, with the rule; none of a record that does not say."""
+    found = record.get("convergence")
+    return [f"Search {found['sentence']}."] if found else []
 
 
 def parameter_lines(parameters: Sequence[Record]) -> list[str]:
@@ -81,7 +101,7 @@ def _task(record: Record) -> str:
     if record["status"] == "interrupted":
         ending = "the search was stopped early and these are the best values up to then"
     else:
-        ending = "the search ran to its end"
+        ending = _ENDINGS[record.get("convergence", {}).get("converged")]
     return f"{task} fitted to {sets} ({listed(fit)}); {ending}."
 
 

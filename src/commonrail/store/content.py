@@ -52,6 +52,7 @@ def content_of(study: Study) -> str:
     if any(periods):
         more += (periods,)
     more += ("same bits",) if study.same_bits else ()
+    more += ("stop when converged",) if study.method.stop_when_converged else ()
     if FUEL_TEMPERATURE in study.space.names:
         densities = [np.asarray(data.mass_density, float) for data in study.data]
         more += tuple(density for density in densities if not np.isnan(density).all())

@@ -11,10 +11,12 @@ from commonrail.calibration.optimisers.least_squares import (
     Polished,
     diverse_members,
 )
+from commonrail.calibration.optimisers.multistart import MultiStartLeastSquares, MultiStartSettings
 from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
 from commonrail.calibration.optimisers.staged import StagedLeastSquares
 from commonrail.calibration.optimisers.staged_settings import StagedSettings
 from commonrail.calibration.optimisers.treatments import Treatment
+from commonrail.calibration.optimisers.verdict import Verdict
 
 __all__ = [
     "Best",
@@ -24,6 +26,8 @@ __all__ = [
     "InitialSampling",
     "LeastSquares",
     "LeastSquaresSettings",
+    "MultiStartLeastSquares",
+    "MultiStartSettings",
     "Optimiser",
     "Polished",
     "Refinement",
@@ -33,6 +37,7 @@ __all__ = [
     "StagedSettings",
     "Treatment",
     "Trials",
+    "Verdict",
     "Wanted",
     "diverse_members",
 ]

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from commonrail.calibration.optimisers.verdict import Verdict
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError, StudyError
 
@@ -132,6 +133,11 @@ class Optimiser(ABC):
         return self._ended if self.finished else ""
 
     @property
+    def verdict(self) -> Verdict | None:
+        """Own verdict on convergence; None of a search that does not judge itself, see `calibration/convergence.py`."""
+        return None
+
+    @property
     @abstractmethod
     def best(self) -> Best:
         """The best feasible point; one at +inf until a simulation has succeeded."""
@@ -220,6 +226,11 @@ class Optimiser(ABC):
         space = self.space
         names = list(space.names)
         return {"method": self.method, "names": names, "lower": space.lower.copy(), "upper": space.upper.copy()}
+
+    def _settings(self, settings: Any) -> dict[str, Any]:
+        """Part of `_origin` for settings: all but the steps, of which a search that resumes may want more."""
+        values = {name: value for name, value in asdict(settings).items() if name != "generations"}
+        return {"settings": [str(value) for value in values.values()]}
 
     @property
     @abstractmethod

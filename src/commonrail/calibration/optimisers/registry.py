@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from commonrail.calibration.optimisers.base import Optimiser
+from commonrail.calibration.optimisers.covariance import CovarianceSettings, CovarianceStrategy
 from commonrail.calibration.optimisers.differential_evolution import DifferentialEvolution
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, check_initial
+from commonrail.calibration.optimisers.multistart import MultiStartLeastSquares, MultiStartSettings
 from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
+from commonrail.calibration.optimisers.simplex import NelderMead, NelderMeadSettings
 from commonrail.calibration.optimisers.staged import StagedLeastSquares
 from commonrail.calibration.optimisers.staged_settings import StagedSettings
+from commonrail.calibration.optimisers.success_history import SuccessHistoryEvolution, SuccessHistorySettings
 from commonrail.calibration.space import Space
 
 if TYPE_CHECKING:
@@ -52,6 +56,10 @@ class Registered(NamedTuple):
 REGISTERED = (
     Registered(DifferentialEvolution, EvolutionSettings, {"initial": check_initial}),
     Registered(StagedLeastSquares, StagedSettings),
+    Registered(MultiStartLeastSquares, MultiStartSettings),
+    Registered(SuccessHistoryEvolution, SuccessHistorySettings),
+    Registered(CovarianceStrategy, CovarianceSettings),
+    Registered(NelderMead, NelderMeadSettings),
 )
 
 

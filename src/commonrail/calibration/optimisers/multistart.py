@@ -1,0 +1,259 @@
+"""Multi-start least squares: descents from scattered starts that agree, or do not, on where the minimum is."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.arguments import number, settle, whole
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Counts, Optimiser, Trials, Wanted
+from commonrail.calibration.optimisers.geodesic import Ends, Rules, advance
+from commonrail.calibration.optimisers.least_squares import diverse_members
+from commonrail.calibration.optimisers.losses import DescentLoss, recognised
+from commonrail.calibration.optimisers.verdict import AGREEING, ALIKE, SMALL_GAIN, Verdict, noise_of
+from commonrail.calibration.sampling import sample_priors
+from commonrail.calibration.space import Space
+from commonrail.errors import ConfigurationError
+
+__all__ = ["MultiStartLeastSquares", "MultiStartSettings"]
+
+FloatArray = NDArray[np.float64]
+Work = Generator[Trials, FloatArray, None]
+
+MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
+MOST_STARTS = 1000
+POOL = 10  # candidates, for each start, whose better half starts are chosen from
+SMOOTHED = 0.5  # scale of the smoothed absolute error, by the mean absolute residual of the best descent
+
+
+@dataclass(frozen=True)
+class MultiStartSettings:
+    """Settings of `MultiStartLeastSquares`.
+
+    Parameters
+    ----------
+    members : int
+        Candidates that are drawn and simulated once; descents start from the good ones among them that lie apart.
+    generations : int
+        Iterations of the descents, at most.
+    starts : int
+        Descents side by side, or fewer where not so many draws can be simulated. As many again begin where these have
+        ended and do not agree.
+    difference : float
+        Forward difference of the derivatives as a share of each range.
+
+    Raises
+    ------
+    ConfigurationError
+        If a number lies outside its range, or is not whole where it counts something.
+    """
+
+    # "most" is what a study file may ask for
+    members: int = field(default=128, metadata={"most": MOST_MEMBERS})
+    generations: int = field(default=60, metadata={"most": MOST_GENERATIONS})
+    starts: int = field(default=8, metadata={"most": MOST_STARTS})
+    difference: float = 1e-4
+
+    def __post_init__(self) -> None:
+        settle(
+            self,
+            members=whole(self.members, "members", 1, MOST_MEMBERS),
+            generations=whole(self.generations, "generations", 0, MOST_GENERATIONS),
+            starts=whole(self.starts, "starts", 1, MOST_STARTS),
+            difference=number(self.difference, "1", "difference"),
+        )
+        if not 0.0 < self.difference <= 0.1:
+            raise ConfigurationError(f"difference = {self.difference:g} must lie above 0 and not above 0.1.")
+
+
+class MultiStartLeastSquares(Optimiser):
+    """Least squares with geodesic acceleration from several starts, finished when enough of them agree.
+
+    The first step simulates draws from priors and bounds. The others are iterations of all descents side by side. When
+    all have ended, the search has converged if `AGREEING` of them end within `ALIKE` of the best 2 ln L and a full step
+    from the best is predicted to gain less than `SMALL_GAIN`. If not, as many descents begin again from other draws,
+    once. The likelihood is that of the objective's own noise, see `noise_of`.
+
+    Parameters
+    ----------
+    space : Space
+    rng : numpy.random.Generator
+        Source of every draw.
+    settings : MultiStartSettings, optional
+    """
+
+    method, phase = "multi-start least squares", "multi-start least squares"
+
+    def __init__(self, space: Space, rng: np.random.Generator, settings: MultiStartSettings | None = None) -> None:
+        super().__init__(space, rng)
+        self.settings = settings or MultiStartSettings()
+        d = space.dimension
+        self._reserve = np.empty((0, d))  # starts, unit coordinates, that have not begun
+        self._ends = Ends.begin(np.empty((0, d)), np.empty((0, 0)))
+        self._costs = np.empty(0)
+        self._loss, self._waves, self._stopped = DescentLoss.SQUARES, 0, False
+        self._best = Best(space.centre.copy(), np.inf)
+        self._work: Work | None = None
+
+    @property
+    def total(self) -> int:
+        """Steps wanted; those done if the search has stopped by itself."""
+        return self.steps if self._stopped else 1 + self.settings.generations
+
+    @property
+    def _ended(self) -> str:
+        verdict = self.verdict
+        assert verdict is not None
+        stopped = "" if self._stopped else f"all {self.settings.generations} iterations are done; "
+        return stopped + verdict.sentence
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Verdict on convergence; None before the first step."""
+        if not self._waves and not self.steps:
+            return None
+        if not np.isfinite(self._costs).any():
+            return Verdict.of(False, "no candidate could be simulated", {"starts": len(self._costs)})
+        noise = noise_of(self._best.cost, self._ends.residuals.shape[1], self.space.dimension, self._loss.units)
+        excess = (self._costs - self._costs.min()) / noise
+        agreeing, gain = int((excess <= ALIKE).sum()), float(self._ends.gain[int(np.argmin(excess))])
+        converged = agreeing >= AGREEING and gain < SMALL_GAIN
+        figures = {
+            "starts": len(excess),
+            "agreeing": agreeing,
+            "predicted_gain": gain if np.isfinite(gain) else None,
+            "running": int(self._ends.running.sum()),
+        }
+        rest = "" if not figures["running"] else f", {figures['running']} were still falling"
+        sentence = (
+            f"{agreeing} of {len(excess)} starts end within {ALIKE} of the best 2 ln L{rest}, and a further step is "
+            f"predicted to gain {gain:.2g} of it; {AGREEING} starts and less than {SMALL_GAIN} are asked for"
+        )
+        return Verdict.of(converged, sentence, figures)
+
+    @property
+    def best(self) -> Best:
+        """The best point whose cost is known; the centre of the space, at +inf, until one has succeeded."""
+        return self._best
+
+    @property
+    def population(self) -> FloatArray:
+        """Points (n, d) of the descents, SI."""
+        return self.space.from_unit(self._ends.unit)
+
+    @property
+    def costs(self) -> FloatArray:
+        """Costs (n,) of those points."""
+        return self._costs.copy()
+
+    @property
+    def _rules(self) -> Rules:
+        """Loss of the descents, its scale by the residuals of the best one."""
+        usable = np.isfinite(self._costs)
+        best = self._ends.residuals[int(np.argmin(self._costs))] if usable.any() else np.zeros(1)
+        scale = SMOOTHED * max(float(np.mean(np.abs(best))), 1e-300)
+        return Rules(self._loss, scale, self.settings.difference)
+
+    def _propose(self) -> Trials:
+        """First question of a step."""
+        self._work = self._descend() if self.steps else self._draw()
+        return next(self._work)
+
+    def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
+        """Next question of the step, if it has one; what it has found is kept at its end."""
+        assert self._work is not None
+        try:
+            following = self._work.send(told)
+        except StopIteration:
+            self._work = following = None
+        if trials.wanted is Wanted.RESIDUALS:
+            failed = int((~np.isfinite(told).all(axis=1)).sum())
+            more = self.counts
+            self.counts = Counts(more.slots + len(told), more.simulated + len(told), more.failed + failed)
+        return following
+
+    def _draw(self) -> Work:
+        """Simulate draws, and begin descents from good ones that lie apart."""
+        x = sample_priors(self.space, self.settings.members, self._rng)
+        costs = yield _asked(x, Wanted.COSTS)
+        self._offer(x, costs)
+        pool = np.argsort(costs, kind="stable")[: POOL * self.settings.starts]
+        unit = self.space.to_unit(x[pool])
+        self._reserve = unit[diverse_members(unit, costs[pool], 2 * self.settings.starts)]
+        yield from self._settle()
+
+    def _settle(self) -> Work:
+        """End the search, or begin further descents, if none is running."""
+        while not self._ends.running.any():
+            verdict = self.verdict
+            if not len(self._reserve) or self._waves > 1 or (verdict is not None and verdict.converged):
+                self._stopped = True
+                return
+            yield from self._begin()
+
+    def _begin(self) -> Work:
+        """Begin the next descents."""
+        unit, self._reserve = np.split(self._reserve, [min(self.settings.starts, len(self._reserve))])
+        self._waves += 1
+        x = self.space.from_unit(unit)
+        residuals = yield _asked(x, Wanted.RESIDUALS)
+        costs = yield _asked(x, Wanted.COSTS_AGAIN)
+        new = Ends.begin(unit, residuals)
+        if self._waves == 1:
+            self._loss, self._ends, self._costs = recognised(costs, residuals), new, costs
+        else:
+            self._ends, self._costs = self._ends.joined(new), np.concatenate([self._costs, costs])
+
+    def _descend(self) -> Work:
+        """One iteration of the descents."""
+        after = yield from advance(self.space, self._ends, self._rules)
+        x = self.space.from_unit(after.unit)
+        costs = yield _asked(x, Wanted.COSTS_AGAIN)
+        self._ends, self._costs = after, costs
+        self._offer(x, costs)
+        yield from self._settle()
+
+    def _offer(self, x: FloatArray, costs: FloatArray) -> None:
+        winner = int(np.argmin(costs))
+        if costs[winner] < self._best.cost:
+            self._best = Best(x[winner].copy(), float(costs[winner]))
+
+    def _origin(self) -> dict[str, Any]:
+        return super()._origin() | self._settings(self.settings)
+
+    def _kept(self) -> dict[str, Any]:
+        return {
+            "reserve": self._reserve.copy(),
+            **{name: values.copy() for name, values in self._ends._asdict().items()},
+            "costs": self._costs.copy(),
+            "loss": self._loss.value,
+            "waves": self._waves,
+            "stopped": self._stopped,
+            "best": self._best.x.copy(),
+            "cost": self._best.cost,
+        }
+
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        d = self.space.dimension
+        kinds = {"small": np.int64, "running": np.bool_}
+        ends = Ends(*(np.array(state[name], dtype=kinds.get(name, np.float64)) for name in Ends._fields))
+        reserve, costs, best = (np.array(state[name], dtype=float) for name in ("reserve", "costs", "best"))
+        count = len(costs)
+        shapes = [ends.unit.shape, ends.residuals.shape[:1], reserve.shape[1:], best.shape]
+        if shapes != [(count, d), (count,), (d,), (d,)] or {len(part) for part in ends} - {count}:
+            raise ConfigurationError("state: its descents are not whole; take a whole state")
+        points = (reserve, ends.unit, self.space.to_unit(best))
+        if not all(np.all(np.abs(unit - 0.5) <= 0.5 + 1e-9) for unit in points) or np.isnan(costs).any():
+            raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
+        self._reserve, self._ends, self._costs = reserve, ends, costs
+        self._loss, self._waves = DescentLoss(state["loss"]), int(state["waves"])
+        self._stopped, self._work = bool(state["stopped"]), None
+        self._best = Best(best, float(state["cost"]))
+
+
+def _asked(x: FloatArray, wanted: Wanted) -> Trials:
+    return Trials(x, np.ones(len(x), bool), wanted)

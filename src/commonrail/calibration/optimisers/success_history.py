@@ -1,0 +1,212 @@
+"""L-SHADE: differential evolution that learns F and CR from its successes, with a population that shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.arguments import settle, whole
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Optimiser, Trials
+from commonrail.calibration.optimisers.members import MOST_MEMBERS, Members
+from commonrail.calibration.optimisers.treatments import Treatment, treat
+from commonrail.calibration.sampling import sample_feasible
+from commonrail.calibration.space import Space
+from commonrail.errors import ConfigurationError
+
+__all__ = ["SuccessHistoryEvolution", "SuccessHistorySettings"]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+# Values of Tanabe and Fukunaga (2014).
+MEMORY = 6
+BEST_SHARE = 0.11  # of the members, from which a trial takes its direction
+ARCHIVE = 2.6  # members that were replaced and are kept, for each member
+SPREAD = 0.1  # of F and CR about their memory
+FEWEST = 4
+
+
+@dataclass(frozen=True)
+class SuccessHistorySettings:
+    """Settings of `SuccessHistoryEvolution`.
+
+    Parameters
+    ----------
+    members : int
+        Members at the beginning, at least 4.
+    generations : int
+        Generations after the initial population.
+    shrinking : int
+        Generations over which the population shrinks linearly to 4 members; 0 for a constant one.
+
+    Raises
+    ------
+    ConfigurationError
+        If a number lies outside its range, or is not whole.
+    """
+
+    # "most" is what a study file may ask for
+    members: int = field(default=96, metadata={"most": MOST_MEMBERS})
+    generations: int = field(default=70, metadata={"most": MOST_GENERATIONS})
+    shrinking: int = field(default=70, metadata={"most": MOST_GENERATIONS})
+
+    def __post_init__(self) -> None:
+        settle(
+            self,
+            members=whole(self.members, "members", FEWEST, MOST_MEMBERS),
+            generations=whole(self.generations, "generations", 0, MOST_GENERATIONS),
+            shrinking=whole(self.shrinking, "shrinking", 0, MOST_GENERATIONS),
+        )
+
+
+class SuccessHistoryEvolution(Optimiser):
+    """L-SHADE of Tanabe and Fukunaga (2014): current-to-pbest/1/bin with an archive and a memory of F and CR.
+
+    The population shrinks over `shrinking` generations and not over those that are wanted, so that a search that is
+    extended takes the same steps as one that was longer from the beginning. Trials that break bounds or constraints are
+    repaired as those of `DifferentialEvolution` are by default.
+
+    Parameters
+    ----------
+    space : Space
+    rng : numpy.random.Generator
+        Source of every draw.
+    settings : SuccessHistorySettings, optional
+    """
+
+    method, phase = "L-SHADE", "evolution"
+
+    def __init__(self, space: Space, rng: np.random.Generator, settings: SuccessHistorySettings | None = None) -> None:
+        super().__init__(space, rng)
+        self.settings = settings or SuccessHistorySettings()
+        self._members = Members.none(space.dimension)
+        self._archive = np.empty((0, space.dimension))
+        self._memory = np.full((2, MEMORY), 0.5)  # F, CR; a CR below 0 has become 0 for good
+        self._next = 0
+        self._trial, self._drawn = self._members.unit, np.empty((2, 0))
+
+    @property
+    def total(self) -> int:
+        """Generations wanted, the initial population included."""
+        return 1 + self.settings.generations
+
+    @property
+    def _ended(self) -> str:
+        return f"all {self.settings.generations} generations after the initial population are done"
+
+    @property
+    def best(self) -> Best:
+        """The best member."""
+        return self._members.best(self.space)
+
+    @property
+    def population(self) -> FloatArray:
+        """Members (n, d), SI."""
+        return self.space.from_unit(self._members.unit)
+
+    @property
+    def costs(self) -> FloatArray:
+        """Costs (n,) of the members."""
+        return self._members.costs.copy()
+
+    def _propose(self) -> Trials:
+        """Draws at first, then one trial for each member."""
+        if self.steps == 0:
+            x = sample_feasible(self.space, self.settings.members, self._rng)
+            self._trial = np.clip(self.space.to_unit(x), 0.0, 1.0)
+            return Trials(x, np.ones(len(x), bool))
+        count = len(self._members.costs)
+        self._drawn = self._factors(count)
+        raw = self._mutants(np.arange(count), *self._drawn)
+
+        def redraw(members: IntArray) -> FloatArray:
+            return self._mutants(members, *self._drawn[:, members])[:, None]
+
+        treated = treat(Treatment.REPAIR, self.space, self._members.unit, raw, redraw)
+        self._trial = treated.unit
+        return Trials(treated.x, treated.simulate)
+
+    def _factors(self, count: int) -> FloatArray:
+        """F (Cauchy, in (0, 1]) and CR (Gauss, in [0, 1]) about random entries of the memory, (2, count)."""
+        rows = self._rng.integers(0, MEMORY, count)
+        factor = np.zeros(count)
+        for _ in range(100):
+            low = factor <= 0.0
+            if not low.any():
+                break
+            factor[low] = self._memory[0, rows[low]] + SPREAD * self._rng.standard_cauchy(int(low.sum()))
+        factor = np.where(factor <= 0.0, self._memory[0, rows], np.minimum(factor, 1.0))
+        rate = np.clip(self._memory[1, rows] + SPREAD * self._rng.standard_normal(count), 0.0, 1.0)
+        return np.stack([factor, np.where(self._memory[1, rows] < 0.0, 0.0, rate)])
+
+    def _mutants(self, chosen: IntArray, factor: FloatArray, rate: FloatArray) -> FloatArray:
+        """Raw trials (k, d) of chosen members (k,) with their F and CR (k,)."""
+        members, rng = self._members.sorted(), self._rng
+        unit, k, n = self._members.unit, len(chosen), len(members.costs)
+        leaders = members.unit[rng.integers(0, max(round(BEST_SHARE * n), 2), k)]
+        first = (chosen + rng.integers(1, n, k)) % n  # another member
+        pool = np.vstack([unit, self._archive])
+        second = rng.integers(0, len(pool) - 2, k)  # neither of the two
+        for taken in np.sort(np.stack([chosen, first]), axis=0):
+            second += second >= taken
+        f = factor[:, None]
+        mutants = unit[chosen] + f * (leaders - unit[chosen]) + f * (unit[first] - pool[second])
+        kept = rng.random(mutants.shape) <= rate[:, None]
+        kept[np.arange(k), rng.integers(0, mutants.shape[1], k)] = True
+        return np.where(kept, mutants, unit[chosen])
+
+    def _take(self, trials: Trials, told: FloatArray) -> None:
+        """Select, learn from the successes, and shrink."""
+        if self.steps == 0:
+            self._members = Members(self._trial, told)
+            return
+        unit, costs = self._members
+        better, wins = told < costs, np.isfinite(told) & (told <= costs)
+        self._learn(better, np.where(np.isfinite(costs), costs, told.max(initial=0.0, where=better)) - told)
+        self._archive = np.vstack([self._archive, unit[better]])
+        members = Members(np.where(wins[:, None], self._trial, unit), np.where(wins, told, costs))
+        self._members = self._shrunk(members)
+        most = round(ARCHIVE * len(self._members.costs))
+        if len(self._archive) > most:
+            self._archive = self._archive[np.sort(self._rng.permutation(len(self._archive))[:most])]
+
+    def _learn(self, better: NDArray[np.bool_], gains: FloatArray) -> None:
+        """Write the Lehmer means of the successful F and CR, weighted by their gains, into the memory."""
+        if not better.any():
+            return
+        weights = np.maximum(gains[better], 1e-300)
+        weights = weights / np.sum(weights)
+        for row, drawn in enumerate(self._drawn[:, better]):
+            ended = row == 1 and (self._memory[1, self._next] < 0.0 or not drawn.max() > 0.0)
+            mean = -1.0 if ended else np.sum(weights * drawn * drawn) / np.sum(weights * drawn)
+            self._memory[row, self._next] = mean
+        self._next = (self._next + 1) % MEMORY
+
+    def _shrunk(self, members: Members) -> Members:
+        """The best members, as many as this generation leaves."""
+        if not self.settings.shrinking:
+            return members
+        share = min(self.steps / self.settings.shrinking, 1.0)
+        count = round(self.settings.members + share * (FEWEST - self.settings.members))
+        if count >= len(members.costs):
+            return members
+        best = members.sorted()
+        return Members(best.unit[:count], best.costs[:count])
+
+    def _origin(self) -> dict[str, Any]:
+        return super()._origin() | self._settings(self.settings)
+
+    def _kept(self) -> dict[str, Any]:
+        own = {"archive": self._archive.copy(), "memory": self._memory.copy(), "next": self._next}
+        return self._members.kept() | own
+
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        members = Members.of(state, self.space.dimension)
+        archive, memory = np.array(state["archive"], dtype=float), np.array(state["memory"], dtype=float)
+        if archive.shape[1:] != (self.space.dimension,) or memory.shape != (2, MEMORY):
+            raise ConfigurationError("state: its archive or memory is not whole; take a whole state")
+        self._members, self._archive, self._memory, self._next = members, archive, memory, int(state["next"]) % MEMORY
