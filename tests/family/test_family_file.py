@@ -88,6 +88,7 @@ def test_the_flow_has_the_spread_of_the_area(family_file: Edit) -> None:
     ("old", "new", "words"),
     [
         ('name = "two"', 'name = "one"', 'part[2].name: there are two parts "one"'),
+        ('name = "two"', 'name = "../two"', 'part[2].name: "../two" is no name of a file'),
         ('"nozzle.discharge_*"', '"nozle.*"', 'per_part[1]: no part has the free parameter "nozle.*"'),
         ('spread = "2 um"', 'spread = "2 N"', "around[1].spread: "),
         ('spread = "2 um"', 'spread = "0 um"', "the spread must be greater than zero"),

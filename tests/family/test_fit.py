@@ -79,7 +79,6 @@ def test_the_type_of_scattering_parts_has_their_spread() -> None:
 
 
 def test_a_prior_of_a_common_parameter_counts_once() -> None:
-    from commonrail.calibration.prior import Priors
     from commonrail.family.objective import FamilyObjective
 
     studies = []
@@ -87,7 +86,7 @@ def test_a_prior_of_a_common_parameter_counts_once() -> None:
         held = replace(study.space.parameters[0], prior=cr.Prior(OWN, 0.1 * OWN, "made up"))
         studies.append(replace(study, space=cr.Space([held])))
     space, sharing = joint_space({"a": studies[0].space, "b": studies[1].space}, {})
-    objective = FamilyObjective(studies, sharing, Priors.of(space.parameters))
+    objective = FamilyObjective(studies, sharing, space)
     values = np.array([[OWN], [1.2 * OWN]])
     found = objective.costs(values)
     assert found.costs[0] == pytest.approx(0.0, abs=1e-12)
@@ -95,8 +94,13 @@ def test_a_prior_of_a_common_parameter_counts_once() -> None:
     assert residuals.shape == (2, 2 * len(POINTS) + 1)
     assert found.costs == pytest.approx(np.sum(residuals**2, axis=1), rel=1e-12)
     assert residuals[1, -1] == pytest.approx(2.0)
-    # a part's own candidates that are the same are simulated once
-    assert objective.costs(np.repeat(values, 3, axis=0)).simulations == 2 * 2 * len(POINTS)
+    simulated: list[int] = []
+    for own in objective.parts:
+        own.costs = lambda few, own=own: simulated.append(len(few)) or type(own).costs(own, few)  # type: ignore
+    again = objective.costs(np.repeat(values, 3, axis=0))
+    assert simulated == [2, 2]  # a part's own candidates that are the same are simulated once
+    assert again.simulations == 6 * 2 * len(POINTS)  # and count for each, however workers divide them
+    assert again.costs.tolist() == np.repeat(found.costs, 3).tolist()
 
 
 def test_constraints_of_each_part_hold_for_the_joint_points() -> None:

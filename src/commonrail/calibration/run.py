@@ -12,7 +12,7 @@ from commonrail.arguments import flag, function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.optimisers import Counts
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
-from commonrail.calibration.search import Listeners, Progress, Search
+from commonrail.calibration.search import Listeners, Progress, Search, objective_of
 from commonrail.calibration.study import Study
 from commonrail.choices import Body
 from commonrail.engine.status import Status
@@ -142,7 +142,7 @@ def calibrate(
     if checkpoint is not None:
         instance(checkpoint, Checkpoint, "checkpoint")
     with held_interrupts() as wish:
-        search = Search(study, threads, workers, Listeners(progress, recorder, wish), checkpoint)
+        search = Search(study, objective_of(study, threads), workers, Listeners(progress, recorder, wish), checkpoint)
         start, before = _start(study, threads, warn, strict)
         calibration = _calibrate(search, study, threads, start)
         fit = Fit(study, calibration.best, calibration.start_cost, calibration.cost, calibration.scores["best"])
@@ -192,13 +192,7 @@ def _refuse(findings: tuple[Finding, ...], strict: bool) -> None:
 
 
 def _calibrate(search: Search, study: Study, threads: int | None, start: Scores) -> Calibration:
-    status, reason = "finished", ""
-    try:
-        search.listeners.wish.heed()
-        search.run()
-        reason = search.reason
-    except KeyboardInterrupt:
-        status, reason = "interrupted", "stopped by the user"
+    status, reason = search.until_stopped()
     seconds = search.seconds
     x, cost = search.best
     if not np.isfinite(cost):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Literal
@@ -84,6 +84,10 @@ class Family:
         Relation of each parameter that is not common.
     method : Method
     seed : int
+    files : mapping of Path to str
+        SHA-256 of each file that the family was read from, its own first; empty if it was made in Python.
+    text : str
+        The family file as given.
     """
 
     name: str
@@ -94,6 +98,18 @@ class Family:
     shared: Mapping[str, Shared]
     method: Method
     seed: int
+    files: Mapping[Path, str] = field(default_factory=dict)
+    text: str = ""
+
+    @property
+    def same_bits(self) -> bool:
+        """Return whether the result of all parts is the same, bit for bit, on every processor with AVX2 and FMA."""
+        return all(study.same_bits for study in self.parts.values())
+
+    @property
+    def synthetic(self) -> str:
+        """Synthetic parts of the studies, empty if there are none."""
+        return " ".join(dict.fromkeys(study.synthetic for study in self.parts.values() if study.synthetic))
 
 
 def load_family(path: str | Path) -> Family:
@@ -113,13 +129,18 @@ def load_family(path: str | Path) -> Family:
     """
     file = file_path(path, "path of a family")
     at = Place(str(file))
-    model = read_model(_FamilyModel, read_toml(file)[0], at)
+    with noting_files() as own:
+        document, text = read_toml(file)
+    model = read_model(_FamilyModel, document, at)
     studies = _studies(model, Reach(file, model.allow_outside), file.parent, at)
     shared = _shared(model, studies, at)
     with located(at):
         space, sharing = joint_space({name: study.space for name, study in studies.items()}, shared)
     method = method_of(model.optimiser, space, at / "optimiser")
-    return Family(model.name, model.title, studies, space, sharing, shared, method, model.seed)
+    files = dict(own)
+    for study in studies.values():
+        files |= study.files
+    return Family(model.name, model.title, studies, space, sharing, shared, method, model.seed, files, text)
 
 
 def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict[str, Study]:
@@ -128,15 +149,16 @@ def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict
         place = (at / "part")[i]
         if part.name in found:
             raise (place / "name").error(f'there are two parts "{part.name}"; rename one')
-        with noting_files() as files:
-            study = load_study(reach.path(folder, part.study, place / "study"))
+        if Path(part.name).name != part.name or "\\" in part.name:
+            raise (place / "name").error(f'"{part.name}" is no name of a file, and the part\'s model is written to one')
+        study = load_study(reach.path(folder, part.study, place / "study"))
         if not of_role(study.data, Role.FIT):
             raise (place / "study").error("no data set of this study has role fit")
         if model.flow is not None and not 0.0 < model.flow < 1.0 / FARTHEST:
             raise (at / "flow").error(
                 f'{model.flow:g} is no spread of the hole area; give a share below {100 / FARTHEST:g} %, such as "2 %"'
             )
-        found[part.name] = replace(_with_flow(study, model.flow), files=study.files or files)
+        found[part.name] = _with_flow(study, model.flow)
     return found
 
 

@@ -24,10 +24,12 @@ SCHEMA = 1
 _DASHES = ("solid", "dash", "dot", "dashdot")
 _NEEDED = ("title", "seed", "status", "injector", "parameters", "objective", "data", "generations")
 _COMPARED = ("title", "labels", "models", "differences", "studies", "data")
+_JOINT = ("title", "seed", "status", "synthetic", "objective", "parts", "parameters", "generations")
 # by kind of record: its file, who writes it, and the keys that it must have
 _FILES = {
     "calibration": ("result.json", "calibrate", _NEEDED),
     "comparison": ("comparison.json", "compare", _COMPARED),
+    "family": ("family.json", "family", _JOINT),
 }
 
 
@@ -41,7 +43,7 @@ def check_record(record: Any, folder: str, kind: str = "calibration") -> Record:
     folder : str
         Of the file.
     kind : str
-        What it has to be: a "calibration" or a "comparison".
+        Kind that it has to be: "calibration", "comparison" or "family".
 
     Raises
     ------
