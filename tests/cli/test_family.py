@@ -67,6 +67,26 @@ def test_bad_input_ends_with_2_and_one_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_reference_points_are_ranked_before_anything_is_measured(command: Command, tmp_path: Path) -> None:
+    from commonrail.files.type_file import dump_type
+    from tests.family.samples import small_type
+
+    file, points = tmp_path / "t.toml", tmp_path / "points.csv"
+    dump_type(small_type(), file)
+    points.write_text("rail_pressure [MPa],energising_time [us]\n160,500\n160,900\n", encoding="utf-8")
+    record = command("adapt", file, "--from", points, "--advise", "--json").record
+    assert len(record["points"]) == 2
+    assert record["order"][0] == min((0, 1), key=lambda i: record["points"][i]["expected_rms"])
+    assert 0.0 < record["points"][0]["expected_rms"] < record["without_reference"]
+    shown = command("adapt", file, "--from", points, "--advise").out
+    assert f"{record['points'][record['order'][0]]['expected_rms'] * 1e9:.2f} mm3" in next(
+        line for line in shown.splitlines() if " us " in line
+    )
+    assert "nothing measured on the part was used" in shown
+    done = command("adapt", file, "--from", points)
+    assert (done.status, done.sentence.startswith("--out MODEL.toml is missing")) == (2, True)
+
+
 def test_a_bad_column_of_points_is_named(command: Command, tmp_path: Path) -> None:
     from commonrail.files.type_file import dump_type
     from tests.family.samples import small_type
