@@ -25,9 +25,11 @@ def part(preload: float, flow: float = 1.0, *names: str) -> cr.Study:
     return study_of(truth, POINTS, *(names or (PRELOAD,)))
 
 
-def fitted(parts: Mapping[str, cr.Study], shared: Mapping[str, Shared]) -> FamilyFit:
+def fitted(parts: Mapping[str, cr.Study], shared: Mapping[str, Shared], starts: int = 1) -> FamilyFit:
     space, sharing = joint_space({name: study.space for name, study in parts.items()}, shared)
-    settings = cr.StagedSettings(members=16, generations=18, starts=1, stage_iterations=6)
+    settings = cr.StagedSettings(
+        members=16, generations=18, starts=starts, trial_iterations=0, finalists=starts, stage_iterations=6
+    )
     return fit_family(Family("lino", "three parts", parts, space, sharing, shared, cr.Method(settings), 1))
 
 
@@ -67,6 +69,24 @@ def test_a_spread_towards_zero_is_a_common_value_and_a_wide_one_each_parts_own()
     between = preloads(Shared(Share.AROUND, 0.01 * OWN))
     assert own[0] < between[0] < between[1] < own[1]
     assert between[1] - between[0] < own[1] - own[0]
+
+
+def test_the_mean_is_that_of_what_the_members_predict(monkeypatch: pytest.MonkeyPatch) -> None:
+    from commonrail.family import fit
+
+    monkeypatch.setattr(fit, "WORST", 1e9)  # whatever the objectives of the descents are
+    parts = {"a": part(0.94), "b": part(1.06)}
+    found = fitted(parts, {}, starts=2)
+    assert len(found.members) >= 2
+    assert found.members == tuple(sorted(found.members))
+    assert found.members[0] == found.cost
+    for name, own in found.parts.items():
+        (data,) = parts[name].data
+        each = [cr.simulate_batch(injector, data.points, time_step=1e-6).injected_volume[0] for injector in own.members]
+        assert own.mean[0].values == pytest.approx(np.mean(each, axis=0), rel=1e-12)
+        expected = 100.0 * np.sqrt(np.mean((np.mean(each, axis=0) / data.quantity - 1.0) ** 2))
+        assert own.mean[0].error == pytest.approx(expected, rel=1e-9)  # all points lie above 3 mm3
+    assert fitted(parts, {}).parts["a"].mean == ()  # one descent has no others
 
 
 def test_the_type_of_scattering_parts_has_their_spread() -> None:

@@ -190,6 +190,11 @@ class Search:
         return self._begun[-1].best
 
     @property
+    def ends(self) -> tuple[Best, ...]:
+        """Optima that the last optimiser has found side by side, the best first."""
+        return self._begun[-1].ends
+
+    @property
     def counts(self) -> Counts:
         """Slots, simulations and failures of the first optimiser."""
         return self._begun[0].counts

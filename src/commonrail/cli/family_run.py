@@ -127,7 +127,7 @@ def print_family(outcome: FamilyOutcome, json: bool, out: Path) -> None:
     out : Path
         The type file.
     """
-    from commonrail.family.result import parts_data
+    from commonrail.family.result import TEXTS, parts_data
     from commonrail.report.tables import tables_of
 
     fit, folder = outcome.fit, outcome.folder
@@ -136,7 +136,7 @@ def print_family(outcome: FamilyOutcome, json: bool, out: Path) -> None:
     else:
         for part, data in parts_data(fit).items():
             typer.echo(part)
-            for table in tables_of(data):
+            for table in tables_of(data, TEXTS):
                 print_table(table)
         print_type(fit.injector_type)
         typer.echo(f"report: {outcome.report}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,13 +20,16 @@ from commonrail.family.learnt import learnt_type
 from commonrail.family.objective import FamilyObjective
 from commonrail.family.study import Family
 from commonrail.injector.definition import Injector, Source
-from commonrail.kinds import Score
+from commonrail.kinds import DataSet, QuantityData, Score
+from commonrail.kinds.maps.data import QuantityScore
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 
-__all__ = ["FamilyFit", "FittedPart", "fit_family", "objective_of_parts"]
+__all__ = ["FamilyFit", "FittedPart", "fit_family", "mean_of", "objective_of_parts"]
 
 Floats = NDArray[np.float64]
+
+WORST = 2.0  # objective of a member relative to the best: its misfit is then 1.4 times as large
 
 
 @dataclass(frozen=True)
@@ -40,12 +43,18 @@ class FittedPart:
         Values of its free parameters, SI.
     scores, start : tuple of Score
         Of each of its data sets, with these values and with the start values.
+    members : tuple of Injector
+        Its injectors by each member of the joint fit, the best first.
+    mean : tuple of Score
+        Of the mean of what the members predict; empty unless all data are maps and there are several members.
     """
 
     injector: Injector
     best: Mapping[str, float]
     scores: tuple[Score, ...]
     start: tuple[Score, ...] = ()
+    members: tuple[Injector, ...] = ()
+    mean: tuple[Score, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,6 +83,8 @@ class FamilyFit:
         Failed candidates by the name of their status.
     seconds : float
         Time of the search.
+    members : tuple of float
+        Objectives of the optima whose predictions are averaged, the best first.
     """
 
     family: Family
@@ -89,6 +100,7 @@ class FamilyFit:
     counts: Counts = field(default_factory=Counts)
     failures: Mapping[str, int] = field(default_factory=dict)
     seconds: float = 0.0
+    members: tuple[float, ...] = ()
 
 
 def objective_of_parts(family: Family, threads: int | None = None) -> FamilyObjective:
@@ -154,12 +166,13 @@ def fit_family(
                 raise KeyboardInterrupt
             raise SimulationError(f"{family.title}: no candidate could be simulated for all parts; check the bounds.")
         objective.threads = threads  # workers' copies share the simulators
+        ends = [end for end in search.ends if end.cost <= WORST * cost]
         found = identify_at(family.space, objective, x)
         errors = {name: found[name]["standard_error"] for name in family.space.names}
         joint = dict(zip(family.space.names, x.tolist(), strict=True))
         return FamilyFit(
             family,
-            {name: _part(family, k, x, threads) for k, name in enumerate(family.parts)},
+            {name: _part(family, k, [end.x for end in ends], threads) for k, name in enumerate(family.parts)},
             learnt_type(family, joint, errors),
             joint,
             cost,
@@ -171,18 +184,44 @@ def fit_family(
             search.counts,
             dict(search.failures),
             search.seconds,
+            tuple(end.cost for end in ends),
         )
 
 
-def _part(family: Family, index: int, x: Floats, threads: int | None) -> FittedPart:
+def _part(family: Family, index: int, ends: Sequence[Floats], threads: int | None) -> FittedPart:
+    """Result of one part from the joint members, the best first."""
     name, study = list(family.parts.items())[index]
-    values = family.sharing.of_part(index, x)
-    best = dict(zip(study.space.names, values.tolist(), strict=True))
     note = Source("F", f'fitted together with the other parts of "{family.title}"')
-    injector = replace(
-        study.injector.with_values(best),
-        name=f"{study.injector.name}-{name}",
-        sources={**study.injector.sources, **dict.fromkeys(best, note)},
-    )
+    injectors, scores = [], []
+    for number, x in enumerate(ends):
+        values = dict(zip(study.space.names, family.sharing.of_part(index, x).tolist(), strict=True))
+        injector = replace(
+            study.injector.with_values(values),
+            name=f"{study.injector.name}-{name}" + (f"-{number + 1}" if number else ""),
+            sources={**study.injector.sources, **dict.fromkeys(values, note)},
+        )
+        injectors.append(injector)
+        scores.append(score_all(study, injector, threads))
+    best = {key: injectors[0].values[key] for key in study.space.names}
     start = score_all(study, study.injector, threads)
-    return FittedPart(injector, best, score_all(study, injector, threads), start)
+    return FittedPart(injectors[0], best, scores[0], start, tuple(injectors), mean_of(study.data, scores))
+
+
+def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple[Score, ...]:
+    """Scores of the mean of what several models predict; none unless all data are maps and there are several models.
+
+    Parameters
+    ----------
+    data : sequence of DataSet
+    scores : sequence of sequence of Score
+        Of each model.
+    """
+    maps = [one for one in data if isinstance(one, QuantityData)]
+    if len(maps) < len(data) or len(scores) < 2:
+        return ()
+    found = []
+    for one, own in zip(maps, zip(*scores, strict=True), strict=True):
+        scored = [score for score in own if isinstance(score, QuantityScore)]
+        quantity = np.mean([score.quantity for score in scored], axis=0)
+        found.append(one.scored(quantity, np.mean([score.dead_time for score in scored], axis=0)))
+    return tuple(found)

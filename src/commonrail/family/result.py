@@ -15,9 +15,10 @@ from commonrail.family.fit import FamilyFit
 from commonrail.family.sharing import Shared
 from commonrail.injector.definition import parameter_quantities
 
-__all__ = ["KIND", "SCHEMA", "family_record", "parts_data"]
+__all__ = ["KIND", "SCHEMA", "TEXTS", "family_record", "parts_data"]
 
 SCHEMA, KIND = 1, "family"
+TEXTS = {"start": "start values", "best": "best member", "mean": "mean of the members"}
 
 
 def family_record(fit: FamilyFit) -> dict[str, Any]:
@@ -36,6 +37,7 @@ def family_record(fit: FamilyFit) -> dict[str, Any]:
         "reason": fit.reason,
         "optimiser": {"method": entry.name if entry else "", **vars(family.method.evolution)},
         "objective": {"start": number(fit.start_cost), "best": number(fit.cost)},
+        "members": [number(cost) for cost in fit.members],
         "parts": _parts(fit),
         "parameters": _parameters(fit),
         "joint": dict(fit.joint),
@@ -48,10 +50,13 @@ def family_record(fit: FamilyFit) -> dict[str, Any]:
 
 
 def parts_data(fit: FamilyFit) -> dict[str, list[dict[str, Any]]]:
-    """Records of the data sets of each part, with the figures of the start and of the fitted values."""
+    """Records of the data sets of each part, with figures of the start, the best member and the mean of the members."""
     studies = fit.family.parts
     return {
-        name: data_records(studies[name].data, {"start": part.start, "best": part.scores})
+        name: data_records(
+            studies[name].data,
+            {"start": part.start, "best": part.scores} | ({"mean": part.mean} if part.mean else {}),
+        )
         for name, part in fit.parts.items()
     }
 

@@ -210,7 +210,10 @@ def _write(folder: Path, fit: FamilyFit) -> None:
         models.mkdir(exist_ok=True)
     with summed(folder, TYPE, RECORD, TRACES):
         for name, part in fit.parts.items():
-            dump_injector(part.injector, models / f"{name}.toml", header=f"{fit.family.title}: {name}")
+            for number, injector in enumerate(part.members, 1):
+                member = "" if number == 1 else f"-member-{number}"
+                header = f"{fit.family.title}: {name}{member}"
+                dump_injector(injector, models / f"{name}{member}.toml", header=header)
         dump_type(fit.injector_type, folder / TYPE)
         write_record(folder / RECORD, family_record(fit))
         write_traces(folder / TRACES, (f"Injection curves of: {fit.family.title}",), (MEASURED, *LABELS), _curves(fit))

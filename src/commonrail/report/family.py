@@ -9,7 +9,8 @@ from typing import Any
 from commonrail.display.chart import BOTH, Figure, Panel, Series
 from commonrail.display.table import Column, Table, tabulated
 from commonrail.display.text import duration, fixed, listed, quantity, significant
-from commonrail.kinds.records import LABELS, Record, Traces
+from commonrail.family.result import TEXTS
+from commonrail.kinds.records import Record, Traces
 from commonrail.report.draw import drawings, figure_html
 from commonrail.report.figures import convergence_figure, figures_of
 from commonrail.report.headline import baseline_lines, data_lines
@@ -18,7 +19,6 @@ from commonrail.report.tables import tables_of
 
 __all__ = ["family_figures", "family_html", "family_lines", "family_tables"]
 
-TEXTS = {label: LABELS[label] for label in ("start", "best")}
 FAR = 2.0  # spreads from the type's value beyond which a part's value is named
 
 
@@ -59,8 +59,14 @@ def _all_data(record: Record) -> list[Record]:
 
 def family_lines(record: Record) -> list[str]:
     """Sentences on the parts, their errors and baselines, and what lies far from the type."""
-    names = [part["name"] for part in record["parts"]]
+    names, members = [part["name"] for part in record["parts"]], record["members"]
     lines = [f"{len(names)} parts were fitted together: {listed(names)}."]
+    if len(members) > 1:
+        costs = listed([significant(cost, 3) for cost in members])
+        lines.append(
+            f"{len(members)} searches side by side ended with objectives of {costs}. Between the measured points they "
+            "differ more than at them: the mean of what they predict is in the tables, the type is that of the best."
+        )
     for part in record["parts"]:
         for line in (*data_lines(part["data"]), *baseline_lines(part["data"])):
             lines.append(f"Part {part['name']}: {line[:1].lower()}{line[1:]}")

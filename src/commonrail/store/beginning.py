@@ -25,7 +25,7 @@ _LEFT = (JOURNAL, LOCK)  # and what SQLite puts beside them
 
 @dataclass(frozen=True)
 class Copied(Generic[_Own]):
-    """What a run reads, in its folder.
+    """Files that a run reads, in its folder.
 
     Attributes
     ----------
