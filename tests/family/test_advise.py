@@ -50,6 +50,18 @@ def test_the_expected_error_is_that_of_adapt_on_parts_drawn_alike() -> None:
     assert 0.3 < np.sqrt(np.mean(np.square(errors))) / advice.expected[3] < 3.0
 
 
+def test_the_scatter_between_parts_is_drawn_and_not_the_error_of_the_value() -> None:
+    wide = small_type(spread=0.1)
+    none = replace(wide, parameters=tuple(replace(p, between=0.0) for p in wide.parameters))
+    some = replace(
+        none, parameters=(replace(none.parameters[0], between=0.02 * none.parameters[0].value), *none.parameters[1:])
+    )
+    alike, apart, all_of_it = (advise(known, POINTS, draws=64) for known in (none, some, wide))
+    assert np.max(alike.expected) < 0.02 * alike.without  # only the flow is left, which any point gives
+    assert np.max(alike.expected) < np.min(apart.expected)
+    assert np.all(apart.expected < all_of_it.expected)
+
+
 def test_a_point_at_which_drawn_parts_stay_shut_is_not_advised() -> None:
     shut = replace(POINTS[0], energisings=(cr.Energising(0.0, 100e-6),), horizon=3.1e-3)
     advice = advise(small_type(), (shut, *POINTS[1:]), draws=16)

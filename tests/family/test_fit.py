@@ -93,6 +93,7 @@ def test_the_type_of_scattering_parts_has_their_spread() -> None:
     parts = {"a": part(0.94), "b": part(1.06)}
     around = fitted(parts, {PRELOAD: Shared(Share.AROUND, 0.05 * OWN)}).injector_type.by_name[PRELOAD]
     assert 0.05 * OWN <= around.spread < 0.10 * OWN
+    assert around.between == 0.05 * OWN  # the rest is the error of the common value
     apart = fitted(parts, {PRELOAD: Shared(Share.PER_PART)}).injector_type.by_name[PRELOAD]
     # two exact values 12 % apart: their standard deviation, times sqrt(1 + 1/2)
     assert apart.spread == pytest.approx(0.12 * OWN / np.sqrt(2.0) * np.sqrt(1.5), rel=0.05)

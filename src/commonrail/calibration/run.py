@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.arguments import flag, function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
-from commonrail.calibration.optimisers import Counts
+from commonrail.calibration.optimisers import Best, Counts
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
 from commonrail.calibration.search import Listeners, Progress, Search, objective_of
 from commonrail.calibration.study import Study
@@ -59,6 +59,8 @@ class Calibration:
         Failed simulations by the name of their status.
     warnings : tuple of Finding
         What about study, data and result is implausible, found before and after the fit.
+    ends : tuple of Best
+        Optima that the search has found side by side, the best first.
     """
 
     study: Study
@@ -75,6 +77,7 @@ class Calibration:
     simulations: int
     failures: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[Finding, ...] = ()
+    ends: tuple[Best, ...] = ()
 
     @property
     def meters(self) -> tuple[Meter, ...]:
@@ -216,6 +219,7 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
         seconds,
         search.simulations,
         dict(search.failures),
+        ends=search.ends,
     )
 
 

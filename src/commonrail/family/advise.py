@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -87,14 +87,16 @@ def advise(
 ) -> Advice:
     """Rank reference points before anything was measured on the part.
 
-    Parts are drawn from the type: each parameter from its normal distribution about the type's value, within the
-    bounds, and the flow of the nozzle. For each candidate, the type is given the flow factor at which it injects what
+    Parts are drawn from the type: each parameter from the normal distribution of its scatter between parts (`between`),
+    within the bounds, and the flow of the nozzle. Where the type states no scatter between parts for any parameter, its
+    whole spreads are drawn from. For each candidate, the type is given the flow factor at which it injects what
     the drawn part injects there, as `adapt` does it with one quantity, and is compared with the drawn part at all other
     points. No measured quantity of the part is used.
 
-    Parameters are drawn independently of one another, since a type file holds no correlations: where data hold
-    combinations more closely than each parameter, the errors expected are too large. The order of the points is what
-    the ranking is for.
+    The errors of the type's own values are left out: data hold combinations of the parameters more closely than each
+    one, and a type file holds no correlations. So the expected error is that of the parts' scatter alone, and a type
+    that misses the measured parts by more will miss the next one too. Of a type without `between` it is too large for
+    the same reason; the order of the points is then what the ranking is for.
 
     Parameters
     ----------
@@ -130,7 +132,7 @@ def advise(
     if len(at) < 2:
         raise InputError("A reference point is chosen among at least two points; give more candidates.")
     share, count = number(flow_spread, "1", "flow_spread"), whole(draws, "draws", 2, 100_000)
-    space = Space([_flow(part, share), *held_parameters(known, part)])
+    space = Space([_flow(part, share), *_scattering(known, part)])
     own, scaled = _simulated(part, at, space, (count, whole(seed, "seed")), thread_count(threads))
     return _advice(at, own, scaled)
 
@@ -182,19 +184,36 @@ def _flow(part: Injector, share: float) -> Parameter:
     return Parameter(FLOW, own, low, high, "m", mark="E", source=source, prior=prior)
 
 
+def _scattering(known: InjectorType, part: Injector) -> list[Parameter]:
+    """Parameters of the type that scatter between parts, with that scatter as prior."""
+    held = held_parameters(known, part)
+    between = {p.name: p.between for p in known.parameters if p.between is not None}
+    if not between:
+        return held
+    return [
+        replace(p, prior=Prior(known.by_name[p.name].value, scatter, p.source))
+        for p in held
+        if (scatter := between.get(p.name, 0.0))
+    ]
+
+
 def _simulated(
     part: Injector, points: Sequence[OperatingPoint], space: Space, drawn: tuple[int, int], threads: int | None
 ) -> tuple[Floats, Floats]:
-    """Quantities [m³] of drawn parts (n, points), those that fail left out, and of the type with flow factors."""
+    """Quantities [m³] of drawn parts (n, points) and of the type with flow factors, NaN where that fails.
+
+    A drawn part that fails anywhere is left out: it is none that is sold.
+    """
     step, (count, seed) = step_for_all(part, space), drawn
     values = sample_priors(space, count, np.random.default_rng(seed))
     scaled = np.tile(space.reference, (SCALES, 1))
     scaled[:, 0] *= _factors() ** 0.5
     batch = simulate_batch(part, points, space.names, np.vstack([values, scaled]), time_step=step, threads=threads)
     quantity, good = batch.injected_volume, np.all(batch.status == OK, axis=1)
-    if not good[:count].any() or not good[count:].all():
+    scaled_quantity = np.where(batch.status[count:] == OK, quantity[count:], np.nan)
+    if not good[:count].any() or np.any(np.sum(np.isfinite(scaled_quantity), axis=0) < SCALES // 2):
         raise SimulationError("the type could not be simulated at all points; take others, or check its spreads.")
-    return quantity[:count][good[:count]], quantity[count:]
+    return quantity[:count][good[:count]], scaled_quantity
 
 
 def _factors() -> Floats:
@@ -221,16 +240,23 @@ def _advice(points: tuple[OperatingPoint, ...], own: Floats, scaled: Floats) -> 
         if good.any():
             expected[i] = np.sqrt(np.mean(errors[good] ** 2))
             upper[i] = np.quantile(errors[good], QUANTILE)
-    plain = np.array([np.interp(1.0, _factors(), column) for column in scaled.T])
+    plain = np.array([_interpolated(np.ones(1), column)[0] for column in scaled.T])
     return Advice(points, expected, upper, usable, float(np.sqrt(np.mean((own - plain) ** 2))), len(own))
 
 
 def _errors(own: Floats, scaled: Floats, reference: int) -> Floats:
     """Root mean square errors (draws,) at the other points with a candidate's quantity met; NaN where it cannot be."""
-    rising = scaled[:, reference]
+    known = np.isfinite(scaled[:, reference])
+    rising = scaled[known, reference]
     if not np.all(np.diff(rising) > 0.0):
         return np.full(len(own), np.nan)
-    factor = np.interp(own[:, reference], rising, _factors(), left=np.nan, right=np.nan)
-    predicted = np.stack([np.interp(factor, _factors(), column) for column in scaled.T], axis=1)
+    factor = np.interp(own[:, reference], rising, _factors()[known], left=np.nan, right=np.nan)
+    predicted = np.stack([_interpolated(factor, column) for column in scaled.T], axis=1)
     others = np.arange(own.shape[1]) != reference
     return np.asarray(np.sqrt(np.mean((predicted - own)[:, others] ** 2, axis=1)))
+
+
+def _interpolated(factor: Floats, quantity: Floats) -> Floats:
+    """Quantities at flow factors, of those (factors,) at the scale that are known; NaN beyond them."""
+    known = np.isfinite(quantity)
+    return np.asarray(np.interp(factor, _factors()[known], quantity[known], left=np.nan, right=np.nan))

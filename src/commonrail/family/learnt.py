@@ -31,12 +31,13 @@ def learnt_type(family: Family, joint: Mapping[str, float], errors: Mapping[str,
     names = dict.fromkeys(name for study in family.parts.values() for name in study.space.names if name != FLOW)
     parameters = []
     for name in names:
-        value, spread = _learnt(name, family.shared.get(name, Shared()), family, joint, errors)
+        value, spread, between = _learnt(name, family.shared.get(name, Shared()), family, joint, errors)
         bounds = [p for s in family.parts.values() for p in s.space.parameters if p.name == name]
         lower, upper = min(p.lower for p in bounds), max(p.upper for p in bounds)
         relation = family.shared.get(name, Shared()).share.value
         source = f'joint fit "{family.title}", {relation}'
-        parameters.append(TypeParameter(name, min(max(value, lower), upper), spread, lower, upper, "F", source))
+        own = None if between is None else min(between, spread)
+        parameters.append(TypeParameter(name, min(max(value, lower), upper), spread, lower, upper, "F", source, own))
     return InjectorType(
         family.name,
         family.title,
@@ -49,8 +50,8 @@ def learnt_type(family: Family, joint: Mapping[str, float], errors: Mapping[str,
 
 def _learnt(
     name: str, shared: Shared, family: Family, joint: Mapping[str, float], errors: Mapping[str, float | None]
-) -> tuple[float, float]:
-    """Value and spread of a parameter for the next part."""
+) -> tuple[float, float, float | None]:
+    """Value and spread of a parameter for the next part, and the scatter between parts where that is known."""
     widest = max(
         (p.upper - p.lower) / math.sqrt(12.0)
         for s in family.parts.values()
@@ -62,15 +63,16 @@ def _learnt(
     if shared.share is Share.PER_PART:
         own = [f"{name}{OF}{part}" for part in family.parts if f"{name}{OF}{part}" in joint]
         if len(own) == 1:
-            return joint[own[0]], errors[own[0]] or widest
+            return joint[own[0]], errors[own[0]] or widest, None
         errors_of = [math.nan if errors[key] is None else float(errors[key] or 0.0) for key in own]
         values = [without_prior(joint[key], error, prior) for key, error in zip(own, errors_of, strict=True)]
         if sum(math.isfinite(error) for _, error in values) < FEWEST:
-            return float(np.mean([joint[key] for key in own])), min(prior[1] if prior else widest, widest)
+            return float(np.mean([joint[key] for key in own])), min(prior[1] if prior else widest, widest), None
         found = over_parts(*np.array(values).T)
-        return found.value, min(found.spread, widest) or widest
+        return found.value, min(found.spread, widest) or widest, found.between
     error = errors[name]
-    return joint[name], min(math.hypot(widest if error is None else error, shared.spread), widest) or widest
+    spread = min(math.hypot(widest if error is None else error, shared.spread), widest) or widest
+    return joint[name], spread, shared.spread
 
 
 def _provenance(family: Family, name: str) -> TypePart:

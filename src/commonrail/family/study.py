@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, PlainValidator
 
 from commonrail.arguments import file_path
+from commonrail.calibration.injector_type import InjectorType
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.prior import Prior
 from commonrail.calibration.products import Products
@@ -22,6 +23,7 @@ from commonrail.family.adapt import FLOW
 from commonrail.family.sharing import Share, Shared, Sharing, joint_space
 from commonrail.files.study_file import load_study, method_of
 from commonrail.files.study_models import Optimisers, read_optimisers
+from commonrail.files.type_file import load_type
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import Role, of_role
 from commonrail.kinds.reading import Name
@@ -58,6 +60,7 @@ class _FamilyModel(FileModel):
     title: Text
     allow_outside: bool = False
     seed: int = Field(default=1, ge=0)
+    type: Text | None = None
     part: list[_PartModel] = Field(min_length=2, max_length=MOST_PARTS)
     per_part: list[str] = Field(default=[], max_length=MOST_AROUND)
     around: list[_AroundModel] = Field(default=[], max_length=MOST_AROUND)
@@ -132,12 +135,15 @@ def load_family(path: str | Path) -> Family:
     with noting_files() as own:
         document, text = read_toml(file)
     model = read_model(_FamilyModel, document, at)
-    studies = _studies(model, Reach(file, model.allow_outside), file.parent, at)
+    reach = Reach(file, model.allow_outside)
+    with noting_files() as of_type:
+        known = None if model.type is None else load_type(reach.path(file.parent, model.type, at / "type"), reach)
+    studies = {name: _known(study, known) for name, study in _studies(model, reach, file.parent, at).items()}
     shared = _shared(model, studies, at)
     with located(at):
         space, sharing = joint_space({name: study.space for name, study in studies.items()}, shared)
     method = method_of(model.optimiser, space, at / "optimiser")
-    files = dict(own)
+    files = own | of_type
     for study in studies.values():
         files |= study.files
     return Family(model.name, model.title, studies, space, sharing, shared, method, model.seed, files, text)
@@ -160,6 +166,26 @@ def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict
             )
         found[part.name] = _with_flow(study, model.flow)
     return found
+
+
+def _known(study: Study, known: InjectorType | None) -> Study:
+    """The study with values and spreads of a type as starts and priors, in place of its own."""
+    if known is None:
+        return study
+    free = [
+        replace(p, reference=min(max(of.value, p.lower), p.upper), prior=_within(of.prior, p), source=of.source)
+        if (of := known.by_name.get(p.name))
+        else p
+        for p in study.space.parameters
+    ]
+    values = {p.name: p.reference for p in free if p.name in known.by_name}
+    injector = study.injector.with_values(values)
+    return replace(study, injector=injector, space=Space(free, study.space.constraints, study.space.products))
+
+
+def _within(prior: Prior, p: Parameter) -> Prior:
+    """The prior with its value within the bounds."""
+    return replace(prior, value=min(max(prior.value, p.lower), p.upper))
 
 
 def _with_flow(study: Study, spread: float | None) -> Study:
