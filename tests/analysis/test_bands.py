@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.analysis.bands import LEVEL, bands_of, half_widths
+from commonrail.analysis.bands import LEVEL, Optimum, bands_of, half_widths
 from commonrail.analysis.identifiability import identify_at
 from commonrail.analysis.influence import influence_of
 from commonrail.analysis.neighbourhood import around
@@ -52,7 +52,7 @@ def bands(fitted: Linear, seen: Linear, best: np.ndarray) -> tuple[dict[str, dic
     residuals = fitted.residuals(fitted.simulated(simulator, place.values))
     priors = place.slopes(place.values / PRIOR_SIGMA)
     influence = influence_of(residuals[0], place.slopes(residuals), priors)
-    return bands_of((fitted, seen), simulator, place, influence), influence
+    return bands_of((fitted, seen), simulator, [Optimum(place, influence)]), influence
 
 
 def problem(seed: int) -> tuple[np.ndarray, np.ndarray, np.random.Generator]:
@@ -140,7 +140,7 @@ def test_no_bands_where_a_kind_states_no_discrepancy() -> None:
     simulator: Simulator = None  # type: ignore[assignment]
     influence = bands(fitted, seen, np.ones(3))[1]
     object.__setattr__(fitted, "discrepancy", lambda values: None)
-    assert bands_of((fitted, seen), simulator, place, influence) == {}
+    assert bands_of((fitted, seen), simulator, [Optimum(place, influence)]) == {}
 
 
 def test_the_count_is_of_measured_values_inside() -> None:
@@ -155,3 +155,29 @@ def test_the_count_is_of_measured_values_inside() -> None:
 def test_a_half_width_of_one_standard_deviation() -> None:
     level = NormalDist().cdf(1.0) - NormalDist().cdf(-1.0)
     assert half_widths(np.array([3.0]), np.array([4.0]), level)[0] == pytest.approx(5.0, rel=1e-12)
+
+
+def test_the_band_of_several_optima_is_the_union_of_theirs() -> None:
+    a, b, _ = problem(1)
+    best, other = np.array([1.0, -0.5, 2.0]), np.array([1.2, -0.6, 1.9])
+    fitted = linear(a, 20.0 + a @ best, Role.FIT)
+    seen = linear(b, 20.0 + b @ other + np.array([0.0, 0.0, 0.0, 3.0, -3.0]), Role.VALIDATION)
+    alone = [bands(fitted, seen, x) for x in (best, other)]
+    optima = [Optimum(around(SPACE, x), influence) for x, (_, influence) in zip((best, other), alone, strict=True)]
+    simulator: Simulator = None  # type: ignore[assignment]
+    found = bands_of((fitted, seen), simulator, optima)["validation"]
+
+    middles = [MM3 * (20.0 + b @ x) for x in (best, other)]
+    halves = [np.array(record["validation"]["half_widths"]) for record, _ in alone]
+    lower = np.min([m - h for m, h in zip(middles, halves, strict=True)], axis=0)
+    upper = np.max([m + h for m, h in zip(middles, halves, strict=True)], axis=0)
+    np.testing.assert_allclose(found["lower"], lower, rtol=EXACT)
+    np.testing.assert_allclose(found["upper"], upper, rtol=EXACT)
+    assert np.any(upper - lower > 2.0 * np.maximum(*halves) * (1.0 + EXACT))  # wider than each of the two
+    np.testing.assert_allclose(found["half_widths"], np.maximum(upper - middles[0], middles[0] - lower), rtol=EXACT)
+    assert found["optima"] == 2
+    inside = (seen.quantity >= lower) & (seen.quantity <= upper)
+    assert found["covered"] == int(inside.sum()) < len(b)
+    assert found["median_half_width_percent"] == pytest.approx(
+        np.median(50.0 * (upper - lower) / middles[0]), rel=EXACT
+    )

@@ -111,3 +111,33 @@ def test_screening_comes_first_then_costs_of_the_starts() -> None:
 def test_more_starts_than_candidates_are_refused() -> None:
     with pytest.raises(ConfigurationError, match="starts = 9 must not exceed members = 8"):
         StagedSettings(members=8, starts=9)
+
+
+def two_valleys(x: Floats) -> Floats:
+    """Residuals with minima near 0.2 and, a little higher, near 0.8."""
+    return np.stack([20.0 * (x[:, 0] - 0.2) * (x[:, 0] - 0.8), 0.3 * x[:, 0], x[:, 1] - 0.5], axis=1)
+
+
+def test_ends_are_the_optima_of_the_first_descents_and_survive_hops_and_a_restart() -> None:
+    settings = StagedSettings(members=40, generations=40, starts=8, trial_iterations=0, stage_iterations=6)
+    search = StagedLeastSquares(unit_box(2), np.random.default_rng(1), settings)
+    many = []
+    while not search.finished:
+        trials = search.ask()
+        values = two_valleys(trials.x)
+        wants_costs = trials.wanted in (Wanted.COSTS, Wanted.COSTS_AGAIN)
+        search.tell(np.sum(values**2, axis=1) if wants_costs else values)
+        many.append(len(search.population))
+    assert (max(many), many[-1]) == (8, 1)  # the descents were followed by hops
+    ends = search.ends
+    assert len(ends) == 8
+    assert ends[0].cost == search.best.cost
+    assert [end.cost for end in ends] == sorted(end.cost for end in ends)
+    # both valleys: 0.3 x draws their floors towards 0 by less than 0.01
+    assert {round(float(end.x[0]), 1) for end in ends} == {0.2, 0.8}
+    again = StagedLeastSquares(unit_box(2), np.random.default_rng(9), settings)
+    again.restore(search.state())
+    assert [end.cost for end in again.ends] == [end.cost for end in ends]
+    older = {key: value for key, value in search.state().items() if key not in ("ended_unit", "ended_costs", "hopping")}
+    again.restore(older)
+    assert again.ends[0].cost == search.best.cost

@@ -7,8 +7,12 @@ from pathlib import Path
 import pytest
 
 import commonrail as cr
+from commonrail.family.run import fit_into
+from commonrail.family.study import load_family
+from commonrail.files.scaffold import write_new
 from tests.cli.conftest import Command
 from tests.fleet.conftest import edited
+from tests.store.conftest import Stopped, stop_after, timeless
 
 HEAD = "rail_pressure [MPa],energising_time [us],quantity [mm3]\n"
 
@@ -50,6 +54,7 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
         (("family", "nothing", "--out", "t.toml"), "nothing: not a run folder of commonrail calibrate"),
         (("family", "nothing", "--out", "nowhere/t.toml"), "--out: there is no folder nowhere"),
         (("family", "nothing", "--out", "t.toml", "--part-spread", "3mm"), "--part-spread: "),
+        (("family", "nothing", "--out", "t.toml", "--run", "r"), "only for a family file"),
         (("adapt", "nothing.toml", "--from", "points.csv", "--out", "m.toml"), "nothing.toml: there is no such file"),
     ],
 )
@@ -61,6 +66,26 @@ def test_bad_input_ends_with_2_and_one_sentence(
     assert (done.status, done.out) == (2, "")
     assert words in done.sentence
     assert list(tmp_path.iterdir()) == []
+
+
+def test_reference_points_are_ranked_before_anything_is_measured(command: Command, tmp_path: Path) -> None:
+    from commonrail.files.type_file import dump_type
+    from tests.family.samples import small_type
+
+    file, points = tmp_path / "t.toml", tmp_path / "points.csv"
+    dump_type(small_type(), file)
+    points.write_text("rail_pressure [MPa],energising_time [us]\n160,500\n160,900\n", encoding="utf-8")
+    record = command("adapt", file, "--from", points, "--advise", "--json").record
+    assert len(record["points"]) == 2
+    assert record["order"][0] == min((0, 1), key=lambda i: record["points"][i]["expected_rms"])
+    assert 0.0 < record["points"][0]["expected_rms"] < record["without_reference"]
+    shown = command("adapt", file, "--from", points, "--advise").out
+    assert f"{record['points'][record['order'][0]]['expected_rms'] * 1e9:.2f} mm3" in next(
+        line for line in shown.splitlines() if " us " in line
+    )
+    assert "nothing measured on the part was used" in shown
+    done = command("adapt", file, "--from", points)
+    assert (done.status, done.sentence.startswith("--out MODEL.toml is missing")) == (2, True)
 
 
 def test_a_bad_column_of_points_is_named(command: Command, tmp_path: Path) -> None:
@@ -75,19 +100,25 @@ def test_a_bad_column_of_points_is_named(command: Command, tmp_path: Path) -> No
     assert f'{points}, column "quantity": ' in done.sentence
 
 
-def test_a_family_file_fits_its_parts_together(command: Command, tmp_path: Path) -> None:
-    from commonrail.files.scaffold import write_new
+SEARCH = '[optimiser]\nmethod = "staged least squares"\nmembers = 8\nstarts = 1\ngenerations = 2\n'
 
+
+def two_parts(folder: Path) -> Path:
+    """Family file of two scaffolded studies, which have the same data."""
     for part in ("a", "b"):
-        write_new(tmp_path / part)
+        write_new(folder / part)
         # the kernel in f32 that other tests compile too
-        edited(tmp_path / part / "injector.toml", 'drive_kind = "regulated"', 'drive_kind = "pwm"')
-    file, models = tmp_path / "family.toml", tmp_path / "parts"
+        edited(folder / part / "injector.toml", 'drive_kind = "regulated"', 'drive_kind = "pwm"')
     parts = "".join(f'[[part]]\nname = "{part}"\nstudy = "{part}/study.toml"\n' for part in ("a", "b"))
-    search = '[optimiser]\nmethod = "staged least squares"\nmembers = 8\nstarts = 1\ngenerations = 2\n'
     head = 'format = "commonrail-family/1"\nname = "lino"\ntitle = "Two parts"\nflow = "3 %"\n'
-    file.write_text(head + parts + search, encoding="utf-8")
-    done = command("family", file, "--out", tmp_path / "type.toml", "--models", models, "--json")
+    file = folder / "family.toml"
+    file.write_text(head + parts + SEARCH, encoding="utf-8")
+    return file
+
+
+def test_a_family_file_fits_its_parts_together(command: Command, tmp_path: Path) -> None:
+    file, run, models = two_parts(tmp_path), tmp_path / "run", tmp_path / "models"
+    done = command("family", file, "--out", tmp_path / "type.toml", "--run", run, "--models", models, "--json")
     record = done.record
     known = cr.load_type(tmp_path / "type.toml")
     assert [part.name for part in known.parts] == ["a", "b"]
@@ -97,7 +128,52 @@ def test_a_family_file_fits_its_parts_together(command: Command, tmp_path: Path)
         assert record["fits"][part]["best"] == {name: own.values[name] for name in record["fits"][part]["best"]}
         for parameter in known.parameters:  # all are common
             assert own.values[parameter.name] == parameter.value
+        assert (run / "models" / f"{part}.toml").read_bytes() == (models / f"{part}.toml").read_bytes()
+    assert (run / "type.toml").read_bytes() == (tmp_path / "type.toml").read_bytes()
     # the parts have the same data, so they have the same flow
     assert record["fits"]["a"]["best"] == pytest.approx(record["fits"]["b"]["best"], rel=0.02)
-    refused = command("family", file, "--out", tmp_path / "type.toml", "--models", models)
-    assert (refused.status, refused.sentence.endswith("nothing was overwritten.")) == (2, True)
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert "spread of the next part" in page
+    for part in ("a", "b"):
+        assert f"{part}: {record['fits'][part]['data'][0]['name']}" in page
+    (listed,) = command("runs", run.parent, "--json").record["runs"]
+    assert (listed["state"], listed["title"], listed["best"]) == ("finished", "Two parts", record["cost"])
+    for option in ("--models", "--run"):
+        used = models if option == "--models" else run
+        refused = command("family", file, "--out", tmp_path / "type.toml", option, used)
+        assert (refused.status, refused.sentence.endswith("nothing was overwritten.")) == (2, True)
+
+
+def test_a_joint_fit_that_was_killed_is_resumed_to_the_same_bits(command: Command, tmp_path: Path) -> None:
+    file, whole, killed = two_parts(tmp_path / "family"), tmp_path / "whole", tmp_path / "killed"
+    assert command("family", file, "--out", tmp_path / "whole.toml", "--run", whole, "--threads", "1").status == 0
+    with pytest.raises(Stopped):
+        fit_into(killed, load_family(file), threads=1, listener=stop_after(2))
+    moved = killed.rename(tmp_path / "moved")
+    done = command("resume", moved)
+    assert done.status == 0, done.err
+    assert "2/3" not in done.err  # the first two steps are not done again
+    for name in ("type.toml", "models/a.toml", "models/b.toml"):
+        assert (moved / name).read_bytes() == (whole / name).read_bytes()
+    assert timeless(moved, "family.json") == timeless(whole, "family.json")
+
+
+def test_workers_find_the_same_bits_in_a_joint_fit(command: Command, tmp_path: Path) -> None:
+    file = two_parts(tmp_path / "family")
+    for name, how in (("threads", ("--threads", "1")), ("workers", ("--workers", "2"))):
+        assert command("family", file, "--out", tmp_path / f"{name}.toml", "--run", tmp_path / name, *how).status == 0
+    assert timeless(tmp_path / "threads", "family.json") == timeless(tmp_path / "workers", "family.json")
+
+
+def test_a_family_that_was_changed_is_not_resumed(command: Command, tmp_path: Path) -> None:
+    file, run = two_parts(tmp_path / "family"), tmp_path / "run"
+    with pytest.raises(Stopped):
+        fit_into(run, load_family(file), threads=1, listener=stop_after(1))
+    study = file.parent / "a" / "study.toml"
+    study.write_text(study.read_text(encoding="utf-8").replace("seed = 1", "seed = 2"), encoding="utf-8")
+    done = command("resume", run)
+    assert done.status == 2
+    assert f"{study} has been changed since the run" in done.sentence
+    assert "--generations: " in command("resume", run, "--generations", "3").sentence
+    (run / "inputs" / "a" / "study.toml").unlink()
+    assert "is missing" in command("resume", run, "--as-begun").sentence

@@ -88,6 +88,7 @@ def test_the_flow_has_the_spread_of_the_area(family_file: Edit) -> None:
     ("old", "new", "words"),
     [
         ('name = "two"', 'name = "one"', 'part[2].name: there are two parts "one"'),
+        ('name = "two"', 'name = "../two"', 'part[2].name: "../two" is no name of a file'),
         ('"nozzle.discharge_*"', '"nozle.*"', 'per_part[1]: no part has the free parameter "nozle.*"'),
         ('spread = "2 um"', 'spread = "2 N"', "around[1].spread: "),
         ('spread = "2 um"', 'spread = "0 um"', "the spread must be greater than zero"),
@@ -103,3 +104,33 @@ def test_a_bad_family_is_refused_with_its_place(family_file: Edit, old: str, new
         load_family(path)
     assert words in str(found.value)
     assert str(path) in str(found.value)
+
+
+def test_a_known_type_gives_starts_and_priors(family_file: Edit, tmp_path: Path) -> None:
+    from commonrail.files.type_file import dump_type
+
+    alone = load_family(family_file())
+    lower, upper = (next(p for p in alone.space.parameters if p.name == A).__dict__[key] for key in ("lower", "upper"))
+    value, spread = 0.5 * (lower + upper), 0.1 * (upper - lower)
+    known = cr.InjectorType("lino", "made up", (cr.TypeParameter(A, value, spread, lower, upper, "F", "made up"),))
+    dump_type(known, tmp_path / "known.toml")
+    family = load_family(family_file(('name = "lino"', 'name = "lino"\ntype = "known.toml"')))
+    for space in (family.space, *(study.space for study in family.parts.values())):
+        own = next(p for p in space.parameters if p.name == A)
+        assert (own.reference, own.prior) == (value, cr.Prior(value, spread, "made up"))
+    assert tmp_path / "known.toml" in family.files  # and so comes into the run folder
+    others = [p for p in family.space.parameters if p.name != A]
+    assert others == [p for p in alone.space.parameters if p.name != A]
+
+
+def test_starting_points_leave_the_parts_at_the_common_value(family_file: Edit) -> None:
+    from commonrail.calibration.sampling import sample_priors
+
+    family = load_family(family_file())
+    x = sample_priors(family.space, 30, np.random.default_rng(1))
+    distances = x[:, [p.name.startswith(f"{Z} of part") for p in family.space.parameters]]
+    assert distances.shape[1] == 2
+    # a point that breaks a constraint is pulled towards the centre, whose distances are within their bounds of 4
+    assert np.mean(distances == 0.0) > 0.5
+    which = family.space.names.index(Z)
+    assert np.ptp(x[:, which]) > 0.5 * (family.space.upper - family.space.lower)[which]

@@ -25,9 +25,11 @@ def part(preload: float, flow: float = 1.0, *names: str) -> cr.Study:
     return study_of(truth, POINTS, *(names or (PRELOAD,)))
 
 
-def fitted(parts: Mapping[str, cr.Study], shared: Mapping[str, Shared]) -> FamilyFit:
+def fitted(parts: Mapping[str, cr.Study], shared: Mapping[str, Shared], starts: int = 1) -> FamilyFit:
     space, sharing = joint_space({name: study.space for name, study in parts.items()}, shared)
-    settings = cr.StagedSettings(members=16, generations=18, starts=1, stage_iterations=6)
+    settings = cr.StagedSettings(
+        members=16, generations=18, starts=starts, trial_iterations=0, finalists=starts, stage_iterations=6
+    )
     return fit_family(Family("lino", "three parts", parts, space, sharing, shared, cr.Method(settings), 1))
 
 
@@ -69,17 +71,35 @@ def test_a_spread_towards_zero_is_a_common_value_and_a_wide_one_each_parts_own()
     assert between[1] - between[0] < own[1] - own[0]
 
 
+def test_the_mean_is_that_of_what_the_members_predict(monkeypatch: pytest.MonkeyPatch) -> None:
+    from commonrail.family import fit
+
+    monkeypatch.setattr(fit, "WORST", 1e9)  # whatever the objectives of the descents are
+    parts = {"a": part(0.94), "b": part(1.06)}
+    found = fitted(parts, {}, starts=2)
+    assert len(found.members) >= 2
+    assert found.members == tuple(sorted(found.members))
+    assert found.members[0] == found.cost
+    for name, own in found.parts.items():
+        (data,) = parts[name].data
+        each = [cr.simulate_batch(injector, data.points, time_step=1e-6).injected_volume[0] for injector in own.members]
+        assert own.mean[0].values == pytest.approx(np.mean(each, axis=0), rel=1e-12)
+        expected = 100.0 * np.sqrt(np.mean((np.mean(each, axis=0) / data.quantity - 1.0) ** 2))
+        assert own.mean[0].error == pytest.approx(expected, rel=1e-9)  # all points lie above 3 mm3
+    assert fitted(parts, {}).parts["a"].mean == ()  # one descent has no others
+
+
 def test_the_type_of_scattering_parts_has_their_spread() -> None:
     parts = {"a": part(0.94), "b": part(1.06)}
     around = fitted(parts, {PRELOAD: Shared(Share.AROUND, 0.05 * OWN)}).injector_type.by_name[PRELOAD]
     assert 0.05 * OWN <= around.spread < 0.10 * OWN
+    assert around.between == 0.05 * OWN  # the rest is the error of the common value
     apart = fitted(parts, {PRELOAD: Shared(Share.PER_PART)}).injector_type.by_name[PRELOAD]
     # two exact values 12 % apart: their standard deviation, times sqrt(1 + 1/2)
     assert apart.spread == pytest.approx(0.12 * OWN / np.sqrt(2.0) * np.sqrt(1.5), rel=0.05)
 
 
 def test_a_prior_of_a_common_parameter_counts_once() -> None:
-    from commonrail.calibration.prior import Priors
     from commonrail.family.objective import FamilyObjective
 
     studies = []
@@ -87,7 +107,7 @@ def test_a_prior_of_a_common_parameter_counts_once() -> None:
         held = replace(study.space.parameters[0], prior=cr.Prior(OWN, 0.1 * OWN, "made up"))
         studies.append(replace(study, space=cr.Space([held])))
     space, sharing = joint_space({"a": studies[0].space, "b": studies[1].space}, {})
-    objective = FamilyObjective(studies, sharing, Priors.of(space.parameters))
+    objective = FamilyObjective(studies, sharing, space)
     values = np.array([[OWN], [1.2 * OWN]])
     found = objective.costs(values)
     assert found.costs[0] == pytest.approx(0.0, abs=1e-12)
@@ -95,8 +115,13 @@ def test_a_prior_of_a_common_parameter_counts_once() -> None:
     assert residuals.shape == (2, 2 * len(POINTS) + 1)
     assert found.costs == pytest.approx(np.sum(residuals**2, axis=1), rel=1e-12)
     assert residuals[1, -1] == pytest.approx(2.0)
-    # a part's own candidates that are the same are simulated once
-    assert objective.costs(np.repeat(values, 3, axis=0)).simulations == 2 * 2 * len(POINTS)
+    simulated: list[int] = []
+    for own in objective.parts:
+        own.costs = lambda few, own=own: simulated.append(len(few)) or type(own).costs(own, few)  # type: ignore
+    again = objective.costs(np.repeat(values, 3, axis=0))
+    assert simulated == [2, 2]  # a part's own candidates that are the same are simulated once
+    assert again.simulations == 6 * 2 * len(POINTS)  # and count for each, however workers divide them
+    assert again.costs.tolist() == np.repeat(found.costs, 3).tolist()
 
 
 def test_constraints_of_each_part_hold_for_the_joint_points() -> None:

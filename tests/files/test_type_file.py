@@ -32,7 +32,7 @@ def type_file(tmp_path: Path) -> Path:
 
 def test_a_type_is_read_back_bit_by_bit(tmp_path: Path) -> None:
     third = cr.TypeParameter("nozzle.shape_1", -1.0 / 3.0, math.pi / 100.0, -0.5, 0.5, "F", 'a "source"')
-    fine = cr.TypeParameter("valve.lift", 4e-5 / 3.0, 1e-6 / 7.0, 1e-5, 8e-5 / 3.0, "F", "of a third")
+    fine = cr.TypeParameter("valve.lift", 4e-5 / 3.0, 1e-6 / 7.0, 1e-5, 8e-5 / 3.0, "F", "of a third", 1e-6 / 9.0)
     own = replace(small_type(), parameters=(*small_type().parameters, third, fine), synthetic="simulated")
     dump_type(own, tmp_path / "t.toml")
     assert load_type(tmp_path / "t.toml") == own
@@ -72,6 +72,8 @@ def test_a_bad_type_is_refused_with_its_place(type_file: Path, old: str, new: st
     [
         ({"spread": 0.0}, "spread greater than zero"),
         ({"spread": math.inf}, "finite"),
+        ({"between": -1e-9}, "between zero and the spread"),
+        ({"between": 1e3}, "between zero and the spread"),
         ({"value": 1.0}, "must lie within its bounds"),
         ({"name": "valve.mas"}, "valve.mas"),
     ],

@@ -36,9 +36,9 @@ def write_small(folder: Path) -> Path:
     return study
 
 
-def timeless(run: Path) -> bytes:
-    """result.json without what depends on the clock."""
-    content = (run / "result.json").read_bytes()
+def timeless(run: Path, name: str = "result.json") -> bytes:
+    """A run's record without what depends on the clock."""
+    content = (run / name).read_bytes()
     found, count = re.subn(rb',\n "clock": \{[^}]*\}', b"", content)
     assert count == 1
     return found

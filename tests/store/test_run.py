@@ -311,12 +311,12 @@ def test_a_file_changed_while_the_study_is_read(tmp_path: Path, study_file: Path
 NO_ROOM = """
 import os, resource, sys
 import commonrail.cli.study_run as module
-usual, log = module._stage, sys.argv[4] + "/journal.sqlite-wal"
+usual, log = module.stage_of, sys.argv[4] + "/journal.sqlite-wal"
 def stage(p):
     if p.generation == 3:
         resource.setrlimit(resource.RLIMIT_FSIZE, (os.path.getsize(log), resource.RLIM_INFINITY))
     return usual(p)
-module._stage = stage
+module.stage_of = stage
 from commonrail.cli.app import main
 main()
 """

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.bands import bands_of
+from commonrail.analysis.bands import CLOSE, Optimum, bands_of
 from commonrail.analysis.influence import Influence, influence_of
 from commonrail.analysis.neighbourhood import around
 from commonrail.arguments import instance
-from commonrail.calibration.goal import Goal
+from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.prior import Priors
 from commonrail.calibration.run import Calibration
@@ -54,8 +54,21 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     best = np.array([calibration.best[name] for name in study.space.names])
     found = identify_at(study.space, objective, best)
     if found.influence:
-        found.bands = bands_of(study.data, objective.simulator, around(study.space, best), found.influence)
+        optima = [Optimum(around(study.space, best), found.influence), *_others(calibration, objective)]
+        found.bands = bands_of(study.data, objective.simulator, optima)
     return found
+
+
+def _others(calibration: Calibration, objective: Objective) -> Iterator[Optimum]:
+    """Optima of the search besides the best that explain the data as well."""
+    study = calibration.study
+    if study.loss is not Loss.SQUARES:
+        return
+    for end in calibration.ends[1:]:
+        if end.cost < calibration.cost + CLOSE:
+            influence = identify_at(study.space, objective, end.x).influence
+            if influence:
+                yield Optimum(around(study.space, end.x), influence)
 
 
 def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:

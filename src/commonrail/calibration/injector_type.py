@@ -15,6 +15,8 @@ from commonrail.injector.definition import Injector, Source, parameter_quantitie
 
 __all__ = ["InjectorType", "TypeParameter", "TypePart"]
 
+ROUNDING = 1e-9  # relative, by which a spread may lie below its part
+
 
 @dataclass(frozen=True)
 class TypeParameter:
@@ -34,6 +36,9 @@ class TypeParameter:
         Mark of value and spread: F where parts were fitted.
     source : str
         Source of both.
+    between : float or None
+        Part of the spread that is scatter between parts, SI; the rest is the error of the value. None where the two are
+        not told apart.
 
     Raises
     ------
@@ -49,6 +54,7 @@ class TypeParameter:
     upper: float
     mark: Mark = "F"
     source: str = "no source stated"
+    between: float | None = None
 
     def __post_init__(self) -> None:
         known = parameter_quantities()
@@ -57,6 +63,11 @@ class TypeParameter:
         numbers = (self.value, self.spread, self.lower, self.upper)
         if not all(map(isfinite, numbers)) or not self.spread > 0.0:
             raise ConfigurationError(f"{self.name}: a type needs finite numbers and a spread greater than zero.")
+        if self.between is not None and not 0.0 <= self.between <= self.spread * (1.0 + ROUNDING):
+            raise ConfigurationError(
+                f"{self.name}: the scatter between parts must lie between zero and the spread, {self.spread:g}, "
+                f"not {self.between:g}."
+            )
         if not self.lower <= self.value <= self.upper or self.lower == self.upper:
             raise ConfigurationError(
                 f"{self.name}: the value {self.value:g} must lie within its bounds, {self.lower:g} to {self.upper:g}."

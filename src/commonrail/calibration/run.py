@@ -10,10 +10,10 @@ import numpy as np
 
 from commonrail.arguments import flag, function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
-from commonrail.calibration.optimisers import Counts
+from commonrail.calibration.optimisers import Best, Counts
 from commonrail.calibration.optimisers.verdict import Verdict
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
-from commonrail.calibration.search import Listeners, Progress, Search
+from commonrail.calibration.search import Listeners, Progress, Search, objective_of
 from commonrail.calibration.study import Study
 from commonrail.choices import Body
 from commonrail.engine.status import Status
@@ -62,6 +62,8 @@ class Calibration:
         What about study, data and result is implausible, found before and after the fit.
     convergence : Verdict or None
         Whether the search has converged, by which rule; None of one that was interrupted.
+    ends : tuple of Best
+        Optima that the search has found side by side, the best first.
     """
 
     study: Study
@@ -79,6 +81,7 @@ class Calibration:
     failures: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[Finding, ...] = ()
     convergence: Verdict | None = None
+    ends: tuple[Best, ...] = ()
 
     @property
     def meters(self) -> tuple[Meter, ...]:
@@ -146,7 +149,7 @@ def calibrate(
     if checkpoint is not None:
         instance(checkpoint, Checkpoint, "checkpoint")
     with held_interrupts() as wish:
-        search = Search(study, threads, workers, Listeners(progress, recorder, wish), checkpoint)
+        search = Search(study, objective_of(study, threads), workers, Listeners(progress, recorder, wish), checkpoint)
         start, before = _start(study, threads, warn, strict)
         calibration = _calibrate(search, study, threads, start)
         fit = Fit(study, calibration.best, calibration.start_cost, calibration.cost, calibration.scores["best"])
@@ -196,13 +199,7 @@ def _refuse(findings: tuple[Finding, ...], strict: bool) -> None:
 
 
 def _calibrate(search: Search, study: Study, threads: int | None, start: Scores) -> Calibration:
-    status, reason = "finished", ""
-    try:
-        search.listeners.wish.heed()
-        search.run()
-        reason = search.reason
-    except KeyboardInterrupt:
-        status, reason = "interrupted", "stopped by the user"
+    status, reason = search.until_stopped()
     seconds = search.seconds
     x, cost = search.best
     if not np.isfinite(cost):
@@ -227,6 +224,7 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
         search.simulations,
         dict(search.failures),
         convergence=search.verdict() if status == "finished" else None,
+        ends=search.ends,
     )
 
 

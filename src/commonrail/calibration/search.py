@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,9 @@ from commonrail.calibration.optimisers.refinement import Refinement
 from commonrail.calibration.optimisers.registry import row
 from commonrail.calibration.optimisers.verdict import Verdict
 from commonrail.calibration.prior import Priors
+from commonrail.calibration.space import Space
 from commonrail.calibration.spread import SpreadObjective
-from commonrail.calibration.study import Study
+from commonrail.calibration.study import Method, Study
 from commonrail.calibration.time_step import longest_for_all
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import nice_step
@@ -38,7 +39,7 @@ from commonrail.kinds import Role, of_role
 from commonrail.workers.interrupt import Wish
 from commonrail.workers.workers import Workers
 
-__all__ = ["Listeners", "Progress", "Search", "goal_of", "steps"]
+__all__ = ["Listeners", "Progress", "Search", "Searched", "goal_of", "objective_of", "steps"]
 
 Floats = NDArray[np.float64]
 
@@ -63,6 +64,30 @@ class Listeners(NamedTuple):
     progress: Callable[[Progress], None] | None
     recorder: Recorder | None
     wish: Wish
+
+
+class Searched(Protocol):
+    """Settings of a search: of a study, or of several that are fitted together."""
+
+    @property
+    def title(self) -> str:
+        """Title in messages."""
+
+    @property
+    def space(self) -> Space:
+        """Parameters that are searched."""
+
+    @property
+    def method(self) -> Method:
+        """Settings of the optimisers."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of all draws."""
+
+    @property
+    def same_bits(self) -> bool:
+        """As in `Study`."""
 
 
 def steps(optimiser: Optimiser, objective: Objective) -> Iterator[Step]:
@@ -103,48 +128,56 @@ def goal_of(study: Study) -> Goal:
     return Goal(study.loss, priors, study.conditions, screening, study.loss_scale)
 
 
+def objective_of(study: Study, threads: int | None) -> Objective:
+    """Objective of a study's fit data.
+
+    Raises
+    ------
+    StudyError
+        If the study has none.
+    """
+    fit = of_role(study.data, Role.FIT)
+    if not fit:
+        raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
+    how = study.time_step, threads, study.precision
+    return Objective(study.injector, study.space.names, fit, *how, goal=goal_of(study), same_bits=study.same_bits)
+
+
 class Search:
     """State of a running calibration.
 
     Parameters
     ----------
-    study : Study
-    threads : int or None
+    study : Searched
+    objective : Objective
+        Simulates on its threads.
     workers : Workers or None
+        Simulate in its place.
     listeners : Listeners
     checkpoint : Checkpoint, optional
         Where to go on.
 
     Raises
     ------
-    StudyError
-        If the study has no data to fit.
     CheckpointError
         If the checkpoint belongs to another search.
     """
 
     def __init__(
         self,
-        study: Study,
-        threads: int | None,
+        study: Searched,
+        objective: Objective,
         workers: Workers | None,
         listeners: Listeners,
         checkpoint: Checkpoint | None = None,
     ) -> None:
         self.study, self.listeners = study, listeners
-        fit = of_role(study.data, Role.FIT)
-        if not fit:
-            raise StudyError(f"{study.title}: no data set has role fit; give at least one the role fit.")
-        names, goal = study.space.names, goal_of(study)
-        objective = Objective(
-            study.injector, names, fit, study.time_step, threads, study.precision, goal=goal, same_bits=study.same_bits
-        )
         self.objective = objective if workers is None else SpreadObjective(objective, workers)
         self.history: list[Generation] = []
         self._residuals = 0  # number of residuals, once it is known
         self.simulations = 0
         self.failures: Counter[str] = Counter()
-        self._row = row(study.method, study.space, study.seed, study.same_bits, study.loss is Loss.SOFT_L1)
+        self._row = row(study.method, study.space, study.seed, study.same_bits, objective.goal.loss is Loss.SOFT_L1)
         self._begun = [self._row[0](None)]
         self._before: tuple[Stage, ...] = ()  # of the optimisers that have finished
         self._start = time.perf_counter()
@@ -162,6 +195,11 @@ class Search:
         return self._begun[-1].best
 
     @property
+    def ends(self) -> tuple[Best, ...]:
+        """Optima that the last optimiser has found side by side, the best first."""
+        return self._begun[-1].ends
+
+    @property
     def counts(self) -> Counts:
         """Slots, simulations and failures of the first optimiser."""
         return self._begun[0].counts
@@ -177,8 +215,8 @@ class Search:
     def verdict(self) -> Verdict:
         """Verdict on convergence: that of the refinements, else of the first optimiser or on its population."""
         first, last = self._begun[0], self._begun[-1]
-        if isinstance(last, Refinement) and len(last.ends):
-            return judge_restarts(last.ends, self._noise(last))
+        if isinstance(last, Refinement) and len(last.end_costs):
+            return judge_restarts(last.end_costs, self._noise(last))
         return first.verdict or self._of_population(first)
 
     def _of_population(self, optimiser: Optimiser) -> Verdict:
@@ -210,6 +248,15 @@ class Search:
             if len(self._begun) == len(self._row):
                 return
             self._begin_next()
+
+    def until_stopped(self) -> tuple[str, str]:
+        """Run to the end, or until the user stops it; status, "finished" or "interrupted", and reason."""
+        try:
+            self.listeners.wish.heed()
+            self.run()
+        except KeyboardInterrupt:
+            return "interrupted", "stopped by the user"
+        return "finished", self.reason
 
     def _begin_next(self) -> None:
         self._before = self.checkpoint().stages

@@ -10,26 +10,38 @@ import typer
 from commonrail.cli.console import print_json, print_pairs, print_rows, say
 from commonrail.cli.options import Json, Threads
 from commonrail.cli.output import check_file
+from commonrail.display.text import number
+from commonrail.errors import InputError
 from commonrail.units import to_text
 
 if TYPE_CHECKING:
     from commonrail.family.adapt import Adapted
+    from commonrail.family.advise import Advice
 
 __all__ = ["adapt"]
+
+SHOWN = 10  # reference points in the table
 
 
 def adapt(
     injector_type: Annotated[Path, typer.Argument(metavar="TYPE.toml", help="Type file, as `family` writes it.")],
     *,
     points: Annotated[
-        Path,
+        Path | None,
         typer.Option(
             "--from",
             metavar="POINTS.csv",
-            help="Reference quantities of the part: columns rail_pressure, energising_time and quantity.",
+            help="Reference quantities of the part: columns rail_pressure, energising_time and quantity. With "
+            "--advise candidates without quantity. [default with --advise: 40 to 160 MPa, 300 to 1400 us]",
         ),
-    ],
-    out: Annotated[Path, typer.Option(metavar="MODEL.toml", help="Injector file to be written.")],
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="MODEL.toml", help="Injector file to be written.")] = None,
+    advise: Annotated[
+        bool,
+        typer.Option(
+            "--advise", help="Before anything is measured: rank reference points by the errors expected with each."
+        ),
+    ] = False,
     injector: Annotated[
         str | None,
         typer.Option(help="Injector of the part: its nozzle and measured values. [default: the type's]"),
@@ -44,15 +56,23 @@ def adapt(
     """Make a part's model from its type and few quantities.
 
     Up to three quantities determine the flow factor; from four on the type's parameters are fitted
-    too, held by their spreads.
+    too, held by their spreads. --advise draws parts from the type and says at which point a reference
+    quantity tells most of the others.
 
     \b
-    Example:
+    Examples:
+      commonrail adapt types/cri2.toml --advise --injector part.toml
       commonrail adapt types/cri2.toml --from points.csv --injector part.toml --out model.toml
     """
     from commonrail.family.adapt import adapt as run
     from commonrail.files.injector_file import dump_injector
 
+    if advise:
+        _advise(injector_type, points, injector, (cylinder_pressure, return_pressure), threads, json)
+        return
+    if points is None or out is None:
+        lacking = "--from POINTS.csv" if points is None else "--out MODEL.toml"
+        raise InputError(f"{lacking} is missing: a model needs reference quantities and a file to be written to.")
     check_file(out, "--out")
     adapted = run(
         injector_type,
@@ -76,6 +96,61 @@ def adapt(
         print_pairs(pairs, adapted.calibration.study.title)
         print_rows(["rail pressure", "energising time", "measured", "type", "adapted"], _rows(adapted), texts=0)
     say(f"wrote {out}")
+
+
+def _advise(
+    injector_type: Path,
+    points: Path | None,
+    injector: str | None,
+    behind: tuple[str, str],
+    threads: int | None,
+    json: bool,
+) -> None:
+    """Print the ranking of reference points."""
+    from commonrail.family.advise import advise, grid, read_candidates
+
+    candidates = grid(*behind) if points is None else read_candidates(points, *behind)
+    advice = advise(injector_type, candidates, injector=injector, threads=threads)
+    if json:
+        print_json(_advice_record(advice))
+        return
+    print_rows(
+        ["rail pressure", "energising time", "expected rms", "90 % of parts below", "parts served"],
+        [_advice_row(advice, i) for i in advice.order[:SHOWN]],
+        f"reference points of {injector_type.name}, best first",
+        texts=0,
+    )
+    typer.echo(
+        f"without a reference: {advice.without * 1e9:.2f} mm3 rms. {advice.draws} parts were drawn from the spreads of "
+        "the type, independently for each parameter; nothing measured on the part was used."
+    )
+
+
+def _advice_row(advice: Advice, i: int) -> list[str]:
+    point = advice.points[i]
+    return [
+        to_text(point.initial_pressures()[0], "Pa"),
+        to_text(point.pulses[0].duration, "s"),
+        f"{advice.expected[i] * 1e9:.2f} mm3",
+        f"{advice.upper[i] * 1e9:.2f} mm3",
+        f"{100 * advice.usable[i]:.0f} %",
+    ]
+
+
+def _advice_record(advice: Advice) -> dict[str, Any]:
+    points = [
+        {
+            "rail_pressure": point.initial_pressures()[0],
+            "energising_time": point.pulses[0].duration,
+            "expected_rms": number(float(advice.expected[i])),
+            "upper_rms": number(float(advice.upper[i])),
+            "usable": float(advice.usable[i]),
+        }
+        for i, point in enumerate(advice.points)
+    ]
+    order = list(advice.order)
+    head = {"schema": 1, "kind": "advice", "draws": advice.draws, "without_reference": advice.without}
+    return {**head, "points": points, "order": order}
 
 
 def _rows(adapted: Adapted) -> list[list[str]]:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from commonrail.cli.options import ClusterAddress, Json, StudyFile, Threads, WorkerCount, open_workers
-from commonrail.cli.output import free_run_folder
+from commonrail.cli.output import free_run_folder, stem_of
 
 __all__ = ["calibrate"]
 
@@ -51,10 +51,5 @@ def calibrate(
     if seed is not None:
         loaded = replace(loaded, seed=seed)
     with open_workers(workers, cluster) as crew:
-        outcome = run_study(loaded, out or free_run_folder(_stem(study)), threads, crew, strict=strict)
+        outcome = run_study(loaded, out or free_run_folder(stem_of(study)), threads, crew, strict=strict)
     print_outcome(outcome, json, strict=strict)
-
-
-def _stem(study: Path) -> str:
-    """Name for runs: a file that is called study says less than its folder."""
-    return study.absolute().parent.name if study.stem == "study" else study.stem

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from commonrail.cli.console import print_json, print_rows, print_table, say
-from commonrail.cli.options import Json, Threads
-from commonrail.cli.output import check_file
-from commonrail.cli.progress import Bar, Stage
+from commonrail.cli.console import print_json, say
+from commonrail.cli.options import ClusterAddress, Json, Threads, WorkerCount, open_workers
+from commonrail.cli.output import check_file, free_run_folder, stem_of
 from commonrail.errors import InputError
-from commonrail.units import parse, to_text
+from commonrail.units import parse
 
 if TYPE_CHECKING:
     from commonrail.calibration.injector_type import InjectorType
-    from commonrail.family.fit import FamilyFit
 
 __all__ = ["family"]
 
@@ -42,16 +39,24 @@ def family(
             "its study]"
         ),
     ] = None,
+    run: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN", help="New run folder of a family file. [default: runs/<family>-<n>]"),
+    ] = None,
     models: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="New folder for the injector of each part of a family file."),
     ] = None,
     threads: Threads = None,
+    workers: WorkerCount = None,
+    cluster: ClusterAddress = None,
     json: Json = False,
 ) -> None:
     """Write a type file from parts of one type.
 
     A study takes it as start and prior with the key `type`; `commonrail adapt` makes a part's model of it.
+    The joint fit of a family file has a run folder: Ctrl-C stops it with the best values so far and exit
+    status 130, and `commonrail resume RUN` resumes it.
 
     \b
     Examples:
@@ -60,6 +65,7 @@ def family(
       commonrail family fleets/line-4 --out cri2.toml
       commonrail family runs/part-1 --part-spread 3% --out cri2.toml
     """
+    from commonrail.cli.family_run import print_family, print_type, run_family, type_record
     from commonrail.family.from_results import FLEET
     from commonrail.files.type_file import dump_type
 
@@ -68,17 +74,22 @@ def family(
     joint = [source for source in sources if source.suffix == ".toml"]
     if joint and len(sources) > 1:
         raise InputError(f"{joint[0]}: a family file is a source by itself; name it alone, or run folders only.")
-    if not joint and models is not None:
-        raise InputError("--models: only a family file makes injectors; omit it for runs and fleets.")
+    if not joint and (run or models or workers or cluster) is not None:
+        raise InputError("--run, --models, --workers and --cluster: only for a family file; omit them.")
     if share is not None and (joint or any((source / FLEET).is_file() for source in sources)):
         raise InputError("--part-spread: only for run folders; omit it for a family file or a fleet.")
-    fit = _fitted(joint[0], name, models, threads) if joint else None
-    found = _from_results(sources, name or out.stem, share) if fit is None else fit.injector_type
+    if joint:
+        with open_workers(workers, cluster) as crew:
+            outcome = run_family(joint[0], run or free_run_folder(stem_of(joint[0])), name, models, threads, crew)
+        dump_type(outcome.fit.injector_type, out)
+        print_family(outcome, json, out)
+        return
+    found = _from_results(sources, name or out.stem, share)
     dump_type(found, out)
     if json:
-        print_json(_record(found, out) | ({} if fit is None else _record_of(fit)))
+        print_json(type_record(found, out))
     else:
-        _print(found, fit)
+        print_type(found)
     if found.injector is None:
         say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
     say(f"wrote {out}")
@@ -91,69 +102,3 @@ def _from_results(sources: Sequence[Path], name: str, share: float | None) -> In
     if fleets and len(sources) > 1:
         raise InputError(f"{fleets[0]}: a fleet is a source by itself; name it alone, or run folders only.")
     return type_from_fleet(fleets[0], name) if fleets else type_from_runs(sources, name, part_spread=share)
-
-
-def _fitted(source: Path, name: str | None, models: Path | None, threads: int | None) -> FamilyFit:
-    """Joint fit of a family file, with its injectors written if they are wanted."""
-    from commonrail.family.fit import fit_family
-    from commonrail.family.study import load_family
-    from commonrail.files.injector_file import dump_injector
-    from commonrail.files.run_folder import create_run_folder, refuse_used
-
-    if models is not None:
-        refuse_used(models)
-    family = load_family(source)
-    family = family if name is None else replace(family, name=name)
-    with Bar(family.title) as bar:
-        fit = fit_family(
-            family,
-            threads=threads,
-            progress=lambda p: bar.show(Stage(p.phase, p.generation, p.generations, f"best {p.best:.4g}")),
-        )
-    if models is not None:
-        folder = create_run_folder(models)
-        for part, own in fit.parts.items():
-            dump_injector(own.injector, folder / f"{part}.toml", header=f"{family.title}: {part}")
-    return fit
-
-
-def _data(fit: FamilyFit) -> list[tuple[str, list[dict[str, Any]]]]:
-    """Records of the data of each part."""
-    from commonrail.calibration.result import data_records
-
-    studies = fit.family.parts
-    return [(name, data_records(studies[name].data, {"best": part.scores})) for name, part in fit.parts.items()]
-
-
-def _record_of(fit: FamilyFit) -> dict[str, Any]:
-    return {
-        "cost": fit.cost,
-        "injections": fit.simulations,
-        "joint": dict(fit.joint),
-        "fits": {part: {"best": dict(fit.parts[part].best), "data": data} for part, data in _data(fit)},
-    }
-
-
-def _record(found: InjectorType, out: Path) -> dict[str, Any]:
-    parts = [{"name": p.name, "source": p.source, "injectors": p.injectors} for p in found.parts]
-    values = [
-        {"name": p.name, "value": p.value, "spread": p.spread, "lower": p.lower, "upper": p.upper, "source": p.source}
-        for p in found.parameters
-    ]
-    head = {"schema": 1, "kind": "type", "type": str(out), "name": found.name, "synthetic": found.synthetic}
-    return {**head, "parts": parts, "parameters": values}
-
-
-def _print(found: InjectorType, fit: FamilyFit | None) -> None:
-    from commonrail.injector.definition import parameter_quantities
-    from commonrail.report.tables import tables_of
-
-    if found.synthetic:
-        typer.echo(f"SYNTHETIC: {found.synthetic}")
-    for part, data in [] if fit is None else _data(fit):
-        typer.echo(part)
-        for table in tables_of(data):
-            print_table(table)
-    units = {name: q.unit for name, q in parameter_quantities().items()}
-    rows = [[p.name, to_text(p.value, units[p.name]), to_text(p.spread, units[p.name])] for p in found.parameters]
-    print_rows(["parameter", "value", "spread"], rows, found.title, texts=1)

@@ -8,7 +8,7 @@ from pathlib import Path
 from commonrail.errors import InputError
 from commonrail.files.atomic import check_target, writing
 
-__all__ = ["check_file", "check_folder", "free_run_folder"]
+__all__ = ["check_file", "check_folder", "free_run_folder", "stem_of"]
 
 
 def check_file(path: Path | None, option: str) -> None:
@@ -57,3 +57,8 @@ def free_run_folder(stem: str, under: Path = Path("runs")) -> Path:
     while (folder := under / f"{stem}-{number}").exists():
         number += 1
     return folder
+
+
+def stem_of(source: Path) -> str:
+    """Name for runs of a file: one that is called study or family says less than its folder."""
+    return source.absolute().parent.name if source.stem in ("study", "family") else source.stem

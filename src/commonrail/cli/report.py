@@ -15,7 +15,7 @@ __all__ = ["report"]
 
 
 def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate or compare.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate, family or compare.")],
     *,
     json: Json = False,
 ) -> None:

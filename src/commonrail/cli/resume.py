@@ -1,4 +1,4 @@
-"""commonrail resume: resume a stopped run, or extend a finished one by generations."""
+"""commonrail resume: resume a stopped run, of a family too, or extend a finished one by generations."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from commonrail.cli.options import ClusterAddress, Json, Threads, WorkerCount, open_workers
+from commonrail.errors import InputError
 
 __all__ = ["resume"]
 
@@ -36,8 +37,17 @@ def resume(
     Example:
       commonrail resume runs/paper-1 --generations 30
     """
+    from commonrail.cli.family_run import print_family, resume_run
     from commonrail.cli.study_run import print_outcome, resume_study
+    from commonrail.family.run import TYPE, is_family_run
 
+    if is_family_run(run):
+        if generations:
+            raise InputError(f"--generations: {run} is the run of a family; state them in a new family file.")
+        with open_workers(workers, cluster) as crew:
+            joint = resume_run(run, as_begun=as_begun, threads=threads, workers=crew)
+        print_family(joint, json, run / TYPE)
+        return
     with open_workers(workers, cluster) as crew:
         outcome = resume_study(run, generations=generations, as_begun=as_begun, threads=threads, workers=crew)
     print_outcome(outcome, json)

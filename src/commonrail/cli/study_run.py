@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from commonrail.store.run import Listener
     from commonrail.workers.workers import Workers
 
-__all__ = ["Outcome", "print_outcome", "resume_study", "run_study"]
+__all__ = ["Outcome", "print_outcome", "resume_study", "run_study", "stage_of"]
 
 
 class Outcome(NamedTuple):
@@ -115,7 +115,7 @@ def _told(title: str, folder: Path, work: Callable[[Listener], Calibration]) -> 
 
     with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
         with Bar(title) as bar:
-            work(Listener(lambda p: bar.show(_stage(p)), bar.note))
+            work(Listener(lambda p: bar.show(stage_of(p)), bar.note))
         return Outcome(folder, write_report(folder), read_run(folder)[0])
 
 
@@ -175,7 +175,8 @@ def _count(warnings: Sequence[Any]) -> str:
     return f"{len(warnings)} warning{'' if len(warnings) == 1 else 's'}"
 
 
-def _stage(p: Progress) -> Stage:
+def stage_of(p: Progress) -> Stage:
+    """Stage of a search for the bar."""
     return Stage(p.phase, p.generation, p.generations, _figures(p))
 
 

@@ -29,7 +29,7 @@ from commonrail.reading.place import Place
 from commonrail.reading.reach import Reach
 from commonrail.units import parse
 
-__all__ = ["FEWEST_FOR_PRIORS", "FLOW", "Adapted", "adapt", "read_points"]
+__all__ = ["FACTORS", "FEWEST_FOR_PRIORS", "FLOW", "Adapted", "adapt", "held_parameters", "part_of", "read_points"]
 
 FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure
 FAR, ANYWAY = 0.5, 1e-9  # share of a reference quantity, and volume [m³], by which an adapted model may miss it
@@ -110,7 +110,7 @@ def adapt(
         If no candidate could be simulated.
     """
     known = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
-    part = _part(known, injector)
+    part = part_of(known, injector)
     if not isinstance(points, QuantityData):
         points = read_points(points, part, cylinder_pressure, return_pressure)
     study = _study(known, part, instance(points, QuantityData, "points"))
@@ -169,8 +169,14 @@ def read_points(
     return QuantityData.read(model, Context(injector, 1e-6, Reach(file, True), Place(str(file))))
 
 
-def _part(known: InjectorType, injector: Injector | str | Path | None) -> Injector:
-    """The part's injector before it is fitted: its own measured values and nozzle, the type's other values."""
+def part_of(known: InjectorType, injector: Injector | str | Path | None) -> Injector:
+    """The part's injector before it is fitted: its own measured values and nozzle, the type's other values.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or there is no injector.
+    """
     if injector is None:
         if known.injector is None:
             raise InputError(f"The type {known.name} names no injector; give the part's own.")
@@ -186,7 +192,7 @@ def _study(known: InjectorType, part: Injector, points: QuantityData) -> Study:
     origin = "drawing times the root of the flow factor"
     free = [Parameter(FLOW, own, low, high, "m", mark="F", source=origin)]
     if np.count_nonzero(points.judged) >= FEWEST_FOR_PRIORS:
-        free += _held(known, part)
+        free += held_parameters(known, part)
     space = Space(free)
     settings = StagedSettings(members=MEMBERS, generations=MOVES, starts=1, stage_iterations=8)
     return Study(
@@ -201,8 +207,8 @@ def _study(known: InjectorType, part: Injector, points: QuantityData) -> Study:
     )
 
 
-def _held(known: InjectorType, part: Injector) -> list[Parameter]:
-    """Parameters of the type with their priors."""
+def held_parameters(known: InjectorType, part: Injector) -> list[Parameter]:
+    """Parameters of the type with their priors, without those that were measured on the part."""
     measured = {p.name for p in known.parameters} - {p.name for p in known.given_to(part)}
     units = parameter_quantities()
     return [

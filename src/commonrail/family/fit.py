@@ -2,41 +2,59 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.identifiability import identify_at
 from commonrail.arguments import function, instance, thread_count
-from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
-from commonrail.calibration.optimisers.registry import row
-from commonrail.calibration.prior import Priors
+from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
+from commonrail.calibration.injector_type import InjectorType
+from commonrail.calibration.optimisers import Counts
 from commonrail.calibration.run import score_all
-from commonrail.calibration.search import Progress, steps
+from commonrail.calibration.search import Listeners, Progress, Search
 from commonrail.errors import SimulationError
-from commonrail.family.adapt import FLOW
+from commonrail.family.learnt import learnt_type
 from commonrail.family.objective import FamilyObjective
-from commonrail.family.sharing import OF, Share, Shared
-from commonrail.family.spread import FEWEST, over_parts, without_prior
 from commonrail.family.study import Family
 from commonrail.injector.definition import Injector, Source
-from commonrail.kinds import Role, Score
+from commonrail.kinds import DataSet, QuantityData, Score
+from commonrail.kinds.maps.data import QuantityScore
+from commonrail.workers.interrupt import held_interrupts
+from commonrail.workers.workers import Workers
 
-__all__ = ["FamilyFit", "FittedPart", "fit_family"]
+__all__ = ["FamilyFit", "FittedPart", "fit_family", "mean_of", "objective_of_parts"]
 
 Floats = NDArray[np.float64]
+
+WORST = 2.0  # objective of a member relative to the best: its misfit is then 1.4 times as large
 
 
 @dataclass(frozen=True)
 class FittedPart:
-    """Result of one part: its injector, its values by parameter [SI], and the score of each of its data sets."""
+    """Result of one part.
+
+    Attributes
+    ----------
+    injector : Injector
+    best : mapping of str to float
+        Values of its free parameters, SI.
+    scores, start : tuple of Score
+        Of each of its data sets, with these values and with the start values.
+    members : tuple of Injector
+        Its injectors by each member of the joint fit, the best first.
+    mean : tuple of Score
+        Of the mean of what the members predict; empty unless all data are maps and there are several members.
+    """
 
     injector: Injector
     best: Mapping[str, float]
     scores: tuple[Score, ...]
+    start: tuple[Score, ...] = ()
+    members: tuple[Injector, ...] = ()
+    mean: tuple[Score, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -54,7 +72,19 @@ class FamilyFit:
     cost : float
         Objective of all parts together.
     simulations : int
-        Single injections simulated.
+        Single injections simulated, those of equal candidates of a part counted for each.
+    status, reason : str
+        "finished" or "interrupted", and why it stopped.
+    start_cost : float
+        Objective of the start values.
+    history : tuple of Generation
+    counts : Counts
+    failures : mapping of str to int
+        Failed candidates by the name of their status.
+    seconds : float
+        Time of the search.
+    members : tuple of float
+        Objectives of the optima whose predictions are averaged, the best first.
     """
 
     family: Family
@@ -63,15 +93,42 @@ class FamilyFit:
     joint: Mapping[str, float]
     cost: float
     simulations: int
+    status: str = "finished"
+    reason: str = ""
+    start_cost: float = float("inf")
+    history: tuple[Generation, ...] = ()
+    counts: Counts = field(default_factory=Counts)
+    failures: Mapping[str, int] = field(default_factory=dict)
+    seconds: float = 0.0
+    members: tuple[float, ...] = ()
+
+
+def objective_of_parts(family: Family, threads: int | None = None) -> FamilyObjective:
+    """Objective of a joint fit, on threads of this process.
+
+    Parameters
+    ----------
+    family : Family
+    threads : int, optional
+        All usable processors by default.
+    """
+    return FamilyObjective(list(family.parts.values()), family.sharing, family.space, threads)
 
 
 def fit_family(
-    family: Family, *, threads: int | None = None, progress: Callable[[Progress], None] | None = None
+    family: Family,
+    *,
+    threads: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    workers: Workers | None = None,
+    recorder: Recorder | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> FamilyFit:
-    """Fit the parts of a family together.
+    """Fit the parts of a family together, to the end or until Ctrl-C, which ends it in order with the best so far.
 
     The search is that of a calibration; its objective is the sum of the parts' squares and of the squared pulls of the
-    joint priors. Validation data of the parts are scored and not fitted.
+    joint priors. Validation data of the parts are scored and not fitted. `commonrail.family.run.fit_into` does the same
+    and keeps every step in a run folder.
 
     Parameters
     ----------
@@ -79,100 +136,92 @@ def fit_family(
     threads : int, optional
         All usable processors by default; the result does not depend on it.
     progress : function of Progress, optional
-        Called after every step; its times are not measured here and are 0.
+        Called after every step.
+    workers : Workers, optional
+        Processes or a cluster that simulate in place of threads; the result is the same.
+    recorder : Recorder, optional
+        Told of every step before `progress` is.
+    checkpoint : Checkpoint, optional
+        State to resume from, of the same family.
 
     Raises
     ------
     ConfigurationError
         If an argument is of another kind.
+    StudyError
+        If the workers failed, or the checkpoint belongs to another family.
     SimulationError
-        If not one candidate could be simulated.
+        If no candidate could be simulated.
     """
     instance(family, Family, "family")
     function(progress, "progress")
-    studies = list(family.parts.values())
-    priors = Priors.of(family.space.parameters)
-    objective = FamilyObjective(studies, family.sharing, priors, thread_count(threads))
-    simulations, before = 0, None
-    for begin in row(family.method, family.space, family.seed):
-        before = begin(before)
-        for step in steps(before, objective):
-            simulations += step.simulations
-            if progress is not None:
-                told = float(before.best.cost), math.nan
-                progress(Progress(before.phase, before.steps, before.total, *told, simulations, 0.0))
-    assert before is not None  # a row has an optimiser
-    x, cost = before.best
-    if not np.isfinite(cost):
-        raise SimulationError(f"{family.title}: no candidate could be simulated for all parts; check the bounds.")
-    parts = {name: _part(family, k, x, threads) for k, name in enumerate(family.parts)}
-    found = identify_at(family.space, objective, x)
-    errors = {name: found[name]["standard_error"] for name in family.space.names}
-    joint = dict(zip(family.space.names, x.tolist(), strict=True))
-    return FamilyFit(family, parts, _type(family, joint, errors), joint, cost, simulations)
+    threads = thread_count(threads)
+    objective = objective_of_parts(family, threads)
+    with held_interrupts() as wish:
+        search = Search(family, objective, workers, Listeners(progress, recorder, wish), checkpoint)
+        status, reason = search.until_stopped()
+        x, cost = search.best
+        if not np.isfinite(cost):
+            if status == "interrupted":
+                raise KeyboardInterrupt
+            raise SimulationError(f"{family.title}: no candidate could be simulated for all parts; check the bounds.")
+        objective.threads = threads  # workers' copies share the simulators
+        ends = [end for end in search.ends if end.cost <= WORST * cost]
+        found = identify_at(family.space, objective, x)
+        errors = {name: found[name]["standard_error"] for name in family.space.names}
+        joint = dict(zip(family.space.names, x.tolist(), strict=True))
+        return FamilyFit(
+            family,
+            {name: _part(family, k, [end.x for end in ends], threads) for k, name in enumerate(family.parts)},
+            learnt_type(family, joint, errors),
+            joint,
+            cost,
+            search.simulations,
+            status,
+            reason,
+            float(objective.costs(family.space.reference[None, :]).costs[0]),
+            tuple(search.history),
+            search.counts,
+            dict(search.failures),
+            search.seconds,
+            tuple(end.cost for end in ends),
+        )
 
 
-def _part(family: Family, index: int, x: Floats, threads: int | None) -> FittedPart:
+def _part(family: Family, index: int, ends: Sequence[Floats], threads: int | None) -> FittedPart:
+    """Result of one part from the joint members, the best first."""
     name, study = list(family.parts.items())[index]
-    values = family.sharing.of_part(index, x)
-    best = dict(zip(study.space.names, values.tolist(), strict=True))
     note = Source("F", f'fitted together with the other parts of "{family.title}"')
-    injector = replace(
-        study.injector.with_values(best),
-        name=f"{study.injector.name}-{name}",
-        sources={**study.injector.sources, **dict.fromkeys(best, note)},
-    )
-    return FittedPart(injector, best, score_all(study, injector, threads))
+    injectors, scores = [], []
+    for number, x in enumerate(ends):
+        values = dict(zip(study.space.names, family.sharing.of_part(index, x).tolist(), strict=True))
+        injector = replace(
+            study.injector.with_values(values),
+            name=f"{study.injector.name}-{name}" + (f"-{number + 1}" if number else ""),
+            sources={**study.injector.sources, **dict.fromkeys(values, note)},
+        )
+        injectors.append(injector)
+        scores.append(score_all(study, injector, threads))
+    best = {key: injectors[0].values[key] for key in study.space.names}
+    start = score_all(study, study.injector, threads)
+    return FittedPart(injectors[0], best, scores[0], start, tuple(injectors), mean_of(study.data, scores))
 
 
-def _type(family: Family, joint: Mapping[str, float], errors: Mapping[str, float | None]) -> InjectorType:
-    """Type of the joint values: an effective hole diameter is a part's own, and no property of the type."""
-    names = dict.fromkeys(name for study in family.parts.values() for name in study.space.names if name != FLOW)
-    parameters = []
-    for name in names:
-        value, spread = _learnt(name, family.shared.get(name, Shared()), family, joint, errors)
-        bounds = [p for s in family.parts.values() for p in s.space.parameters if p.name == name]
-        lower, upper = min(p.lower for p in bounds), max(p.upper for p in bounds)
-        relation = family.shared.get(name, Shared()).share.value
-        source = f'joint fit "{family.title}", {relation}'
-        parameters.append(TypeParameter(name, min(max(value, lower), upper), spread, lower, upper, "F", source))
-    return InjectorType(
-        family.name,
-        family.title,
-        tuple(parameters),
-        tuple(_provenance(family, name) for name in family.parts),
-        next(iter(family.parts.values())).injector,
-        synthetic=" ".join(dict.fromkeys(s.synthetic for s in family.parts.values() if s.synthetic)),
-    )
+def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple[Score, ...]:
+    """Scores of the mean of what several models predict; none unless all data are maps and there are several models.
 
-
-def _learnt(
-    name: str, shared: Shared, family: Family, joint: Mapping[str, float], errors: Mapping[str, float | None]
-) -> tuple[float, float]:
-    """Value and spread of a parameter for the next part."""
-    widest = max(
-        (p.upper - p.lower) / math.sqrt(12.0)
-        for s in family.parts.values()
-        for p in s.space.parameters
-        if p.name == name
-    )
-    stated = (p.prior for s in family.parts.values() for p in s.space.parameters if p.name == name)
-    prior = next(((own.value, own.sigma) for own in stated if own is not None), None)
-    if shared.share is Share.PER_PART:
-        own = [f"{name}{OF}{part}" for part in family.parts if f"{name}{OF}{part}" in joint]
-        if len(own) == 1:
-            return joint[own[0]], errors[own[0]] or widest
-        errors_of = [math.nan if errors[key] is None else float(errors[key] or 0.0) for key in own]
-        values = [without_prior(joint[key], error, prior) for key, error in zip(own, errors_of, strict=True)]
-        if sum(math.isfinite(error) for _, error in values) < FEWEST:
-            return float(np.mean([joint[key] for key in own])), min(prior[1] if prior else widest, widest)
-        found = over_parts(*np.array(values).T)
-        return found.value, min(found.spread, widest) or widest
-    error = errors[name]
-    return joint[name], min(math.hypot(widest if error is None else error, shared.spread), widest) or widest
-
-
-def _provenance(family: Family, name: str) -> TypePart:
-    study = family.parts[name]
-    sources = "; ".join(dict.fromkeys(d.source for d in study.data if d.role is Role.FIT))
-    return TypePart(name, sources, {path.name: digest for path, digest in study.files.items()})
+    Parameters
+    ----------
+    data : sequence of DataSet
+    scores : sequence of sequence of Score
+        Of each model.
+    """
+    maps = [one for one in data if isinstance(one, QuantityData)]
+    if len(maps) < len(data) or len(scores) < 2:
+        return ()
+    found = []
+    for one, own in zip(maps, zip(*scores, strict=True), strict=True):
+        scored = [score for score in own if isinstance(score, QuantityScore)]
+        quantity = np.mean([score.quantity for score in scored], axis=0)
+        found.append(one.scored(quantity, np.mean([score.dead_time for score in scored], axis=0)))
+    return tuple(found)

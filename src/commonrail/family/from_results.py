@@ -115,7 +115,8 @@ def _over_runs(name: str, own: Sequence[Mapping[str, Any]], source: str, part_sp
     lower, upper = min(p["lower"] for p in own), max(p["upper"] for p in own)
     if len(own) == 1:
         value, spread, why = _of_one(own[0], part_spread)
-        return TypeParameter(name, value, spread, lower, upper, "F", f"{source}; spread: {why}")
+        between = None if part_spread is None else min(part_spread * abs(value), spread)
+        return TypeParameter(name, value, spread, lower, upper, "F", f"{source}; spread: {why}", between)
     errors = [math.nan if p.get("standard_error") is None else p["standard_error"] for p in own]
     found = [without_prior(p["best"], e, _prior_of(p)) for p, e in zip(own, errors, strict=True)]
     sigma = min((p["prior"]["sigma"] for p in own if "prior" in p), default=math.inf)
@@ -160,7 +161,7 @@ def _estimated(
     otherwise : (value, sigma)
         Taken where the data of fewer than two parts hold the parameter; `sigma` is that of a prior, or infinite.
     """
-    known = int(np.isfinite(found).all(axis=0).sum())
+    known, between = int(np.isfinite(found).all(axis=0).sum()), None
     widest = (bounds[1] - bounds[0]) / math.sqrt(12.0)
     if known < FEWEST:
         why = f"held by the data of {known} of {found.shape[1]} parts; spread of the prior or the bounds"
@@ -169,8 +170,9 @@ def _estimated(
         estimate = over_parts(*found)
         why = f"spread over {known} parts"
         value, spread = estimate.value, min(estimate.spread or 1e-6 * widest, widest)  # parts may be exactly alike
+        between = min(estimate.between, spread)
     value = min(max(value, bounds[0]), bounds[1])
-    return TypeParameter(name, value, spread, *bounds, "F", f"{source}; {why}")
+    return TypeParameter(name, value, spread, *bounds, "F", f"{source}; {why}", between)
 
 
 def type_from_fleet(folder: str | Path, name: str) -> InjectorType:

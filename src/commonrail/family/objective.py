@@ -11,6 +11,7 @@ from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.calibration.prior import Priors
 from commonrail.calibration.search import goal_of
+from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
 from commonrail.family.sharing import Sharing
 from commonrail.kinds import Role, of_role
@@ -31,16 +32,18 @@ class FamilyObjective(Objective):
     studies : sequence of Study
         One for each part.
     sharing : Sharing
-    priors : Priors
-        Of the joint parameters.
+    space : Space
+        Of the joint parameters, with their priors.
     threads : int or None
     """
 
-    def __init__(self, studies: Sequence[Study], sharing: Sharing, priors: Priors, threads: int | None = None) -> None:
-        self.sharing, self.names = sharing, sharing.names
-        self.goal = Goal(studies[0].loss, priors, scale=studies[0].loss_scale)
+    def __init__(self, studies: Sequence[Study], sharing: Sharing, space: Space, threads: int | None = None) -> None:
+        self.sharing, self.names, self._reference = sharing, sharing.names, space.reference
         self.parts = [_objective(study, threads) for study in studies]
+        conditions = tuple(condition for study in studies for condition in study.conditions)
+        self.goal = Goal(studies[0].loss, Priors.of(space.parameters), conditions, scale=studies[0].loss_scale)
         self.data = tuple(data for part in self.parts for data in part.data)
+        self.simulator = self.parts[0].simulator
 
     @property
     def threads(self) -> int | None:
@@ -52,20 +55,18 @@ class FamilyObjective(Objective):
         for part in self.parts:
             part.threads = threads
 
-    @property
-    def injections(self) -> int:
-        """Single injections that a candidate takes, of all parts."""
-        return sum(part.injections for part in self.parts)
+    def own_values(self) -> list[float]:
+        """Reference values of the joint parameters [SI]."""
+        return [float(value) for value in self._reference]
 
     def costs(self, values: Floats) -> Scores:
-        """Objective of joint candidates (n, names)."""
-        total, statuses, simulations = self.goal.priors.costs(values), np.zeros(len(values), np.int8), 0
+        """Objective of joint candidates (n, names), SI; one that is simulated once for several counts for each."""
+        total, statuses = self.goal.priors.costs(values), np.zeros(len(values), np.int8)
         for part, (own, which) in zip(self.parts, self._distinct(values), strict=True):
             scores = part.costs(own)
             total = total + scores.costs[which]
             statuses = np.where(statuses == 0, scores.statuses[which], statuses).astype(np.int8)
-            simulations += scores.simulations
-        return Scores(total, statuses, simulations)
+        return Scores(total, statuses, len(values) * self.injections)
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals (n, those of all parts, then priors)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, PlainValidator
 
 from commonrail.arguments import file_path
+from commonrail.calibration.injector_type import InjectorType
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.prior import Prior
 from commonrail.calibration.products import Products
@@ -22,6 +23,7 @@ from commonrail.family.adapt import FLOW
 from commonrail.family.sharing import Share, Shared, Sharing, joint_space
 from commonrail.files.study_file import load_study, method_of
 from commonrail.files.study_models import Optimisers, read_optimisers
+from commonrail.files.type_file import load_type
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import Role, of_role
 from commonrail.kinds.reading import Name
@@ -58,6 +60,7 @@ class _FamilyModel(FileModel):
     title: Text
     allow_outside: bool = False
     seed: int = Field(default=1, ge=0)
+    type: Text | None = None
     part: list[_PartModel] = Field(min_length=2, max_length=MOST_PARTS)
     per_part: list[str] = Field(default=[], max_length=MOST_AROUND)
     around: list[_AroundModel] = Field(default=[], max_length=MOST_AROUND)
@@ -84,6 +87,10 @@ class Family:
         Relation of each parameter that is not common.
     method : Method
     seed : int
+    files : mapping of Path to str
+        SHA-256 of each file that the family was read from, its own first; empty if it was made in Python.
+    text : str
+        The family file as given.
     """
 
     name: str
@@ -94,6 +101,18 @@ class Family:
     shared: Mapping[str, Shared]
     method: Method
     seed: int
+    files: Mapping[Path, str] = field(default_factory=dict)
+    text: str = ""
+
+    @property
+    def same_bits(self) -> bool:
+        """Return whether the result of all parts is the same, bit for bit, on every processor with AVX2 and FMA."""
+        return all(study.same_bits for study in self.parts.values())
+
+    @property
+    def synthetic(self) -> str:
+        """Synthetic parts of the studies, empty if there are none."""
+        return " ".join(dict.fromkeys(study.synthetic for study in self.parts.values() if study.synthetic))
 
 
 def load_family(path: str | Path) -> Family:
@@ -113,13 +132,21 @@ def load_family(path: str | Path) -> Family:
     """
     file = file_path(path, "path of a family")
     at = Place(str(file))
-    model = read_model(_FamilyModel, read_toml(file)[0], at)
-    studies = _studies(model, Reach(file, model.allow_outside), file.parent, at)
+    with noting_files() as own:
+        document, text = read_toml(file)
+    model = read_model(_FamilyModel, document, at)
+    reach = Reach(file, model.allow_outside)
+    with noting_files() as of_type:
+        known = None if model.type is None else load_type(reach.path(file.parent, model.type, at / "type"), reach)
+    studies = {name: _known(study, known) for name, study in _studies(model, reach, file.parent, at).items()}
     shared = _shared(model, studies, at)
     with located(at):
         space, sharing = joint_space({name: study.space for name, study in studies.items()}, shared)
     method = method_of(model.optimiser, space, at / "optimiser")
-    return Family(model.name, model.title, studies, space, sharing, shared, method, model.seed)
+    files = own | of_type
+    for study in studies.values():
+        files |= study.files
+    return Family(model.name, model.title, studies, space, sharing, shared, method, model.seed, files, text)
 
 
 def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict[str, Study]:
@@ -128,16 +155,37 @@ def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict
         place = (at / "part")[i]
         if part.name in found:
             raise (place / "name").error(f'there are two parts "{part.name}"; rename one')
-        with noting_files() as files:
-            study = load_study(reach.path(folder, part.study, place / "study"))
+        if Path(part.name).name != part.name or "\\" in part.name:
+            raise (place / "name").error(f'"{part.name}" is no name of a file, and the part\'s model is written to one')
+        study = load_study(reach.path(folder, part.study, place / "study"))
         if not of_role(study.data, Role.FIT):
             raise (place / "study").error("no data set of this study has role fit")
         if model.flow is not None and not 0.0 < model.flow < 1.0 / FARTHEST:
             raise (at / "flow").error(
                 f'{model.flow:g} is no spread of the hole area; give a share below {100 / FARTHEST:g} %, such as "2 %"'
             )
-        found[part.name] = replace(_with_flow(study, model.flow), files=study.files or files)
+        found[part.name] = _with_flow(study, model.flow)
     return found
+
+
+def _known(study: Study, known: InjectorType | None) -> Study:
+    """The study with values and spreads of a type as starts and priors, in place of its own."""
+    if known is None:
+        return study
+    free = [
+        replace(p, reference=min(max(of.value, p.lower), p.upper), prior=_within(of.prior, p), source=of.source)
+        if (of := known.by_name.get(p.name))
+        else p
+        for p in study.space.parameters
+    ]
+    values = {p.name: p.reference for p in free if p.name in known.by_name}
+    injector = study.injector.with_values(values)
+    return replace(study, injector=injector, space=Space(free, study.space.constraints, study.space.products))
+
+
+def _within(prior: Prior, p: Parameter) -> Prior:
+    """The prior with its value within the bounds."""
+    return replace(prior, value=min(max(prior.value, p.lower), p.upper))
 
 
 def _with_flow(study: Study, spread: float | None) -> Study:

@@ -43,6 +43,7 @@ class _ParameterModel(FileModel):
     upper: InItsUnit
     mark: Mark = "F"
     source: str = UNSTATED.text
+    between: InItsUnit | None = None
 
 
 class _TypeModel(FileModel):
@@ -158,7 +159,8 @@ def _part(part: TypePart) -> dict[str, Any]:
 
 def _parameter(parameter: TypeParameter) -> dict[str, Any]:
     q = parameter_quantities()[parameter.name]
-    numbers = {key: getattr(parameter, key) for key in ("value", "spread", "lower", "upper")}
+    keys = ("value", "spread", "between", "lower", "upper")
+    numbers = {key: getattr(parameter, key) for key in keys if getattr(parameter, key) is not None}
     # float(): a NumPy float writes its type into its repr.
     written = {key: float(v) if q.unit == "1" else f"{float(v)!r} {q.unit}" for key, v in numbers.items()}
     note = f"{to_text(parameter.value, q.unit)} ± {to_text(parameter.spread, q.unit)}: {q.meaning}"

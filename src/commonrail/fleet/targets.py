@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.calibration.search import objective_of
 from commonrail.calibration.study import Study
 from commonrail.errors import CommonrailError
 from commonrail.fleet.journal import FINISHED, Entry, Journal
-from commonrail.store.targets import TARGET, differing, objective_of, other_bits
+from commonrail.store.targets import TARGET, differing, other_bits
 
 __all__ = ["target_warnings"]
 

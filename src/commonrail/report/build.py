@@ -1,4 +1,4 @@
-"""report.html of a run folder: of a calibration, a comparison or a reproduction."""
+"""report.html of a run folder: of a calibration, a joint fit, a comparison or a reproduction."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from commonrail.arguments import file_path
 from commonrail.display.chart import Figure
 from commonrail.display.text import duration, significant
 from commonrail.errors import InputError
+from commonrail.family.run import RECORD as FAMILY
+from commonrail.family.run import read_family_run
 from commonrail.files.analysis_folder import SENSITIVITY, TOLERANCE, read_analysis
 from commonrail.files.atomic import replacing, write_text, writing
 from commonrail.files.comparison_folder import COMPARISON, read_comparison
@@ -24,6 +26,7 @@ from commonrail.files.run_folder import RESULT, TRACES, read_run
 from commonrail.kinds.records import Record
 from commonrail.report.comparison import comparison_html
 from commonrail.report.draw import drawings, figure_html
+from commonrail.report.family import family_html
 from commonrail.report.figures import convergence_figure, figures_of
 from commonrail.report.headline import headline, parameter_lines, synthetic_notes, warning_lines
 from commonrail.report.html import render
@@ -53,7 +56,7 @@ def write_report(folder: str | Path) -> Path:
     Parameters
     ----------
     folder : str or Path
-        Folder that ``commonrail calibrate``, ``compare`` or ``reproduce`` left.
+        Folder that ``commonrail calibrate``, ``family``, ``compare`` or ``reproduce`` left.
 
     Returns
     -------
@@ -72,7 +75,8 @@ def write_report(folder: str | Path) -> Path:
     folder = file_path(folder, "folder")
     if not folder.is_dir():
         raise InputError(
-            f"{folder}: this is no folder; name one that `commonrail calibrate`, `compare` or `reproduce` left."
+            f"{folder}: this is no folder; name one that `commonrail calibrate`, `family`, `compare` or "
+            "`reproduce` left."
         )
     name, verb, make = next((k for k in _KINDS if (folder / k[0]).is_file()), _KINDS[-1])
     with _complete(folder, name, verb):
@@ -156,6 +160,11 @@ def _tolerated(folder: Path) -> str:
     return tolerance_html(record, folder.as_posix() or "DIR")
 
 
+def _fitted_together(folder: Path) -> str:
+    record, traces = read_family_run(folder)
+    return family_html(check_record(record, str(folder), "family"), traces, folder.as_posix() or "RUN")
+
+
 def _has_plates(folder: Path) -> bool:
     return all((folder / PLATE_FOLDER / f"{name}.{kind}").is_file() for name in PLATES for kind in ("svg", "pdf"))
 
@@ -166,6 +175,7 @@ _KINDS: tuple[tuple[str, str, Callable[[Path], str]], ...] = (
     (SENSITIVITY.record, SENSITIVITY.verb, _sensitive),
     (TOLERANCE.record, TOLERANCE.verb, _tolerated),
     (RECORD, "reproduce", _reproduced),
+    (FAMILY, "family", _fitted_together),
     (RESULT, "calibrate", _calibrated),
 )
 

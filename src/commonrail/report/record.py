@@ -26,12 +26,14 @@ _NEEDED = ("title", "seed", "status", "injector", "parameters", "objective", "da
 _COMPARED = ("title", "labels", "models", "differences", "studies", "data")
 _SENSITIVE = ("title", "design", "samples", "ranges", "outputs", "injections", "clock")
 _TOLERATED = ("title", "parts", "injector", "dimensions", "points", "trim", "injections", "clock")
+_JOINT = ("title", "seed", "status", "synthetic", "objective", "parts", "parameters", "generations")
 # by kind of record: its file, who writes it, and the keys that it must have
 _FILES = {
     "calibration": ("result.json", "calibrate", _NEEDED),
     "comparison": ("comparison.json", "compare", _COMPARED),
     "sensitivity": ("sensitivity.json", "sensitivity", _SENSITIVE),
     "tolerance": ("tolerance.json", "tolerance", _TOLERATED),
+    "family": ("family.json", "family", _JOINT),
 }
 
 

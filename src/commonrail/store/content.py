@@ -16,7 +16,7 @@ from commonrail.files.injector_writer import injector_text
 from commonrail.injector.definition import FUEL_TEMPERATURE
 from commonrail.reading.guarded_file import sha256
 
-__all__ = ["content_of", "sha256"]
+__all__ = ["content_of", "fingerprint_of", "sha256"]
 
 
 def content_of(study: Study) -> str:
@@ -64,6 +64,11 @@ def content_of(study: Study) -> str:
     if any(data.meter for data in study.data):
         more += (tuple(data.meter for data in study.data),)
     return sha256(b"\0".join(_pieces((*parts, *more))))
+
+
+def fingerprint_of(*values: Any) -> str:
+    """SHA-256 of values as `content_of` takes them."""
+    return sha256(b"\0".join(_pieces(values)))
 
 
 def _pieces(value: Any) -> Iterator[bytes]:

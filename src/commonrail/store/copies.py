@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,11 @@ from commonrail.reading.guarded_file import read_plain, sha256
 from commonrail.store.content import content_of
 from commonrail.store.journal import JOURNAL, LOCK, Input
 
-__all__ = ["copies_of", "copy_study", "set_in_study", "with_generations"]
+__all__ = ["copies_of", "copy_apart", "copy_study", "places_apart", "set_in_study", "with_generations"]
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
 RESERVED = (STUDY, "calibrated.toml", RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
-_NAMES_A_FILE = ("file", "injector", "type")  # keys of TOML files
+_NAMES_A_FILE = ("file", "injector", "type", "study")  # keys of TOML files
 
 
 def copies_of(study: Study) -> list[str]:
@@ -50,7 +50,7 @@ def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study]:
     """
     if not study.files:
         return [], study
-    inputs = _copy_files(study.files, folder)
+    inputs = _copy_files(study.files, folder, _places(list(study.files)))
     own = load_study(folder / STUDY)
     wanted, text = study.method.evolution.generations, own.text
     if study.seed != own.seed:
@@ -68,12 +68,42 @@ def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study]:
     return [], study
 
 
-def _copy_files(sources: Mapping[Path, str], folder: Path) -> list[Input]:
+def places_apart(sources: Iterable[Path], main: str) -> dict[Path, Path]:
+    """Relative path of each copy: the first file is `main`, all others come into a folder of their own.
+
+    Parameters
+    ----------
+    sources : iterable of Path
+    main : str
+    """
+    return _places(list(sources), main, apart=True)
+
+
+def copy_apart(sources: Mapping[Path, str], folder: Path, main: str) -> list[Input]:
+    """Copy files into a run folder, to `places_apart`.
+
+    Parameters
+    ----------
+    sources : mapping of Path to str
+        SHA-256 of each file.
+    folder : Path
+    main : str
+
+    Raises
+    ------
+    StudyError
+        If a file has changed since it was read.
+    OutputError
+        If a copy cannot be written.
+    """
+    return _copy_files(sources, folder, places_apart(sources, main))
+
+
+def _copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path, Path]) -> list[Input]:
     """Copy files; one below the study's folder keeps its relative path, others come into a folder of their own.
 
     Where a file names another that has a new path, the copy names that one.
     """
-    places = _places(list(sources))
     kept = []
     for source, digest in sources.items():
         content = read_plain(source)
@@ -91,14 +121,14 @@ def _copy_files(sources: Mapping[Path, str], folder: Path) -> list[Input]:
     return kept
 
 
-def _places(sources: list[Path]) -> dict[Path, Path]:
-    """Relative path of each copy; the study's own file comes first."""
+def _places(sources: list[Path], main: str = STUDY, *, apart: bool = False) -> dict[Path, Path]:
+    """Relative path of each copy; the first file is `main`, and if `apart` no other one lies beside it."""
     base = sources[0].parent
-    places = {sources[0]: Path(STUDY)}
+    places = {sources[0]: Path(main)}
     for source in sources[1:]:
         if source.is_relative_to(base):
             place = source.relative_to(base)
-            place = Path(OUTSIDE, place) if place.as_posix().lower() in RESERVED else place
+            place = Path(OUTSIDE, place) if apart or place.as_posix().lower() in RESERVED else place
         else:
             place = Path(OUTSIDE, source.name)
         while place in places.values():

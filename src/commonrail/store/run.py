@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,22 +11,21 @@ from typing import Any
 from commonrail.analysis.identifiability import identify
 from commonrail.analysis.refits import refits_of
 from commonrail.arguments import file_path, flag, instance, thread_count, whole
-from commonrail.calibration.checkpoint import Checkpoint, CheckpointError
-from commonrail.calibration.finished import WrongGenerationError
+from commonrail.calibration.checkpoint import Checkpoint
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS
 from commonrail.calibration.run import Calibration, calibrate
-from commonrail.calibration.search import Progress
+from commonrail.calibration.search import Progress, objective_of
 from commonrail.calibration.study import Study
-from commonrail.errors import CommonrailError, ConfigurationError, StudyError
-from commonrail.files.atomic import PART, write_text, writing
-from commonrail.files.run_folder import STUDY, refuse_used, write_results
+from commonrail.errors import ConfigurationError, StudyError
+from commonrail.files.atomic import write_text
+from commonrail.files.run_folder import STUDY, write_results
 from commonrail.files.study_file import load_study
 from commonrail.reading.guarded_file import sha256
+from commonrail.store.beginning import Copied, begun, ending, refuse_wrong
 from commonrail.store.changes import check_files
 from commonrail.store.content import content_of
 from commonrail.store.copies import copies_of, copy_study, set_in_study, with_generations
-from commonrail.store.faults import trusted
-from commonrail.store.journal import JOURNAL, LOCK, Journal, State, read_about
+from commonrail.store.journal import JOURNAL, Journal
 from commonrail.store.targets import other_targets
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
@@ -104,9 +102,6 @@ def calibrate_into(
         return _run(journal, own, None, listener, threads=threads, workers=workers, strict=strict)
 
 
-WRONG = "wrong"  # fact of a journal: why its generations are not to be trusted
-
-
 def resume(
     folder: str | Path,
     *,
@@ -153,8 +148,7 @@ def resume(
     with Journal(path) as journal:
         if "content" not in journal.about:
             raise StudyError(_nothing_to_resume(path))
-        if reason := journal.about.get(WRONG):
-            raise StudyError(f"{path}: this run cannot be resumed. {reason}")
+        refuse_wrong(journal, path)
         check_files(journal, as_begun)
         own = _study_of(journal, study)
         if generations:
@@ -172,11 +166,11 @@ def _check_how(threads: int | None, workers: Workers | None, listener: Listener)
 
 
 def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener: Listener, **how: Any) -> Calibration:
-    before = other_targets(journal, study, how["threads"]) if checkpoint is not None else ()
+    before = other_targets(journal, study, objective_of(study, how["threads"])) if checkpoint is not None else ()
     for finding in before:
         listener.note(f"warning: {finding.sentence}")
     journal.start_session()
-    with held_interrupts(), _ending(journal):  # once the search has ended, its result is written whatever keys are hit
+    with held_interrupts(), ending(journal):  # once the search has ended, its result is written whatever keys are hit
         calibration = calibrate(
             study,
             progress=listener.progress,
@@ -197,80 +191,22 @@ def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener
 
 
 @contextmanager
-def _ending(journal: Journal) -> Iterator[None]:
-    """Note in the journal what ended a run too early, if that can still be done."""
-    try:
-        yield
-    except CheckpointError as error:
-        raise StudyError(f"{journal.path}: {error}") from error
-    except BaseException as error:
-        stopped = isinstance(error, KeyboardInterrupt)
-        with suppress(CommonrailError):
-            if isinstance(error, WrongGenerationError):
-                journal.describe({WRONG: str(error)})
-            journal.end_session(State.INTERRUPTED if stopped else State.FAILED, "" if stopped else str(error))
-        raise
-
-
-@contextmanager
 def _begun(folder: Path, study: Study) -> Iterator[tuple[Journal, Study]]:
     """A new run's journal and its study, read from the copy in the folder; nothing stays if nothing was simulated."""
-    existed = folder.is_dir()
-    _check_free(folder)
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    with Journal(folder) as journal:
-        if "content" in journal.about:
-            refuse_used(folder)
-        copies = copies_of(study)
-        journal.describe({"copies": json.dumps(copies)})
-        try:
-            inputs, own = copy_study(study, folder)
-            journal.describe(
-                {
-                    "title": study.title,
-                    "given": study.text,
-                    "study": own.text,
-                    "content": content_of(own),
-                    "generations": str(own.method.evolution.generations),
-                },
-                inputs,
-            )
-            yield journal, own
-        except BaseException:
-            if journal.is_in_place and journal.checkpoint() is None:
-                _remove(folder, copies, existed)
-            raise
 
+    def copied() -> Copied[Study]:
+        inputs, own = copy_study(study, folder)
+        facts = {
+            "title": study.title,
+            "given": study.text,
+            "study": own.text,
+            "content": content_of(own),
+            "generations": str(own.method.evolution.generations),
+        }
+        return Copied(own, facts, inputs)
 
-def _check_free(folder: Path) -> None:
-    """Refuse a folder in use, but not what a run left that was killed before it was ready to start."""
-    if not (folder / LOCK).is_file():
-        refuse_used(folder)
-        return
-    copies: list[str] = []
-    with suppress(StudyError):
-        about = read_about(folder)
-        with trusted(folder / JOURNAL):
-            copies = [] if "content" in about else [str(name) for name in json.loads(about.get("copies", "[]"))]
-    own = {folder / name for name in copies}
-    files = [path for path in folder.rglob("*") if not path.is_dir()]
-    if any(not (path in own or path.name.startswith(_LEFT) or path.suffix == PART) for path in files):
-        refuse_used(folder)
-
-
-_LEFT = (JOURNAL, LOCK)  # and what SQLite puts beside them
-
-
-def _remove(folder: Path, copies: list[str], existed: bool) -> None:
-    """Take away what a run has put into a folder, and nothing else."""
-    with suppress(OSError):
-        for path in [folder / name for name in copies] + [p for p in folder.iterdir() if p.name.startswith(_LEFT)]:
-            path.unlink(missing_ok=True)
-        for place in sorted({folder / parent for name in copies for parent in Path(name).parents[:-1]}, reverse=True):
-            place.rmdir()
-        if not existed:
-            folder.rmdir()
+    with begun(folder, copies_of(study), copied) as (journal, own):
+        yield journal, own
 
 
 def _nothing_to_resume(folder: Path) -> str:

@@ -9,19 +9,17 @@ import numpy as np
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.plausibility.finding import found
-from commonrail.calibration.search import Listeners, Search
-from commonrail.calibration.study import Study
+from commonrail.calibration.search import Searched
 from commonrail.compile_target import describe, differences, package_versions
 from commonrail.store.journal import Journal
-from commonrail.workers.interrupt import Wish
 
-__all__ = ["TARGET", "differing", "objective_of", "other_bits", "other_targets"]
+__all__ = ["TARGET", "differing", "other_bits", "other_targets"]
 
 TARGET = "target"  # code of the warning
 TRIED = 8  # candidates that are simulated again: one block of the vectorised loop
 
 
-def other_targets(journal: Journal, study: Study, threads: int | None) -> tuple[Finding, ...]:
+def other_targets(journal: Journal, study: Searched, objective: Objective) -> tuple[Finding, ...]:
     """Warning that a run need not end as one that was never stopped; none where this target finds the same bits.
 
     The best candidate so far, and some beside it, are simulated again and compared bit for bit.
@@ -29,8 +27,9 @@ def other_targets(journal: Journal, study: Study, threads: int | None) -> tuple[
     Parameters
     ----------
     journal : Journal
-    study : Study
-    threads : int or None
+    study : Searched
+    objective : Objective
+        That of the search, on threads of this process.
     """
     records = [*journal.targets, describe().record]
     if study.same_bits:  # whose kernels are for one fixed processor
@@ -38,7 +37,7 @@ def other_targets(journal: Journal, study: Study, threads: int | None) -> tuple[
     text = other_bits(
         differing(records),
         "the best candidates",
-        *_best_again(journal, study, threads),
+        *_best_again(journal, objective),
     )
     cure = "the run need not end as one that was never stopped; resume it where it was begun"
     return (found(TARGET, study.title, f"{text}: {cure}."),) if text else ()
@@ -73,18 +72,13 @@ def other_bits(differing: str, candidates: str, kept: float, here: float) -> str
     return ""
 
 
-def objective_of(study: Study, threads: int | None) -> Objective:
-    """Objective as a search of the study takes it, on threads of this process."""
-    return Search(study, threads, None, Listeners(None, None, Wish())).objective
-
-
-def _best_again(journal: Journal, study: Study, threads: int | None) -> tuple[float, float]:
+def _best_again(journal: Journal, objective: Objective) -> tuple[float, float]:
     """Objective of the best candidate in the journal and here; of the first one beside it if only that differs."""
     trials, costs = journal.best_step()
     chosen = np.argsort(costs, kind="stable")[:TRIED]
     chosen = chosen[np.isfinite(costs[chosen])]
     if not len(chosen):
         return 0.0, 0.0
-    again = objective_of(study, threads).costs(np.ascontiguousarray(trials[chosen])).costs
+    again = objective.costs(np.ascontiguousarray(trials[chosen])).costs
     which = int(np.argmax(again != costs[chosen]))
     return float(costs[chosen][which]), float(again[which])

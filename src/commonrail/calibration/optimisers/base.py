@@ -143,6 +143,11 @@ class Optimiser(ABC):
         """The best feasible point; one at +inf until a simulation has succeeded."""
 
     @property
+    def ends(self) -> tuple[Best, ...]:
+        """Optima of searches side by side, the best first; the best alone where there is one search."""
+        return (self.best,)
+
+    @property
     @abstractmethod
     def population(self) -> FloatArray:
         """Points (n, d) from which another optimiser may go on, SI; no rows before the first step."""

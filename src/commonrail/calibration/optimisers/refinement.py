@@ -69,7 +69,7 @@ class Refinement(Optimiser):
         self.settings, self._before = settings, before
         self._starts = members[diverse_members(space.to_unit(members), costs[usable], count)]
         self._improved: Best | None = None
-        self.ends: FloatArray = np.empty(0)  # costs of the ends
+        self.end_costs: FloatArray = np.empty(0)  # costs of the ends
         self._solving: Generator[FloatArray, FloatArray, Polished] | None = None
 
     @property
@@ -108,7 +108,7 @@ class Refinement(Optimiser):
     def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
         """Go on until the solver has ended; then judge its end."""
         if self._solving is None:
-            self.ends = np.append(self.ends, told[0])
+            self.end_costs = np.append(self.end_costs, told[0])
             if told[0] < self.best.cost:
                 self._improved = Best(trials.x[0], float(told[0]))
             return None
@@ -127,11 +127,11 @@ class Refinement(Optimiser):
 
     def _kept(self) -> dict[str, Any]:
         best, cost = self._improved or (None, None)
-        return {"best": best, "cost": cost, "ends": self.ends.copy()}
+        return {"best": best, "cost": cost, "ends": self.end_costs.copy()}
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         self._solving = self._improved = None
-        self.ends = np.array(state.get("ends", ()), dtype=float)  # earlier versions did not keep them
+        self.end_costs = np.array(state.get("ends", ()), dtype=float)  # earlier versions did not keep them
         best, cost = state["best"], state["cost"]
         if best is None:
             return

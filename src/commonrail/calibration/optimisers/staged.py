@@ -57,6 +57,7 @@ class StagedLeastSquares(Optimiser):
         self._pool, self._pool_costs = empty, np.empty(0)
         self._descents = Descents.begin(empty)
         self._costs = np.empty(0)
+        self._ended_unit, self._ended_costs, self._hopping = empty, np.empty(0), False
         self._stages = len(DIFFERENCES)
         self._best = Best(space.centre.copy(), np.inf)
         self._work: Work | None = None
@@ -74,6 +75,14 @@ class StagedLeastSquares(Optimiser):
     def best(self) -> Best:
         """The best point whose cost is known; the centre of the space, at +inf, until one has succeeded."""
         return self._best
+
+    @property
+    def ends(self) -> tuple[Best, ...]:
+        """Points of the descents from the screened or evolved members; hops, which start near the best, refine it."""
+        unit, costs = (self._ended_unit, self._ended_costs) if self._hopping else (self._descents.unit, self._costs)
+        found = [Best(x, float(cost)) for x, cost in zip(self.space.from_unit(unit), costs, strict=True)]
+        ranked = sorted((end for end in found if np.isfinite(end.cost)), key=lambda end: end.cost)
+        return (self._best, *ranked[1:])
 
     @property
     def population(self) -> FloatArray:
@@ -148,6 +157,8 @@ class StagedLeastSquares(Optimiser):
         if stages == 1 and not descents.running(stages).any():
             descents, stages = self._finalists(), len(DIFFERENCES)
         if not descents.running(stages).any():
+            if not self._hopping:
+                self._ended_unit, self._ended_costs, self._hopping = descents.unit, self._costs, True
             unit = self._near_best()[None, :]
             told = yield _asked(self.space.from_unit(unit), Wanted.COSTS)
             self._begin(unit, told, len(DIFFERENCES))
@@ -200,6 +211,9 @@ class StagedLeastSquares(Optimiser):
             "stages": self._stages,
             "best": self._best.x.copy(),
             "cost": self._best.cost,
+            "ended_unit": self._ended_unit.copy(),
+            "ended_costs": self._ended_costs.copy(),
+            "hopping": self._hopping,
         }
 
     def _restore(self, state: Mapping[str, Any]) -> None:
@@ -213,9 +227,18 @@ class StagedLeastSquares(Optimiser):
         inside = all(np.all(np.abs(points - 0.5) <= 0.5 + 1e-9) for points in (pool, unit, self.space.to_unit(best)))
         if not inside or np.isnan(costs).any():  # to unit coordinates and back rounds
             raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
+        self._restore_ended(state)
         self._pool, self._pool_costs, self._costs = pool, pool_costs, costs
         self._descents = Descents(unit, damping, stage, iteration)
         self._stages, self._best, self._work = int(state["stages"]), Best(best, float(state["cost"])), None
+
+    def _restore_ended(self, state: Mapping[str, Any]) -> None:
+        """Ends of the first descents; states of earlier versions lack them."""
+        unit = np.array(state.get("ended_unit", np.empty((0, self.space.dimension))), dtype=float)
+        costs = np.array(state.get("ended_costs", np.empty(0)), dtype=float)
+        if unit.shape != (len(costs), self.space.dimension):
+            raise ConfigurationError("state: its ends are not whole; take a whole state")
+        self._ended_unit, self._ended_costs, self._hopping = unit, costs, bool(state.get("hopping", False))
 
 
 def capped(cap: float, residuals: FloatArray) -> FloatArray:

@@ -1,0 +1,196 @@
+"""Joint fit of a family in a run folder, and its resumption: progress, result, report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import typer
+
+from commonrail.cli.console import print_json, print_rows, print_table, say
+from commonrail.cli.guard import INTERRUPTED
+from commonrail.cli.progress import Bar
+from commonrail.cli.study_run import stage_of
+from commonrail.units import to_text
+
+if TYPE_CHECKING:
+    from commonrail.calibration.injector_type import InjectorType
+    from commonrail.family.fit import FamilyFit
+    from commonrail.store.run import Listener
+    from commonrail.workers.workers import Workers
+
+__all__ = ["FamilyOutcome", "print_family", "print_type", "resume_run", "run_family", "type_record"]
+
+
+class FamilyOutcome(NamedTuple):
+    """Run folder, its report and the joint fit."""
+
+    folder: Path
+    report: Path
+    fit: FamilyFit
+
+
+def run_family(
+    source: Path, folder: Path, name: str | None, models: Path | None, threads: int | None, workers: Workers | None
+) -> FamilyOutcome:
+    """Fit the parts of a family file together in a new run folder, with progress on stderr.
+
+    Parameters
+    ----------
+    source : Path
+        Family file.
+    folder : Path
+        New or empty.
+    name : str or None
+        Name of the type; None: that of the file.
+    models : Path or None
+        New folder for the injectors of the parts.
+    threads : int or None
+        None: all processors.
+    workers : Workers or None
+        Simulate in place of this process.
+
+    Raises
+    ------
+    InputError, OutputError, StudyError
+        As `commonrail.family.run.fit_into`.
+    """
+    from commonrail.family.run import fit_into
+    from commonrail.family.study import load_family
+    from commonrail.files.injector_file import dump_injector
+    from commonrail.files.run_folder import create_run_folder, refuse_used
+
+    if models is not None:
+        refuse_used(models)
+    family = load_family(source)
+    family = family if name is None else replace(family, name=name)
+    outcome = _told(
+        family.title,
+        folder,
+        lambda listener: fit_into(folder, family, threads=threads, workers=workers, listener=listener),
+    )
+    if models is not None:
+        place = create_run_folder(models)
+        for part, own in outcome.fit.parts.items():
+            dump_injector(own.injector, place / f"{part}.toml", header=f"{family.title}: {part}")
+    return outcome
+
+
+def resume_run(folder: Path, *, as_begun: bool, threads: int | None, workers: Workers | None) -> FamilyOutcome:
+    """Resume a joint fit, with its progress on stderr.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    as_begun : bool
+        Accept files outside the folder that have changed.
+    threads : int or None
+        None: all processors.
+    workers : Workers or None
+        Simulate in place of this process.
+
+    Raises
+    ------
+    StudyError, OutputError
+        As `commonrail.family.run.resume_family`.
+    """
+    from commonrail.family.run import resume_family
+
+    def resumed(listener: Listener) -> FamilyFit:
+        return resume_family(folder, as_begun=as_begun, threads=threads, workers=workers, listener=listener)
+
+    return _told(f"resuming {folder}", folder, resumed)
+
+
+def _told(title: str, folder: Path, work: Callable[[Listener], FamilyFit]) -> FamilyOutcome:
+    from commonrail.report.build import write_report
+    from commonrail.store.run import Listener
+    from commonrail.workers.interrupt import held_interrupts
+
+    with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
+        with Bar(title) as bar:
+            fit = work(Listener(lambda p: bar.show(stage_of(p)), bar.note))
+        return FamilyOutcome(folder, write_report(folder), fit)
+
+
+def print_family(outcome: FamilyOutcome, json: bool, out: Path) -> None:
+    """Print the figures of a joint fit; exit status 130 if it was stopped.
+
+    Parameters
+    ----------
+    outcome : FamilyOutcome
+    json : bool
+        Print one record instead of tables.
+    out : Path
+        The type file.
+    """
+    from commonrail.family.result import TEXTS, parts_data
+    from commonrail.report.tables import tables_of
+
+    fit, folder = outcome.fit, outcome.folder
+    if json:
+        print_json(type_record(fit.injector_type, out) | _record_of(outcome))
+    else:
+        for part, data in parts_data(fit).items():
+            typer.echo(part)
+            for table in tables_of(data, TEXTS):
+                print_table(table)
+        print_type(fit.injector_type)
+        typer.echo(f"report: {outcome.report}")
+    if fit.injector_type.injector is None:
+        say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
+    say(f"wrote {out}")
+    if fit.status == "interrupted":
+        say(
+            f"commonrail: interrupted; the best values so far are in {folder}. `commonrail resume {folder}` resumes "
+            "the run."
+        )
+        raise typer.Exit(INTERRUPTED)
+
+
+def _record_of(outcome: FamilyOutcome) -> dict[str, Any]:
+    from commonrail.family.result import parts_data
+
+    fit = outcome.fit
+    data = parts_data(fit)
+    return {
+        "run": str(outcome.folder),
+        "report": str(outcome.report),
+        "status": fit.status,
+        "cost": fit.cost,
+        "injections": fit.simulations,
+        "joint": dict(fit.joint),
+        "fits": {name: {"best": dict(part.best), "data": data[name]} for name, part in fit.parts.items()},
+    }
+
+
+def type_record(found: InjectorType, out: Path) -> dict[str, Any]:
+    """Record of a type for ``--json``.
+
+    Parameters
+    ----------
+    found : InjectorType
+    out : Path
+        Its file.
+    """
+    parts = [{"name": p.name, "source": p.source, "injectors": p.injectors} for p in found.parts]
+    values = [
+        {"name": p.name, "value": p.value, "spread": p.spread, "lower": p.lower, "upper": p.upper, "source": p.source}
+        for p in found.parameters
+    ]
+    head = {"schema": 1, "kind": "type", "type": str(out), "name": found.name, "synthetic": found.synthetic}
+    return {**head, "parts": parts, "parameters": values}
+
+
+def print_type(found: InjectorType) -> None:
+    """Print the parameters of a type with their spreads."""
+    from commonrail.injector.definition import parameter_quantities
+
+    if found.synthetic:
+        typer.echo(f"SYNTHETIC: {found.synthetic}")
+    units = {name: q.unit for name, q in parameter_quantities().items()}
+    rows = [[p.name, to_text(p.value, units[p.name]), to_text(p.spread, units[p.name])] for p in found.parameters]
+    print_rows(["parameter", "value", "spread"], rows, found.title, texts=1)
