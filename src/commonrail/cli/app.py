@@ -18,6 +18,7 @@ from commonrail.cli.doctor import doctor
 from commonrail.cli.family import family
 from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
+from commonrail.cli.map import map_
 from commonrail.cli.new import new
 from commonrail.cli.report import report
 from commonrail.cli.reproduce import reproduce
@@ -51,6 +52,7 @@ _VERBS = (
     fleet,
     family,
     adapt,
+    map_,
     report,
     verify,
     catalogue,
@@ -61,7 +63,7 @@ _VERBS = (
     doctor,
 )
 for _verb in _VERBS:
-    app.command(_verb.__name__.replace("_", "-"))(guarded(_verb))
+    app.command(_verb.__name__.strip("_").replace("_", "-"))(guarded(_verb))
 
 
 def _print_version(wanted: bool) -> None:

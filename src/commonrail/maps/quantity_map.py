@@ -13,7 +13,7 @@ from commonrail.injector.definition import Injector
 from commonrail.maps.axes import MapAxes
 from commonrail.maps.choices import CellState
 from commonrail.maps.inverse import Inverse, Rules, invert
-from commonrail.maps.response import Conditions, density_at, respond
+from commonrail.maps.response import Conditions, density_at, require_some, respond
 from commonrail.maps.samples import Fall, Line, falls_of, knots_of
 
 __all__ = ["BALLISTIC", "InjectionMap", "injection_map", "usual_axes"]
@@ -141,5 +141,6 @@ def _sampled(injector: Injector, axes: MapAxes, conditions: Conditions, tell: Ca
     tell(f"simulating {len(knots)} energising times at {len(axes.rail_pressure)} rail pressures ...")
     rail, time = np.meshgrid(axes.rail_pressure, knots, indexing="ij")
     found = respond(injector, rail, time, conditions)
+    require_some(injector, [conditions.point(float(rail[-1, 0]), float(knots[-1]))], found, conditions)
     rows = zip(axes.rail_pressure.tolist(), found.volume, found.lift, strict=True)
     return [Line(pressure, knots, volume, lift) for pressure, volume, lift in rows]

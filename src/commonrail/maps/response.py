@@ -17,7 +17,7 @@ from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.errors import SimulationError
 from commonrail.injector.definition import Injector
 
-__all__ = ["Conditions", "Response", "density_at", "respond", "simulate_points"]
+__all__ = ["Conditions", "Response", "density_at", "require_some", "respond", "simulate_points"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -99,8 +99,6 @@ def respond(injector: Injector, rail_pressure: Floats, energising_time: Floats, 
     ------
     ConfigurationError
         If a point lies outside what the injector's model covers.
-    SimulationError
-        If not a single injection could be simulated.
     """
     pairs = zip(rail_pressure.ravel().tolist(), energising_time.ravel().tolist(), strict=True)
     found = simulate_points(injector, [conditions.point(rail, time) for rail, time in pairs], conditions)
@@ -116,23 +114,37 @@ def simulate_points(injector: Injector, points: Sequence[OperatingPoint], condit
     points : sequence of OperatingPoint
     conditions : Conditions
         Time step and number of threads; the pressures are those of the points.
+    """
+    volume, lift, status = _simulated(injector, points, conditions)
+    open_ = np.flatnonzero(status == STILL_INJECTING).tolist()
+    if open_:
+        longer = [replace(points[i], horizon=_last_end(points[i]) + LONGEST_AFTER) for i in open_]
+        volume[open_], lift[open_], status[open_] = _simulated(injector, longer, conditions)
+    return Response(np.where(status == OK, volume, np.nan), lift)
+
+
+def require_some(injector: Injector, points: Sequence[OperatingPoint], found: Response, conditions: Conditions) -> None:
+    """Refuse a response without a single sound simulation, with the reason of its first one.
+
+    Parameters
+    ----------
+    injector : Injector
+    points : sequence of OperatingPoint
+    found : Response
+    conditions : Conditions
 
     Raises
     ------
     SimulationError
-        If none of them could be simulated.
+        If all of them failed.
     """
-    volume, lift, status = _simulated(injector, points, conditions)
-    open_ = np.flatnonzero(status == STILL_INJECTING)
-    if len(open_):
-        longer = [replace(points[int(i)], horizon=_last_end(points[i]) + LONGEST_AFTER) for i in open_]
-        volume[open_], lift[open_], status[open_] = _simulated(injector, longer, conditions)
-    if not np.any(status == OK):
+    if np.all(np.isnan(found.volume)):
+        status = _simulated(injector, points[:1], conditions)[2]
         raise SimulationError(f"{injector.name}: no point could be simulated. {Status(int(status[0])).sentence}")
-    return Response(np.where(status == OK, volume, np.nan), lift)
 
 
 def _last_end(point: OperatingPoint) -> float:
+    """End of the last energising [s]."""
     last = point.pulses[-1]
     return last.start + last.duration
 
