@@ -47,7 +47,9 @@ def test_a_fall_of_some_tens_of_microseconds_cannot_hide_between_the_times() -> 
 def test_falls_are_found_from_their_largest_to_their_smallest_quantity(
     volumes: list[float], falls: list[tuple[float, ...]]
 ) -> None:
-    found = [(f.start / US, f.end / US, f.high / MM3, f.low / MM3) for f in falls_of(line([10, 20, 30, 40, 50], volumes))]
+    found = [
+        (f.start / US, f.end / US, f.high / MM3, f.low / MM3) for f in falls_of(line([10, 20, 30, 40, 50], volumes))
+    ]
     assert [pytest.approx(f) for f in falls] == found
 
 

@@ -7,21 +7,24 @@ wanted one, so that every number that is not named otherwise has been simulated.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.injector.definition import Injector
 from commonrail.maps.choices import Beyond, CellState, Several
-from commonrail.maps.response import Conditions, Response, respond
+from commonrail.maps.response import Response
 from commonrail.maps.samples import Line, falls_of
 
-__all__ = ["TOLERANCE", "Inverse", "Rules", "invert"]
+__all__ = ["NARROWEST", "TOLERANCE", "Inverse", "Rules", "invert"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 States = NDArray[np.int64]
+
+# Responses (n,) of lines, given by their indices (n,), at energising times (n,) [s].
+Simulate = Callable[[NDArray[np.intp], Floats], Response]
 
 TOLERANCE = 0.01e-9  # of a delivered quantity [m³]
 NARROWEST = 10e-9  # bracket within which a quantity that is not met has been jumped over [s]; control units have 100 ns
@@ -63,24 +66,23 @@ class _Cells(NamedTuple):
         return _Cells(self.place[:, kept], self.wanted[kept], self.time[:, kept], self.miss[:, kept])
 
 
-def invert(
-    injector: Injector, lines: list[Line], quantity: Floats, conditions: Conditions, rules: Rules
-) -> tuple[Inverse, list[Line]]:
-    """Energising times for quantities at the rail pressures of lines.
+def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules) -> tuple[Inverse, list[Line]]:
+    """Energising times for quantities at each of some lines.
 
     Parameters
     ----------
-    injector : Injector
+    simulate : function
+        Simulates lines, given by their indices (n,), at energising times (n,) [s].
     lines : list of Line
-        Samples at each rail pressure.
+        Samples of each line.
     quantity : (k,)
         Wanted volumes [m³].
-    conditions : Conditions
     rules : Rules
 
     Returns
     -------
     inverse : Inverse
+        (lines, quantities).
     lines : list of Line
         With the samples that the search has added.
     """
@@ -95,7 +97,7 @@ def invert(
     if open_:
         place = np.array([cell for cell, _ in open_], np.intp).T
         around = np.array([found for _, found in open_]).transpose(1, 2, 0)
-        lines = _searched(injector, found, lines, _Cells(place, quantity[place[1]], around[0], around[1]), conditions)
+        lines = _searched(simulate, found, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
     _mark_several(found, lines, quantity)
     return found, lines
 
@@ -129,17 +131,14 @@ def _beyond(time: Floats, miss: Floats, rule: Beyond) -> float:
     return float(time[-1] - miss[-1] / slope)
 
 
-def _searched(
-    injector: Injector, found: Inverse, lines: list[Line], cells: _Cells, conditions: Conditions
-) -> list[Line]:
+def _searched(simulate: Simulate, found: Inverse, lines: list[Line], cells: _Cells) -> list[Line]:
     """Search all open cells in `found`; return the lines with the samples that were simulated."""
-    pressures = np.array([line.rail_pressure for line in lines])
     seen: list[tuple[NDArray[np.intp], Floats, Response]] = []
     while cells.place.size:
         near, far, _ = cells.time
         narrow = np.abs(far - near) <= NARROWEST
         time = np.where(narrow, np.maximum(near, far), near + _share(cells, first=not seen) * (far - near))
-        response = respond(injector, pressures[cells.place[0]], time, conditions)
+        response = simulate(cells.place[0], time)
         seen.append((cells.place[0], time, response))
         miss = response.volume - cells.wanted
         done = (np.abs(miss) <= TOLERANCE) | narrow | ~np.isfinite(miss)

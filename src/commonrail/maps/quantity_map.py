@@ -118,7 +118,9 @@ def injection_map(
     forward = [line.at(axes.energising_time) for line in lines]
     volume = np.array([found.volume for found in forward])
     tell(f"inverting {len(axes.rail_pressure)} × {len(axes.quantity)} cells ...")
-    inverse, lines = invert(injector, lines, axes.quantity, conditions, rules)
+    inverse, lines = invert(
+        lambda rows, times: respond(injector, axes.rail_pressure[rows], times, conditions), lines, axes.quantity, rules
+    )
     full = np.array([np.nanmax(line.lift, initial=0.0) for line in lines])[:, None]
     return InjectionMap(
         injector,
