@@ -59,7 +59,13 @@ def test_dcm_has_the_form_of_the_format(tmp_path: Path) -> None:
 
 
 def test_numbers_have_a_point_and_no_exponent() -> None:
-    assert [number_text(v) for v in (1e7, 0.1, -0.0, 1e-5, 123.456)] == ["10000000.0", "0.1", "0.0", "0.00001", "123.456"]
+    assert [number_text(v) for v in (1e7, 0.1, -0.0, 1e-5, 123.456)] == [
+        "10000000.0",
+        "0.1",
+        "0.0",
+        "0.00001",
+        "123.456",
+    ]
 
 
 @pytest.mark.parametrize(

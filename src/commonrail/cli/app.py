@@ -25,6 +25,7 @@ from commonrail.cli.reproduce import reproduce
 from commonrail.cli.resume import resume
 from commonrail.cli.runs import runs
 from commonrail.cli.simulate import simulate
+from commonrail.cli.sweep import sweep
 from commonrail.cli.validate import validate
 from commonrail.cli.verify import verify
 from commonrail.cli.virtual_bench import virtual_bench
@@ -53,6 +54,7 @@ _VERBS = (
     family,
     adapt,
     map_,
+    sweep,
     report,
     verify,
     catalogue,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,10 +11,21 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError
 from commonrail.maps.choices import CellState
+from commonrail.maps.compensation import Compensation
 from commonrail.maps.quantity_map import InjectionMap
 from commonrail.units import convert
 
-__all__ = ["ECU_UNITS", "Axis", "MapTable", "MapUnits", "check_label", "inverse_table", "quantity_table"]
+__all__ = [
+    "ECU_UNITS",
+    "Axis",
+    "MapTable",
+    "MapUnits",
+    "check_label",
+    "compensation_tables",
+    "inverse_table",
+    "notes_of",
+    "quantity_table",
+]
 
 Floats = NDArray[np.float64]
 
@@ -143,6 +154,34 @@ def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) 
         tuple(map(tuple, states)),
         notes_of(found),
     )
+
+
+def compensation_tables(found: Compensation, label: str, units: MapUnits = ECU_UNITS) -> list[MapTable]:
+    """Energising time of the second injection over rail pressure (x) and quantity (y), a table for each dwell.
+
+    Parameters
+    ----------
+    found : Compensation
+    label : str
+        The dwell in µs joins it: ``label_600us``.
+    units : MapUnits
+
+    Raises
+    ------
+    InputError
+        As `inverse_table`.
+    """
+    tables = []
+    for dwell, inverse in zip(found.dwell.tolist(), found.inverses, strict=True):
+        ballistic = np.zeros(inverse.state.shape, bool)
+        own = inverse_table(replace(found.alone, inverse=inverse, inverse_ballistic=ballistic), label, units)
+        pause = (
+            f"dwell {dwell * 1e6:g} us from the end of the first energising ({found.first_energising_time * 1e6:g} us)"
+        )
+        title = f"Energising time of the second injection of {found.alone.injector.name}, {pause}"
+        name = check_label(f"{label}_{dwell * 1e6:g}us".replace(".", "_"))
+        tables.append(replace(own, label=name, title=title, notes=(*own.notes, f"second injection: {pause}")))
+    return tables
 
 
 def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:

@@ -73,10 +73,10 @@ def map_lines(found: Mapping[str, InjectionMap], compared: Comparison | None = N
     """
     lines = [sentence for label, m in found.items() for sentence in _lines(label if len(found) > 1 else "", m)]
     if compared is not None:
+        large, small = significant(100.0 * compared.rms_large, 3), significant(compared.rms_small * MM3, 3)
+        count = len(compared.measured.volume)
         lines.append(
-            f"Against {len(compared.measured.volume)} measured quantities of {compared.source}: rms "
-            f"{significant(100.0 * compared.rms_large, 3)} % above 3 mm³, {significant(compared.rms_small * MM3, 3)} mm³"
-            " below."
+            f"Against {count} measured quantities of {compared.source}: rms {large} % above 3 mm³, {small} mm³ below."
         )
     return lines
 
