@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.maps.axes import MapAxes
 from commonrail.maps.inverse import Inverse, Rules, invert
 from commonrail.maps.quantity_map import InjectionMap, injection_map
-from commonrail.maps.response import Conditions, Response, respond
+from commonrail.maps.response import Conditions, Response
 from commonrail.maps.samples import Line, knots_of
 from commonrail.maps.sweep import Base, fused_of, run_points
 
@@ -84,15 +85,16 @@ def compensation(
         raise ConfigurationError("The first energising time must be greater than zero, the dwells zero or greater.")
     alone = injection_map(injector, axes, conditions, rules)
     pressures, count = axes.rail_pressure, len(axes.rail_pressure)
-    first = respond(injector, pressures, np.full(count, first_energising_time), conditions).volume
+    first = _first(injector, pressures, first_energising_time, conditions)
     rows_pressure, rows_dwell = np.tile(pressures, len(dwell)), np.repeat(dwell, count)
-    rows_first = np.tile(first, len(dwell))
+    rows_first, delay = np.tile(first.injected_volume[0], len(dwell)), np.tile(first.opening[0], len(dwell))
 
     def simulate(rows: NDArray[np.intp], times: Floats) -> Response:
         places = zip(rows_pressure[rows].tolist(), rows_dwell[rows].tolist(), times.tolist(), strict=True)
         points = [Base(p, t, first_energising_time, pause, conditions).point({}) for p, pause, t in places]
         found = run_points(injector, points, (), None, conditions)
-        apart = ~fused_of(found, first_energising_time + rows_dwell[rows])[0] & (found.status[0] == OK)
+        fused = fused_of(found, first_energising_time + rows_dwell[rows], delay[None, rows])[0]
+        apart = ~fused & (found.status[0] == OK)
         return Response(np.where(apart, found.injected_volume[0] - rows_first[rows], np.nan), found.greatest_lift[0])
 
     knots = knots_of(axes.energising_time)
@@ -105,6 +107,12 @@ def compensation(
     parts = [_rows(inverse, slice(i * count, (i + 1) * count)) for i in range(len(dwell))]
     times = np.array([part.energising_time for part in parts])
     return Compensation(alone, first_energising_time, dwell, times, tuple(parts))
+
+
+def _first(injector: Injector, rail_pressure: Floats, time: float, conditions: Conditions) -> Batch:
+    """First injections alone, at each rail pressure."""
+    points = [Base(rail, time, 0.0, 0.0, conditions).point({}) for rail in rail_pressure.tolist()]
+    return run_points(injector, points, (), None, conditions)
 
 
 def _rows(inverse: Inverse, rows: slice) -> Inverse:
@@ -133,10 +141,14 @@ def fusion_dwell(
     """
     low, high = np.zeros(len(rail_pressure)), np.full(len(rail_pressure), longest)
 
+    delay = _first(injector, rail_pressure, times[0], conditions).opening
+
     def fused(dwell: Floats) -> NDArray[np.bool_]:
         places = zip(rail_pressure.tolist(), dwell.tolist(), strict=True)
         points = [Base(rail, times[1], times[0], pause, conditions).point({}) for rail, pause in places]
-        found: NDArray[np.bool_] = fused_of(run_points(injector, points, (), None, conditions), times[0] + dwell)[0]
+        found: NDArray[np.bool_] = fused_of(
+            run_points(injector, points, (), None, conditions), times[0] + dwell, delay
+        )[0]
         return found
 
     beyond, never = fused(high), ~fused(low)

@@ -172,17 +172,15 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     values = np.array(list(_product(own))) if own else None
     both = run_points(injector, [base.point(p) for p in points], own, values, base.conditions)
     two = _two(base, variables)
-    alone = np.full(both.injected_mass.shape, np.nan)
-    if two:
-        first = run_points(injector, [base.point(p, alone=True) for p in points], own, values, base.conditions)
-        alone = np.where(first.status == OK, first.injected_volume, np.nan)
     total = np.where(both.status == OK, both.injected_volume, np.nan)
     if np.all(np.isnan(total)):
         raise SimulationError(f"{injector.name}: no point of the sweep could be simulated; check its operating points.")
-    starts = np.array([base.point(p).pulses[-1].start for p in points])
-    fused = fused_of(both, starts) if two else np.zeros(total.shape, bool)
+    alone, fused = np.full(total.shape, np.nan), np.zeros(total.shape, bool)
+    if two:
+        first = run_points(injector, [base.point(p, alone=True) for p in points], own, values, base.conditions)
+        alone = np.where(first.status == OK, first.injected_volume, np.nan)
+        fused = fused_of(both, np.array([base.point(p).pulses[-1].start for p in points]), first.opening)
     second = np.where(fused, np.nan, total - alone)
-
     sizes = [len(v.values) for v in (*own, *moving)]
     order = [[v.name for v in (*own, *moving)].index(v.name) for v in variables]
 
@@ -218,20 +216,20 @@ def _product(variables: Sequence[Variable]) -> list[tuple[float, ...]]:
     return list(itertools.product(*(v.values.tolist() for v in variables)))
 
 
-def fused_of(batch: Batch, starts: Floats) -> Bools:
+def fused_of(batch: Batch, starts: Floats, delay: Floats) -> Bools:
     """Simulations (candidates, points) whose needle is open when the second of two energisings would open it.
 
-    The first injection tells the delay from energising to opening. A needle that bounces when it closes counts as one
-    that closes once.
+    A needle that bounces when it closes counts as one that closes once.
 
     Parameters
     ----------
     batch : Batch
     starts : (points,)
         Starts of the second energising [s]; the first one starts at 0.
+    delay : (candidates, points)
+        From energising to opening, as the first injection alone has it [s]; NaN where it stays shut.
     """
-    delay = batch.opening
-    return np.asarray((delay < starts) & (batch.first_closing > starts + delay)) | (starts <= delay)
+    return np.asarray(np.isfinite(delay) & (batch.first_closing > starts + delay))
 
 
 def run_points(
