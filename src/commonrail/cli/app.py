@@ -18,6 +18,7 @@ from commonrail.cli.doctor import doctor
 from commonrail.cli.family import family
 from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
+from commonrail.cli.inspect import inspect
 from commonrail.cli.map import map_
 from commonrail.cli.new import new
 from commonrail.cli.report import report
@@ -55,6 +56,7 @@ _VERBS = (
     adapt,
     map_,
     sweep,
+    inspect,
     report,
     verify,
     catalogue,
