@@ -25,6 +25,7 @@ ROUNDING = 1e-14
 def registry() -> pint.UnitRegistry:
     made = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
     made.define("stroke = count")
+    made.define("inj = count")
     return made
 
 

@@ -219,7 +219,8 @@ def _pint() -> tuple[Any, dict[str, str]]:
     import pint
 
     registry: Any = pint.UnitRegistry()
-    registry.define("stroke = count")
+    for per in ("stroke", "inj"):
+        registry.define(f"{per} = count")
     named = {kind: re.sub(r"(?<=[A-Za-z])(\d+)", r"**\1", kind) for kind in FACTORS}
     bases = {str(registry.Quantity(1, text).to_base_units().units): k for k, text in named.items()}
     return registry, bases | {"radian": "1"}

@@ -18,6 +18,8 @@ from commonrail.cli.doctor import doctor
 from commonrail.cli.family import family
 from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
+from commonrail.cli.inspect import inspect
+from commonrail.cli.map import map_
 from commonrail.cli.new import new
 from commonrail.cli.optimisers import optimisers
 from commonrail.cli.report import report
@@ -26,6 +28,7 @@ from commonrail.cli.resume import resume
 from commonrail.cli.runs import runs
 from commonrail.cli.sensitivity import sensitivity
 from commonrail.cli.simulate import simulate
+from commonrail.cli.sweep import sweep
 from commonrail.cli.tolerance import tolerance
 from commonrail.cli.validate import validate
 from commonrail.cli.verify import verify
@@ -56,6 +59,9 @@ _VERBS = (
     adapt,
     sensitivity,
     tolerance,
+    map_,
+    sweep,
+    inspect,
     report,
     verify,
     catalogue,
@@ -67,7 +73,7 @@ _VERBS = (
     doctor,
 )
 for _verb in _VERBS:
-    app.command(_verb.__name__.replace("_", "-"))(guarded(_verb))
+    app.command(_verb.__name__.strip("_").replace("_", "-"))(guarded(_verb))
 
 
 def _print_version(wanted: bool) -> None:

@@ -14,7 +14,7 @@ from plotly.subplots import make_subplots
 
 from commonrail.display.chart import Band, Bars, Boxes, Figure, Panel, Series
 
-__all__ = ["draw", "drawings", "figure_html", "plotly_script"]
+__all__ = ["canvas_html", "draw", "drawings", "figure_html", "page_layout", "plotly_script"]
 
 INK, SOFT, GRID = "#1d2733", "#586472", "#e3e7eb"
 ROUNDING = 1e-9  # of the largest value; differences of sums of doubles stay below
@@ -76,13 +76,12 @@ def figure_html(figure: Figure, key: str, height: int = 0) -> str:
     height : int
         [px]; by default what its panels need.
     """
-    fragment: str = pio.to_html(
-        draw(figure, height or 300 + 110 * (len(figure.panels) - 1)),
-        config=_CONFIG,
-        include_plotlyjs=False,
-        full_html=False,
-        div_id=key,
-    )
+    return canvas_html(draw(figure, height or 300 + 110 * (len(figure.panels) - 1)), key)
+
+
+def canvas_html(canvas: go.Figure, key: str) -> str:
+    """Element of a page that shows a plotly figure, with the identifier `key`."""
+    fragment: str = pio.to_html(canvas, config=_CONFIG, include_plotlyjs=False, full_html=False, div_id=key)
     return fragment
 
 
@@ -117,7 +116,7 @@ def draw(figure: Figure, height: int) -> go.Figure:
             canvas.update_yaxes(_rows(panel.rows), row=row, col=1)
     canvas.update_xaxes(showgrid=True, gridcolor=GRID, linecolor=INK, ticks="outside", zeroline=False)
     canvas.update_xaxes(title_text=_plain(figure.x_title), row=count, col=1)
-    canvas.update_layout(_layout(height))
+    canvas.update_layout(page_layout(height))
     return canvas
 
 
@@ -266,7 +265,8 @@ def _y_axis(panel: Panel) -> dict[str, Any]:
     }
 
 
-def _layout(height: int) -> dict[str, Any]:
+def page_layout(height: int) -> dict[str, Any]:
+    """Layout that all figures of a page share; `height` [px]."""
     return {
         "template": "none",
         "height": height,

@@ -1,0 +1,102 @@
+"""Axes on the command line: lists and ranges of values with their unit."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.errors import InputError
+from commonrail.units import compatible, parse
+
+__all__ = ["read_axis", "read_quantities"]
+
+MOST_VALUES = 200
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+
+
+def read_axis(text: str, unit: str, option: str) -> NDArray[np.float64]:
+    """Values (n,) of an axis in `unit`.
+
+    Parameters
+    ----------
+    text : str
+        ``"20,40,80MPa"``, ``"20MPa, 400bar"`` or a range ``"20:180:10MPa"`` of first value, last value and step. A unit
+        at the end holds for the values before it that have none.
+    unit : str
+        SI unit of the result.
+    option : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be read, or there are none or too many.
+    """
+    if ":" in text:
+        return _range(text, unit, option)
+    values = np.array([parse(part, unit, option) for part in _with_units(text.split(","), option)])
+    if len(values) > MOST_VALUES:
+        raise InputError(f"{option}: there are {len(values)} values, and at most {MOST_VALUES} are taken.")
+    return values
+
+
+def _range(text: str, unit: str, option: str) -> NDArray[np.float64]:
+    parts = text.split(":")
+    if len(parts) != 3:
+        raise InputError(f'{option} "{text}": a range is FIRST:LAST:STEP, such as 20:180:10MPa.')
+    first, last, step = (parse(part, unit, option) for part in _with_units(parts, option))
+    if not (step > 0.0 and last >= first):
+        raise InputError(
+            f'{option} "{text}": the step of a range must be greater than zero, the last value not smaller.'
+        )
+    count = int(np.floor((last - first) / step * (1.0 + 1e-9) + 1e-9)) + 1
+    if count > MOST_VALUES:
+        raise InputError(f'{option} "{text}": the range has {count} values, and at most {MOST_VALUES} are taken.')
+    return np.array([float(f"{first + step * i:.12g}") for i in range(count)])
+
+
+def _with_units(parts: list[str], option: str) -> list[str]:
+    """Texts with a unit each, taken from the next one that has one."""
+    found: list[str] = []
+    unit = ""
+    for part in reversed(parts):
+        match = _NUMBER.fullmatch(part)
+        if match is None:
+            raise InputError(
+                f'{option}: "{part.strip()}" is not a number with a unit; write a list such as 20,40,80MPa.'
+            )
+        unit = match[2] or unit
+        found.append(f"{match[1]} {unit}")
+    return found[::-1]
+
+
+def read_quantities(text: str, density: float, option: str) -> NDArray[np.float64]:
+    """Quantities (n,) by volume [m³]; masses are divided by the reference density.
+
+    Parameters
+    ----------
+    text : str
+        As `read_axis` takes it.
+    density : float
+        [kg/m³].
+    option : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        As `read_axis`.
+    """
+    unit = _NUMBER.fullmatch(re.split("[,:]", text)[-1])
+    if unit is not None and unit[2] and _is_mass(unit[2]):
+        return read_axis(text, "kg", option) / density
+    return read_axis(text, "m3", option)
+
+
+def _is_mass(unit: str) -> bool:
+    try:
+        return compatible(unit, "kg")
+    except InputError:
+        return False

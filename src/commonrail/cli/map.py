@@ -1,0 +1,210 @@
+"""commonrail map: quantity over pressure and energising time, and its inverse, for people and for control units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.options import Json, Threads, with_overrides
+from commonrail.cli.output import check_file
+from commonrail.errors import InputError
+from commonrail.files.atomic import write_text, writing
+from commonrail.maps.choices import Beyond, Several
+from commonrail.units import parse
+
+if TYPE_CHECKING:
+    from commonrail.injector.definition import Injector
+    from commonrail.maps.axes import MapAxes
+    from commonrail.maps.difference import Comparison
+    from commonrail.maps.quantity_map import InjectionMap
+    from commonrail.maps.response import Conditions
+    from commonrail.maps.table import MapTable, MapUnits
+
+__all__ = ["map_"]
+
+INVERSE, QUANTITY = "tiEnergising", "qInjected"  # labels where none is given
+READABLE = ("MPa", "mm3", "us")  # units of files that people read
+
+
+def map_(
+    models: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="MODEL...",
+            help="One model, or two to be compared: an injector file, a name of the catalogue, or a run folder.",
+        ),
+    ],
+    *,
+    rail_pressure: Annotated[
+        str | None,
+        typer.Option(help="Rail pressures, e.g. 20:180:10MPa or 20,40,80MPa. [default: 16 from 20 to 180 MPa]"),
+    ] = None,
+    quantity: Annotated[
+        str | None,
+        typer.Option(help="Quantities of the inverse, e.g. 0,0.5,1,5mm3 or 1,2mg. [default: 18 from 0 to 80 mm3]"),
+    ] = None,
+    energising_time: Annotated[
+        str | None,
+        typer.Option(help="Energising times; the last is the longest simulated. [default: 20 from 100 us to 2 ms]"),
+    ] = None,
+    axes: Annotated[
+        Path | None, typer.Option(metavar="FILE.dcm", help="DCM file whose first map gives pressures and quantities.")
+    ] = None,
+    cylinder_pressure: Annotated[str, typer.Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
+    return_pressure: Annotated[
+        str, typer.Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")
+    ] = "0.5MPa",
+    time_step: Annotated[str, typer.Option(help="Time step, e.g. 1us.")] = "1us",
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PATH=VALUE", help="Value of a parameter of all models; repeatable."),
+    ] = None,
+    several: Annotated[
+        Several, typer.Option(help="Energising time where several deliver a quantity.")
+    ] = Several.SHORTEST,
+    unreachable: Annotated[
+        Beyond, typer.Option(help="Rule for quantities that the longest energising time does not deliver.")
+    ] = Beyond.EXTRAPOLATE,
+    measured: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Measured map that the model is compared with, CSV or Excel.")
+    ] = None,
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="File for the inverse map: .csv .xlsx .mat .json .dcm .cdfx; repeatable."),
+    ] = None,
+    quantity_out: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="File for the quantity map, in the same formats; repeatable."),
+    ] = None,
+    label: Annotated[str, typer.Option(help="Label of the inverse map.")] = INVERSE,
+    quantity_label: Annotated[str, typer.Option(help="Label of the quantity map.")] = QUANTITY,
+    pressure_unit: Annotated[
+        str | None, typer.Option(help="Unit of pressures in files. [default: hPa in DCM and CDFX, else MPa]")
+    ] = None,
+    quantity_unit: Annotated[
+        str | None, typer.Option(help="Unit of quantities in files. [default: mm^3/inj in DCM and CDFX, else mm3]")
+    ] = None,
+    time_unit: Annotated[str | None, typer.Option(help="Unit of energising times in files. [default: us]")] = None,
+    report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Report with heat maps and curves.")] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Compute the quantity map of an injector and its inverse, the map of a control unit.
+
+    Each cell of the inverse is simulated until it delivers its quantity within 0.01 mm3. Cells that cannot be
+    reached, where several energising times deliver the quantity, or where the needle is ballistic are named.
+
+    \b
+    Examples:
+      commonrail map cri2-16 --cylinder-pressure 0.5MPa --out et.dcm --label InjVlv_tiET_MAP --report map.html
+      commonrail map runs/a cri2-16 --rail-pressure 20:160:20MPa --quantity 1,2,5,10,20,50mm3 --report change.html
+    """
+    from commonrail.files.map_file import check_map_file
+    from commonrail.maps.inverse import Rules
+    from commonrail.maps.quantity_map import injection_map
+    from commonrail.maps.response import Conditions
+
+    targets, forward = list(out or []), list(quantity_out or [])
+    for path in (*targets, *forward):
+        check_file(path, "--out")
+        check_map_file(path)
+    check_file(report, "--report")
+    if len(models) > 2 or (len(models) == 2 and measured is not None):
+        raise InputError("Give one or two models, or one model and --measured.")
+    conditions = Conditions(
+        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
+        parse(return_pressure, "Pa", "--return-pressure"),
+        parse(time_step, "s", "--time-step"),
+        threads,
+    )
+    named = _named(models, set_ or [])
+    wanted = _axes(next(iter(named.values())), conditions, (rail_pressure, quantity, energising_time), axes)
+    rules = Rules(several, unreachable)
+    found = {text: injection_map(injector, wanted, conditions, rules, say) for text, injector in named.items()}
+    first = next(iter(found.values()))
+    units = pressure_unit, quantity_unit, time_unit
+    from commonrail.maps.table import inverse_table, quantity_table
+
+    files = _write(targets, lambda u: inverse_table(first, label, u), units)
+    files += _write(forward, lambda u: quantity_table(first, quantity_label, u), units)
+    compared = None if measured is None else _compared(first, measured)
+    if report is not None:
+        from commonrail.report.map import map_html
+
+        with writing(report, "--report"):
+            write_text(report, map_html(found, compared))
+        files.append(str(report))
+    if json:
+        from commonrail.maps.record import map_record
+
+        print_json(map_record(found, compared) | {"files": files})
+        return
+    _print(found, compared)
+    for file in files:
+        say(f"wrote {file}")
+
+
+def _named(models: list[str], settings: list[str]) -> dict[str, Injector]:
+    from commonrail.files.model_name import read_model_names
+
+    return {model.label: with_overrides(model.injector, settings) for model in read_model_names(models)}
+
+
+def _axes(
+    injector: Injector, conditions: Conditions, texts: tuple[str | None, str | None, str | None], file: Path | None
+) -> MapAxes:
+    """Axes of a control unit, those of a file, those of the command line: the later ones count."""
+    from commonrail.cli.axes import read_axis, read_quantities
+    from commonrail.files.map_axes import axes_of_dcm
+    from commonrail.maps.axes import MapAxes
+    from commonrail.maps.quantity_map import usual_axes
+    from commonrail.maps.response import density_at
+
+    usual = usual_axes(injector)
+    pressure, wanted, time = usual.rail_pressure, usual.quantity, usual.energising_time
+    density = density_at(injector, conditions)
+    if file is not None:
+        pressure, wanted = axes_of_dcm(file, density)
+    if texts[0] is not None:
+        pressure = read_axis(texts[0], "Pa", "--rail-pressure")
+    if texts[1] is not None:
+        wanted = read_quantities(texts[1], density, "--quantity")
+    if texts[2] is not None:
+        time = read_axis(texts[2], "s", "--energising-time")
+    return MapAxes(pressure, wanted, time)
+
+
+def _write(
+    paths: list[Path], table: Callable[[MapUnits], MapTable], units: tuple[str | None, str | None, str | None]
+) -> list[str]:
+    """Write a table into files, in the units that were asked for or that suit the format."""
+    from commonrail.files.map_file import write_map_file
+    from commonrail.maps.table import ECU_UNITS, MapUnits
+
+    for path in paths:
+        usual = ECU_UNITS if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
+        wanted = MapUnits(*(given or own for given, own in zip(units, usual, strict=True)))
+        with writing(path, "--out"):
+            write_map_file(path, [table(wanted)])
+    return [str(path) for path in paths]
+
+
+def _compared(found: InjectionMap, path: Path) -> Comparison:
+    from commonrail.files.measured_map import read_measured_map
+    from commonrail.maps.difference import compare_with
+
+    return compare_with(found, read_measured_map(path, found.density), str(path))
+
+
+def _print(found: dict[str, InjectionMap], compared: Comparison | None) -> None:
+    from commonrail.report.map import map_lines, map_tables
+
+    for line in map_lines(found, compared):
+        typer.echo(line)
+    typer.echo("")
+    for table in map_tables(found, compared):
+        print_table(table)

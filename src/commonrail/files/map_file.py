@@ -1,0 +1,170 @@
+"""Maps in files, each in the format that the end of its name says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from commonrail.errors import InputError
+from commonrail.files.atomic import replacing, write_csv, write_text
+from commonrail.files.cdfx import write_cdfx
+from commonrail.files.dcm import number_text, write_dcm
+from commonrail.maps.table import MapTable
+from commonrail.reading.formulas import neutralised
+
+__all__ = ["ENDINGS", "check_map_file", "write_map_file"]
+
+LONGEST_SHEET = 31  # characters of the name of a sheet
+
+
+def write_map_file(path: Path, tables: Sequence[MapTable]) -> None:
+    """Write maps into one file, whole or not at all, in the format of its name's end.
+
+    Parameters
+    ----------
+    path : Path
+        See `ENDINGS`. CSV holds one map.
+    tables : sequence of MapTable
+
+    Raises
+    ------
+    InputError
+        If the ending is unknown, the format cannot hold the maps, or its library is not installed.
+    OutputError
+        If it cannot be written.
+    """
+    check_map_file(path)
+    _WRITERS[path.suffix.lower()](path, tables)
+
+
+def check_map_file(path: Path) -> None:
+    """Refuse a name whose end tells no format, and a format whose library is missing.
+
+    Raises
+    ------
+    InputError
+        In both cases.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in _WRITERS:
+        raise InputError(f"{path}: maps are written as {', '.join(ENDINGS)}; name a file that ends so.")
+    if suffix == ".xlsx" and find_spec("openpyxl") is None:
+        raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or write CSV.")
+
+
+def _write_csv(path: Path, tables: Sequence[MapTable]) -> None:
+    """One row for each cell, so that the file can serve as data of a study."""
+    if len(tables) != 1:
+        raise InputError(f"{path}: a CSV file holds one map, not {len(tables)}; write each into a file of its own.")
+    (table,) = tables
+    header = [f"{name} [{unit}]" for name, unit, _ in (table.x, table.y)] + [f"{table.name} [{table.unit}]", "state"]
+    write_csv(path, (table.title, *table.notes), header, _cells(table))
+
+
+def _cells(table: MapTable) -> list[list[str]]:
+    rows = []
+    for i, x in enumerate(table.x.values.tolist()):
+        for j, y in enumerate(table.y.values.tolist()):
+            value = float(table.values[j, i])
+            text = number_text(value) if np.isfinite(value) else ""
+            rows.append([number_text(x), number_text(y), text, table.states[j][i]])
+    return rows
+
+
+def _write_json(path: Path, tables: Sequence[MapTable]) -> None:
+    maps = [
+        {
+            "label": table.label,
+            "title": table.title,
+            "name": table.name,
+            "unit": table.unit,
+            "x": {"name": table.x.name, "unit": table.x.unit, "values": table.x.values.tolist()},
+            "y": {"name": table.y.name, "unit": table.y.unit, "values": table.y.values.tolist()},
+            "values": [[v if np.isfinite(v) else None for v in row] for row in table.values.tolist()],
+            "states": table.states,
+            "notes": table.notes,
+        }
+        for table in tables
+    ]
+    write_text(path, json.dumps({"kind": "maps", "schema": 1, "maps": maps}, indent=1, allow_nan=False) + "\n")
+
+
+def _write_mat(path: Path, tables: Sequence[MapTable]) -> None:
+    """MATLAB 5: a structure for each map, named by its label."""
+    from scipy.io import savemat
+
+    content = {}
+    for table in tables:
+        content[_variable(path, table.label)] = {
+            "title": table.title,
+            "name": table.name,
+            "unit": table.unit,
+            "x_name": table.x.name,
+            "x_unit": table.x.unit,
+            "x": table.x.values,
+            "y_name": table.y.name,
+            "y_unit": table.y.unit,
+            "y": table.y.values,
+            "values": table.values,
+            "states": np.array(table.states, object),
+            "notes": np.array(table.notes, object),
+        }
+    if len(content) != len(tables):
+        raise InputError(f"{path}: two of the maps have the same name in MATLAB; rename a label.")
+    with replacing(path, "wb") as stream:
+        savemat(stream, content, oned_as="row")
+
+
+def _variable(path: Path, label: str) -> str:
+    """Name of a variable of MATLAB: points and brackets become underscores."""
+    name = label.translate(str.maketrans(".[]", "___"))
+    if len(name) > 31 or name.startswith("_"):
+        raise InputError(
+            f"{path}: the label {label} is no name of a MATLAB variable, which has at most 31 characters and begins "
+            "with a letter; give a shorter label."
+        )
+    return name
+
+
+def _write_xlsx(path: Path, tables: Sequence[MapTable]) -> None:
+    """Two sheets for each map, its values and its states, and one with notes."""
+    from openpyxl import Workbook
+
+    book = Workbook()
+    notes = book.active
+    notes.title = "notes"
+    for table in tables:
+        for line in (f"{table.label}: {table.title}", *table.notes):
+            notes.append([neutralised(line)])
+        values = [[v if np.isfinite(v) else None for v in row] for row in table.values.tolist()]
+        for what, cells in ((table.name, values), ("states", table.states)):
+            sheet = book.create_sheet(_sheet_name(what, [s.title for s in book.worksheets]))
+            corner = f"{table.y.name} [{table.y.unit}] \\ {table.x.name} [{table.x.unit}]"
+            sheet.append([corner, *table.x.values.tolist()])
+            for place, row in zip(table.y.values.tolist(), cells, strict=True):
+                sheet.append([place, *row])
+            sheet.freeze_panes = "B2"
+    with replacing(path, "wb") as stream:
+        book.save(stream)
+
+
+def _sheet_name(wanted: str, taken: Sequence[str]) -> str:
+    name, count = wanted[:LONGEST_SHEET], 2
+    while name in taken:
+        name, count = f"{wanted[: LONGEST_SHEET - 3]} {count}", count + 1
+    return name
+
+
+_WRITERS: dict[str, Callable[[Path, Sequence[MapTable]], None]] = {
+    ".csv": _write_csv,
+    ".xlsx": _write_xlsx,
+    ".mat": _write_mat,
+    ".json": _write_json,
+    ".dcm": write_dcm,
+    ".cdfx": write_cdfx,
+}
+ENDINGS = tuple(_WRITERS)

@@ -1,0 +1,1 @@
+"""Quantity maps of an injector, their inverse, and sweeps of operating points."""

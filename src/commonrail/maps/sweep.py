@@ -1,0 +1,268 @@
+"""Quantities over one to three variables: operating conditions, dwell, and any parameters of the injector.
+
+With two injections the dwell is the time from the end of the first energising to the start of the second. The quantity
+of the second injection is the total less what the first one injects alone. Where the needle does not close in between,
+the two are fused into one, and only the total is a quantity of its own.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.solution import Batch
+from commonrail.engine.status import OK
+from commonrail.errors import ConfigurationError, SimulationError, nearest
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
+from commonrail.maps.response import Conditions
+
+__all__ = ["OPERATING", "Base", "Sweep", "Variable", "fused_of", "run_points", "sweep", "unit_of"]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+# Variables of the operating point and their SI units.
+OPERATING = {
+    "rail_pressure": "Pa",
+    "energising_time": "s",
+    "first_energising_time": "s",
+    "dwell": "s",
+    "cylinder_pressure": "Pa",
+    "return_pressure": "Pa",
+}
+SHORT = {"temperature": FUEL_TEMPERATURE}
+
+MOST_VARIABLES = 3
+MOST_SIMULATIONS = 200_000
+AFTER = 5e-3  # simulated after the last energising; it ends early once the needle has closed [s]
+AT_A_TIME = 256  # operating points of a batch
+
+
+class Variable(NamedTuple):
+    """Swept variable: name, SI unit and values (n,)."""
+
+    name: str
+    unit: str
+    values: Floats
+
+
+class Base(NamedTuple):
+    """Operating point around which a sweep moves; SI values.
+
+    Attributes
+    ----------
+    rail_pressure : float
+        [Pa].
+    energising_time : float
+        Of the injection, or of the second of two [s].
+    first_energising_time : float
+        Of the first of two injections; 0 for a single one [s].
+    dwell : float
+        End of the first energising to the start of the second [s].
+    conditions : Conditions
+    """
+
+    rail_pressure: float
+    energising_time: float
+    first_energising_time: float
+    dwell: float
+    conditions: Conditions
+
+    def point(self, changed: Mapping[str, float], alone: bool = False) -> OperatingPoint:
+        """Operating point with some variables changed.
+
+        Parameters
+        ----------
+        changed : mapping of str to float
+            Values by the names of `OPERATING`.
+        alone : bool
+            With the first of two injections alone.
+        """
+        own = self._asdict() | self.conditions._asdict() | dict(changed)
+        first, second = own["first_energising_time"], own["energising_time"]
+        pulses = [(0.0, first)] if first > 0.0 else []
+        if not alone:
+            pulses.append((first + own["dwell"] if pulses else 0.0, second))
+        end = pulses[-1][0] + pulses[-1][1]
+        pressures = own["rail_pressure"], own["cylinder_pressure"], own["return_pressure"]
+        return OperatingPoint(pressures[0], tuple(pulses), *pressures[1:], horizon=end + AFTER)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Result of a sweep; arrays have an axis for each variable.
+
+    Attributes
+    ----------
+    injector : Injector
+    base : Base
+    variables : tuple of Variable
+    volume : array
+        Injected volume of all injections at the reference density [m³]; NaN where the simulation failed.
+    second : array
+        Of the second injection: total less the first alone [m³]; NaN for a single injection and where both are fused.
+    fused : array of bool
+        The needle does not close between the two injections.
+    opening : array
+        First opening of the needle after the start of energising [s]; NaN where it stays shut.
+    """
+
+    injector: Injector
+    base: Base
+    variables: tuple[Variable, ...]
+    volume: Floats
+    second: Floats
+    fused: Bools
+    opening: Floats
+
+    @property
+    def two(self) -> bool:
+        """True if there are two injections."""
+        return _two(self.base, self.variables)
+
+
+def unit_of(name: str) -> tuple[str, str]:
+    """Full name and SI unit of a variable.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such variable or parameter.
+    """
+    plain = name.replace("-", "_")
+    if plain in OPERATING:
+        return plain, OPERATING[plain]
+    full, known = SHORT.get(plain, name), parameter_quantities()
+    if full not in known:
+        raise ConfigurationError(
+            f'There is no variable "{name}"{nearest(name, [*OPERATING, *SHORT, *known])}; a variable is '
+            f"{', '.join([*OPERATING, *SHORT])} or a parameter of the injector."
+        )
+    return full, known[full].unit
+
+
+def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Sweep:
+    """Simulate all combinations of the values of one to three variables.
+
+    Parameters
+    ----------
+    injector : Injector
+    variables : sequence of Variable
+    base : Base
+        Values of what is not varied.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are too many variables or combinations, one is named twice, or a point is refused.
+    SimulationError
+        If all simulations failed.
+    """
+    _check(variables, base)
+    moving = [v for v in variables if v.name in OPERATING]
+    own = [v for v in variables if v.name not in OPERATING]
+    points = [dict(zip([v.name for v in moving], place, strict=True)) for place in _product(moving)]
+    values = np.array(list(_product(own))) if own else None
+    both = run_points(injector, [base.point(p) for p in points], own, values, base.conditions)
+    two = _two(base, variables)
+    total = np.where(both.status == OK, both.injected_volume, np.nan)
+    if np.all(np.isnan(total)):
+        raise SimulationError(f"{injector.name}: no point of the sweep could be simulated; check its operating points.")
+    alone, fused = np.full(total.shape, np.nan), np.zeros(total.shape, bool)
+    if two:
+        first = run_points(injector, [base.point(p, alone=True) for p in points], own, values, base.conditions)
+        alone = np.where(first.status == OK, first.injected_volume, np.nan)
+        fused = fused_of(both, np.array([base.point(p).pulses[-1].start for p in points]), first.opening)
+    second = np.where(fused, np.nan, total - alone)
+    sizes = [len(v.values) for v in (*own, *moving)]
+    order = [[v.name for v in (*own, *moving)].index(v.name) for v in variables]
+
+    def shaped(table: Floats) -> Floats:
+        """Axes in the order of the variables, from (candidates, points)."""
+        return np.asarray(table.reshape(sizes).transpose(order))
+
+    is_fused = shaped(fused.astype(float)) == 1.0
+    return Sweep(injector, base, tuple(variables), shaped(total), shaped(second), is_fused, shaped(both.opening))
+
+
+def _two(base: Base, variables: Sequence[Variable]) -> bool:
+    return base.first_energising_time > 0.0 or any(v.name == "first_energising_time" for v in variables)
+
+
+def _check(variables: Sequence[Variable], base: Base) -> None:
+    names = [v.name for v in variables]
+    if not 1 <= len(names) <= MOST_VARIABLES:
+        raise ConfigurationError(f"A sweep has 1 to {MOST_VARIABLES} variables, not {len(names)}.")
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigurationError(f"The variable {name} is named twice; keep one.")
+    if "dwell" in names and not _two(base, variables):
+        raise ConfigurationError("A dwell lies between two injections; give the energising time of the first one too.")
+    count = int(np.prod([len(v.values) for v in variables]))
+    if count > MOST_SIMULATIONS:
+        raise ConfigurationError(
+            f"The sweep has {count} combinations, and at most {MOST_SIMULATIONS} are simulated; take fewer values."
+        )
+
+
+def _product(variables: Sequence[Variable]) -> list[tuple[float, ...]]:
+    return list(itertools.product(*(v.values.tolist() for v in variables)))
+
+
+def fused_of(batch: Batch, starts: Floats, delay: Floats) -> Bools:
+    """Simulations (candidates, points) whose needle is open when the second of two energisings would open it.
+
+    A needle that bounces when it closes counts as one that closes once.
+
+    Parameters
+    ----------
+    batch : Batch
+    starts : (points,)
+        Starts of the second energising [s]; the first one starts at 0.
+    delay : (candidates, points)
+        From energising to opening, as the first injection alone has it [s]; NaN where it stays shut.
+    """
+    return np.asarray(np.isfinite(delay) & (batch.first_closing > starts + delay))
+
+
+def run_points(
+    injector: Injector,
+    points: list[OperatingPoint],
+    own: Sequence[Variable],
+    values: Floats | None,
+    conditions: Conditions,
+) -> Batch:
+    """Simulate all candidates at all points, some points at a time to save memory.
+
+    Parameters
+    ----------
+    injector : Injector
+    points : list of OperatingPoint
+    own : sequence of Variable
+        Parameters that vary.
+    values : (candidates, parameters) or None
+        Their values; None for the injector itself.
+    conditions : Conditions
+        Time step and number of threads.
+    """
+    names = [v.name for v in own]
+    parts = [
+        simulate_batch(
+            injector,
+            points[first : first + AT_A_TIME],
+            names,
+            values,
+            time_step=conditions.time_step,
+            threads=conditions.threads,
+        )
+        for first in range(0, len(points), AT_A_TIME)
+    ]
+    fields = {name: np.concatenate([getattr(p, name) for p in parts], axis=1) for name in Batch.__dataclass_fields__}
+    return Batch(**fields)

@@ -1,0 +1,131 @@
+"""Cells of a table from anywhere: text in several encodings, with decimal points or commas, or a sheet of a workbook.
+
+What a study reads is stricter (`csv_file`): there nothing is guessed. Here the encoding, the separator and the decimal
+sign are detected, and `Grid.said` states what was taken, so that whoever asked can check it.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from commonrail.errors import InputError
+from commonrail.reading.guarded_file import read_plain
+
+__all__ = ["MOST_CELLS", "Grid", "numbers_of", "read_grid"]
+
+MOST_CELLS = 2_000_000
+LONGEST_NUMBER = 100  # [characters]
+
+_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of a table.
+
+    Attributes
+    ----------
+    path : Path
+    rows : tuple of tuple of str or float
+        Rows of a file without comment lines and empty ones; texts are stripped, numbers are floats.
+    lines : tuple of int
+        Line in the file, or row of the sheet, of each row.
+    said : tuple of str
+        What was taken for encoding, separator, decimal sign and sheet.
+    comments : tuple of str
+    """
+
+    path: Path
+    rows: tuple[tuple[str | float, ...], ...]
+    lines: tuple[int, ...]
+    said: tuple[str, ...]
+    comments: tuple[str, ...] = ()
+
+
+def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None) -> Grid:
+    """Cells of a text table or of a sheet of a workbook (.xlsx).
+
+    Parameters
+    ----------
+    path : Path
+    encoding : str, optional
+        Of a text: "utf-8", "utf-16", "cp1252" …; by default it is detected.
+    sheet : str, optional
+        Of a workbook; by default the first that is not empty.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is too large or holds nothing.
+    """
+    if path.suffix.lower() == ".xlsx":
+        from commonrail.reading.workbook import read_sheet
+
+        return read_sheet(path, sheet)
+    text, found = _decoded(path, read_plain(path), encoding)
+    return _parsed(path, text, found)
+
+
+def numbers_of(cells: Sequence[str | float]) -> list[float] | None:
+    """Numbers of cells, NaN for empty ones; None if one is a text."""
+    if any(isinstance(cell, str) and cell for cell in cells):
+        return None
+    return [cell if isinstance(cell, float) else math.nan for cell in cells]
+
+
+def _decoded(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
+    mark = next((name for start, name in _MARKS.items() if data.startswith(start)), None)
+    zeros = (data[1:200:2].count(0), data[0:200:2].count(0))
+    if encoding is None and mark is None and max(zeros) > 20:
+        mark = "utf-16-le" if zeros[0] > zeros[1] else "utf-16-be"
+    for name in [encoding] if encoding else [mark] if mark else ["utf-8", "cp1252"]:
+        try:
+            return data.decode(str(name)), str(name)
+        except UnicodeDecodeError:
+            continue
+        except LookupError as error:
+            raise InputError(f'{path}: there is no encoding "{name}"; write utf-8, utf-16 or cp1252.') from error
+    raise InputError(f"{path}: this is no text in {encoding or mark or 'UTF-8 or cp1252'}; name its encoding.")
+
+
+def _parsed(path: Path, text: str, encoding: str) -> Grid:
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    comments = tuple(line.strip()[1:].strip() for _, line in lines if line.lstrip().startswith("#"))
+    lines = [(n, line) for n, line in lines if not line.lstrip().startswith("#")]
+    if not lines or any("\0" in line for _, line in lines):
+        raise InputError(f"{path}: the file has no rows of text.")
+    separator = next((s for s in (";", "\t") if sum(s in line for _, line in lines) * 2 > len(lines)), ",")
+    cells = [[c.strip() for c in next(csv.reader([line], delimiter=separator))] for _, line in lines]
+    if sum(map(len, cells)) > MOST_CELLS:
+        raise InputError(f"{path}: the table has more than the {MOST_CELLS} cells that are read.")
+    flat = [cell for row in cells for cell in row if cell]
+    comma = separator != "," and any(_COMMA.fullmatch(c) for c in flat)
+    if comma and any("." in c and _POINT.fullmatch(c) for c in flat):
+        raise InputError(f"{path}: some numbers have a decimal point and some a comma; write all of them alike.")
+    number = _with_comma if comma else _with_point
+    names = {";": "semicolons", "\t": "tabs", ",": "commas"}
+    said = (f"encoding {encoding}", f"separated by {names[separator]}", f"decimal {'comma' if comma else 'point'}")
+    return Grid(path, tuple(tuple(map(number, row)) for row in cells), tuple(n for n, _ in lines), said, comments)
+
+
+def _with_point(cell: str) -> str | float:
+    return _number(cell, _POINT, lambda c: c)
+
+
+def _with_comma(cell: str) -> str | float:
+    found = _number(cell, _COMMA, lambda c: c.replace(",", "."))
+    return _with_point(cell) if isinstance(found, str) else found
+
+
+def _number(cell: str, form: re.Pattern[str], plain: Callable[[str], str]) -> str | float:
+    if not (cell and len(cell) <= LONGEST_NUMBER and form.fullmatch(cell)):
+        return cell
+    value = float(plain(cell))
+    return value if math.isfinite(value) else cell

@@ -1,0 +1,163 @@
+"""The page of a sweep, and that of energising times that hold the second of two injections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.display.chart import BOTH, Figure, Panel, Series, points
+from commonrail.display.table import Table, tabulated
+from commonrail.display.text import fixed, quantity, significant
+from commonrail.maps.choices import CellState
+from commonrail.maps.compensation import Compensation
+from commonrail.maps.sweep import Sweep, Variable
+from commonrail.maps.table import notes_of
+from commonrail.report.draw import drawings
+from commonrail.report.html import render
+from commonrail.units import convert
+
+__all__ = ["compensation_html", "compensation_table", "fusion_table", "sweep_html", "sweep_lines"]
+
+Floats = NDArray[np.float64]
+
+MPA, MM3, MICRO = 1e-6, 1e9, 1e6
+MOST_FIGURES = 6
+UNITS = {"Pa": "MPa", "s": "us", "K": "degC", "m": "um"}
+DWELL = "Dwell: from the end of the first energising to the start of the second."
+
+
+def sweep_html(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> str:
+    """Page of a sweep.
+
+    Parameters
+    ----------
+    found : Sweep
+    fusion : sequence of (float, float)
+        Rail pressures [Pa] and the dwells below which two injections fuse [s].
+    """
+    figures = list(_figures(found, found.volume, "Injected quantity"))
+    if found.two:
+        figures = [*_figures(found, found.second, "Quantity of the second injection"), *figures]
+    tables = [fusion_table(fusion)] if fusion else []
+    return _page(f"Sweep: {found.injector.name}", found.injector.synthetic, sweep_lines(found), figures, tables)
+
+
+def _page(title: str, synthetic: str, lines: list[str], figures: list[Figure], tables: list[Table]) -> str:
+    return render(
+        "map.html",
+        title=title,
+        kind="Sweep",
+        record={},
+        synthetic=[synthetic] if synthetic else [],
+        lines=lines,
+        heats=[],
+        curves=drawings(figures, 460),
+        tables=tables,
+        commands=[],
+        facts=[],
+    )
+
+
+def sweep_lines(found: Sweep) -> list[str]:
+    """Sentences: what was varied, the range of the quantities, fused and failed injections."""
+    names = [f"{_title(v)} ({len(v.values)} values)" for v in found.variables]
+    sound = found.volume[np.isfinite(found.volume)]
+    lines = [
+        f"{found.volume.size} combinations of {', '.join(names)}: {fixed(sound.min(), 2, MM3)} to "
+        f"{fixed(sound.max(), 2, MM3)} mm³."
+    ]
+    if found.two:
+        second = found.second[np.isfinite(found.second)]
+        lines.append(
+            f"{int(found.fused.sum())} are fused: the needle does not close between the two injections. {DWELL}"
+        )
+        if len(second):
+            low, high = fixed(second.min(), 2, MM3), fixed(second.max(), 2, MM3)
+            lines.append(f"The second injection, total less the first alone, has {low} to {high} mm³.")
+    if len(sound) < found.volume.size:
+        lines.append(f"{found.volume.size - len(sound)} simulations failed and have no number.")
+    return lines
+
+
+def fusion_table(fusion: Sequence[tuple[float, float]]) -> Table:
+    """Dwells below which two injections fuse."""
+    return tabulated(
+        "Dwell below which the injections fuse",
+        fusion,
+        [
+            ("rail pressure, MPa", lambda r: significant(r[0], 4, MPA)),
+            ("dwell, µs", lambda r: fixed(r[1], 0, MICRO)),
+        ],
+        f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too. {DWELL}",
+        0,
+    )
+
+
+def _title(variable: Variable) -> str:
+    return variable.name.replace("_", " ")
+
+
+def _figures(found: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
+    """Curves over the first variable, a line for each value of the second, a figure for each of the third."""
+    first, others = found.variables[0], found.variables[1:]
+    volume = volume.reshape(*volume.shape, *(1,) * (3 - volume.ndim))
+    rows, parts = int(volume.shape[1]), int(np.prod(volume.shape[2:]))
+    unit = UNITS.get(first.unit, first.unit)
+    x = points(convert(first.values, first.unit, unit))
+    for k in range(min(parts, MOST_FIGURES)):
+        label = f", {_title(others[1])} {_value(others[1], k)}" if len(others) > 1 else ""
+        series = tuple(
+            Series(_value(others[0], j) if others else "", "solid", x, points(volume[:, j, k] * MM3), BOTH, family=j)
+            for j in range(rows)
+        )
+        caption = f"Each line: {_title(others[0])}." if others else "At the reference density."
+        axis = f"{_title(first)}, {unit.replace('us', 'µs').replace('degC', '°C').replace('um', 'µm')}"
+        yield Figure(f"{title}{label}", caption, axis, (Panel("quantity, mm³", series),))
+
+
+def _value(variable: Variable, index: int) -> str:
+    return quantity(float(variable.values[index]), variable.unit)
+
+
+def compensation_html(found: Compensation) -> str:
+    """Page of energising times that hold the second of two injections."""
+    axes = found.alone.axes
+    figures = []
+    for i in range(min(len(axes.rail_pressure), MOST_FIGURES)):
+        change = (found.energising_time[:, i] - found.alone.inverse.energising_time[i]) * MICRO
+        series = tuple(
+            Series(f"{significant(q, 4, MM3)} mm³", "solid", points(found.dwell * MICRO), points(change[:, j]), BOTH, j)
+            for j, q in enumerate(axes.quantity.tolist())
+        )
+        figures.append(
+            Figure(
+                f"Correction of the energising time at {significant(float(axes.rail_pressure[i]), 4, MPA)} MPa",
+                "Energising time that holds the second quantity, less that of an injection alone.",
+                "dwell, µs",
+                (Panel("correction, µs", series, zero_line=True),),
+            )
+        )
+    first = f"Energising time of the first injection: {fixed(found.first_energising_time, 0, MICRO)} µs. {DWELL}"
+    lines = [first, *notes_of(found.alone)]
+    title = f"Second injection: {found.alone.injector.name}"
+    return _page(title, found.alone.injector.synthetic, lines, figures, [compensation_table(found)])
+
+
+def compensation_table(found: Compensation) -> Table:
+    """Energising times of the second injection, a row for each dwell, rail pressure and quantity."""
+    axes = found.alone.axes
+    return tabulated(
+        "Energising time of the second injection that holds its quantity",
+        list(np.ndindex(found.energising_time.shape)),
+        [
+            ("state", lambda p: CellState(int(found.inverses[p[0]].state[p[1:]])).name.lower()),
+            ("dwell, µs", lambda p: fixed(found.dwell[p[0]], 0, MICRO)),
+            ("rail pressure, MPa", lambda p: significant(float(axes.rail_pressure[p[1]]), 4, MPA)),
+            ("quantity, mm³", lambda p: significant(float(axes.quantity[p[2]]), 4, MM3)),
+            ("energising time, µs", lambda p: fixed(found.energising_time[p], 1, MICRO)),
+            ("alone, µs", lambda p: fixed(found.alone.inverse.energising_time[p[1:]], 1, MICRO)),
+        ],
+        DWELL,
+    )

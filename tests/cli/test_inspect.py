@@ -1,0 +1,44 @@
+"""The verb inspect."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from commonrail.files.map_file import write_map_file
+from commonrail.reading.tables import Column, read_columns
+from tests.cli.conftest import Command
+from tests.maps.tables import table
+
+MATRIX = "quantity [mm3]\nET [us] \\ p [bar];300;500\n400;1,5;2,5\n800;10,25;15\n"
+
+
+def test_a_matrix_is_listed_and_written_as_a_study_reads_it(command: Command, tmp_path: Path) -> None:
+    data, out = tmp_path / "bench.csv", tmp_path / "quantity.csv"
+    data.write_text(MATRIX, encoding="utf-16")
+    done = command("inspect", data, "--out", out)
+    assert done.status == 0, done.err
+    assert "a matrix with rail pressures across and energising times down" in done.out
+    assert "encoding utf-16; separated by semicolons; decimal comma" in done.out
+    wanted = [
+        Column("rail_pressure", "Pa"),
+        Column("energising_time", "s"),
+        Column("quantity", "m3"),
+    ]
+    read = read_columns(out, wanted)
+    assert read.columns["rail_pressure"].tolist() == [30e6, 50e6, 30e6, 50e6]
+    assert read.columns["quantity"].round(15).tolist() == [1.5e-9, 2.5e-9, 10.25e-9, 15e-9]
+
+
+def test_a_table_that_is_no_map_is_described_with_the_reason(command: Command, tmp_path: Path) -> None:
+    data = tmp_path / "rate.csv"
+    data.write_text("time [us],rate [mm3/ms]\n0,0\n3,0.1\n", encoding="utf-8")
+    record = command("inspect", data, "--json").record
+    assert record["taken for"] == "a table, no quantity map"
+    assert record["first row"] == "time [us], rate [mm3/ms]"
+    assert command("inspect", data, "--out", tmp_path / "x.csv").status == 2
+
+
+def test_the_maps_of_a_dcm_file_are_listed(command: Command, tmp_path: Path) -> None:
+    path = tmp_path / "et.dcm"
+    write_map_file(path, [table()])
+    assert "7 × 3 over hPa × mm^3/inj, values in us" in command("inspect", path).out

@@ -1,0 +1,78 @@
+"""The verb sweep: variables, files, JSON, report, and the second injection held."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from commonrail.files.dcm import read_dcm
+from tests.cli.conftest import Command
+
+TWO = ("--first-energising-time", "300us", "--energising-time", "400us", "--rail-pressure", "160MPa", "--threads", "1")
+
+
+def test_a_sweep_is_printed_and_written(command: Command, tmp_path: Path) -> None:
+    csv, report = tmp_path / "dwell.csv", tmp_path / "dwell.html"
+    done = command("sweep", "virtual-lino-2016", "--vary", "dwell=0,2000us", *TWO, "--out", csv, "--report", report)
+    assert done.status == 0, done.err
+    assert "1 are fused" in done.out
+    assert "rail pressure, MPa   dwell, µs" in done.out
+    lines = [line for line in csv.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    assert lines[0] == "dwell [us],quantity [mm3],second_quantity [mm3],fused"
+    assert lines[1].endswith(",,yes")
+    assert lines[2].endswith(",no")
+    page = report.read_text(encoding="utf-8")
+    assert page.count('class="plotly-graph-div"') == 2
+    assert "Synthetic, not measured" in page
+
+
+def test_a_sweep_of_parameters_and_temperature_as_json(command: Command) -> None:
+    done = command(
+        "sweep",
+        "virtual-lino-2016",
+        *("--vary", "temperature=20,40degC", "--vary", "nozzle.holes=6,7", "--vary", "rail_pressure=100,160MPa"),
+        *("--threads", "1", "--json"),
+    )
+    record = done.record
+    assert [v["name"] for v in record["variables"]] == ["fuel.temperature", "nozzle.holes", "rail_pressure"]
+    assert record["variables"][0]["values"] == pytest.approx([293.15, 313.15])
+    volumes = record["injected_volume"]
+    assert volumes[0][0][0] < volumes[0][0][1]  # more at a higher pressure
+    assert volumes[0][0][1] < volumes[0][1][1]  # and through more holes
+    assert record["second_volume"] is None
+
+
+def test_held_quantities_are_written_as_maps(command: Command, tmp_path: Path) -> None:
+    dcm, csv, report = tmp_path / "second.dcm", tmp_path / "second.csv", tmp_path / "second.html"
+    done = command(
+        "sweep",
+        "virtual-lino-2016",
+        *("--vary", "dwell=1000,2000us", "--vary", "rail_pressure=100,160MPa", "--hold", "2,5mm3", *TWO),
+        *("--longest", "600us", "--out", dcm, "--out", csv, "--report", report),
+    )
+    assert done.status == 0, done.err
+    found = read_dcm(dcm)
+    assert [m.label for m in found] == ["tiSecond_1000us", "tiSecond_2000us"]
+    assert found[0].values.shape == (2, 2)
+    assert len([line for line in csv.read_text(encoding="utf-8").splitlines() if line[0].isdigit()]) == 8
+    assert "Correction of the energising time at 160 MPa" in report.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (("--vary", "dwell"), "expected NAME=VALUES"),
+        (("--vary", "dwel=1ms"), "There is no variable"),
+        (("--vary", "dwell=1,2ms"), "give the energising time of the first one too"),
+        (("--vary", "energising_time=1ms", "--out", "a.dcm"), "a sweep is written as .csv"),
+        (("--vary", "energising_time=1ms", "--hold", "1mm3"), "vary rail_pressure and dwell alone"),
+    ],
+)
+def test_a_sweep_that_cannot_be_done_is_refused_with_one_sentence(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], word: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command("sweep", "virtual-lino-2016", *options)
+    assert done.status == 2, done.err
+    assert word in done.sentence

@@ -1,0 +1,139 @@
+"""Sweeps: order of the axes, what the dwell is, the second of two injections, fusion, and compensation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import commonrail as cr
+from commonrail.engine.solution import Batch
+from commonrail.maps.axes import MapAxes
+from commonrail.maps.choices import CellState
+from commonrail.maps.compensation import compensation, fusion_dwell
+from commonrail.maps.response import Conditions
+from commonrail.maps.sweep import Base, Variable, fused_of, sweep, unit_of
+from commonrail.maps.table import compensation_tables
+
+INJECTOR = cr.load_injector("virtual-lino-2016")
+CONDITIONS = Conditions(threads=1)
+SINGLE = Base(160e6, 500e-6, 0.0, 0.0, CONDITIONS)
+TWO = Base(160e6, 400e-6, 300e-6, 1e-3, CONDITIONS)
+
+
+def test_the_dwell_runs_from_the_end_of_the_first_energising_to_the_start_of_the_second() -> None:
+    pulses = TWO.point({"dwell": 700e-6}).pulses
+    assert [tuple(p) for p in pulses] == [(0.0, 300e-6), (pytest.approx(1000e-6), 400e-6)]
+    assert [tuple(p) for p in TWO.point({}, alone=True).pulses] == [(0.0, 300e-6)]
+    assert [tuple(p) for p in SINGLE.point({"energising_time": 600e-6}).pulses] == [(0.0, 600e-6)]
+
+
+def test_the_axes_keep_the_order_of_the_variables() -> None:
+    """A parameter and a variable of the operating point, each against simulations of its own."""
+    holes, times = np.array([6.0, 7.0]), np.array([400e-6, 500e-6, 600e-6])
+    variables = [Variable("energising_time", "s", times), Variable("nozzle.holes", "1", holes)]
+    found = sweep(INJECTOR, variables, SINGLE)
+    turned = sweep(INJECTOR, variables[::-1], SINGLE)
+    assert found.volume.shape == (3, 2)
+    assert np.array_equal(turned.volume, found.volume.T)
+    for i, j in ((0, 1), (2, 0)):
+        one = cr.simulate(INJECTOR.with_values({"nozzle.holes": holes[j]}), cr.OperatingPoint(160e6, times[i]))
+        assert found.volume[i, j] == pytest.approx(one.injected_volume, rel=1e-6)
+        assert found.opening[i, j] == pytest.approx(one.opening, rel=1e-6)
+    assert not found.two
+    assert not found.fused.any()
+
+
+def test_the_second_quantity_is_the_total_less_the_first_alone() -> None:
+    found = sweep(INJECTOR, [Variable("dwell", "s", np.array([1.5e-3]))], TWO)
+    both = cr.simulate(INJECTOR, cr.OperatingPoint(160e6, [(0.0, 300e-6), (1.8e-3, 400e-6)]))
+    first = cr.simulate(INJECTOR, cr.OperatingPoint(160e6, 300e-6))
+    assert found.second[0] == pytest.approx(both.injected_volume - first.injected_volume, rel=1e-6)
+    assert not found.fused[0]
+
+
+def test_energisings_without_a_pause_are_fused_and_have_no_second_quantity() -> None:
+    found = sweep(INJECTOR, [Variable("dwell", "s", np.array([0.0, 2e-3]))], TWO)
+    assert found.fused.tolist() == [True, False]
+    assert np.isnan(found.second[0])
+    both = cr.simulate(INJECTOR, cr.OperatingPoint(160e6, [(0.0, 300e-6), (300e-6, 400e-6)]))
+    assert found.volume[0] == pytest.approx(both.injected_volume, rel=1e-6)
+
+
+def batch(first_closing: float, closing: float) -> Batch:
+    """Batch of one simulation that has these instants [us]."""
+    blank = np.zeros((1, 1))
+    instants = {"first_closing": first_closing, "closing": closing}
+    given = {name: np.full((1, 1), value * 1e-6) for name, value in instants.items()}
+    return Batch(**({name: blank for name in Batch.__dataclass_fields__} | given))
+
+
+@pytest.mark.parametrize(
+    ("instants", "fused"),
+    [
+        ((200, 600, 1500), False),  # closes before 800 + 200 us
+        ((200, 1400, 1400), True),
+        ((200, 1400, 1450), True),  # and bounces
+        ((200, 600, 620), False),  # bounces after the first, the second stays shut
+        ((np.nan, 1400, 1400), False),  # the first stays shut
+        ((np.nan, np.nan, np.nan), False),
+    ],
+)
+def test_fusion_is_a_needle_that_is_open_when_the_second_would_open_it(
+    instants: tuple[float, float, float], fused: bool
+) -> None:
+    delay, first, last = instants
+    found = fused_of(batch(first, last), np.array([800e-6]), np.array([[delay * 1e-6]]))
+    assert found.tolist() == [[fused]]
+
+
+def test_the_longest_dwell_that_fuses_separates_fused_from_apart() -> None:
+    (dwell,) = fusion_dwell(INJECTOR, np.array([160e6]), (300e-6, 400e-6), 2e-3, CONDITIONS).tolist()
+    around = sweep(INJECTOR, [Variable("dwell", "s", np.array([dwell - 2e-6, dwell + 2e-6]))], TWO)
+    assert around.fused.tolist() == [True, False]
+
+
+def test_compensated_times_hold_the_second_quantity() -> None:
+    axes = MapAxes(np.array([160e6]), np.array([5e-9]), np.array([1e-3]))
+    found = compensation(INJECTOR, axes, 300e-6, np.array([800e-6, 2e-3]), CONDITIONS)
+    first = cr.simulate(INJECTOR, cr.OperatingPoint(160e6, 300e-6)).injected_volume
+    for dwell, (time,) in zip(found.dwell.tolist(), found.energising_time[:, 0], strict=True):
+        pulses = [(0.0, 300e-6), (300e-6 + dwell, float(time))]
+        second = cr.simulate(INJECTOR, cr.OperatingPoint(160e6, pulses)).injected_volume - first
+        assert second == pytest.approx(5e-9, abs=0.02e-9)
+    tables = compensation_tables(found, "tiSecond")
+    assert [t.label for t in tables] == ["tiSecond_800us", "tiSecond_2000us"]
+    assert tables[0].values[0, 0] == pytest.approx(found.energising_time[0, 0, 0] * 1e6, abs=6e-4)
+
+
+def test_where_the_injections_always_fuse_there_is_no_time() -> None:
+    axes = MapAxes(np.array([160e6]), np.array([5e-9]), np.array([200e-6]))
+    long_first = compensation(INJECTOR, axes, 1e-3, np.array([0.0]), CONDITIONS)
+    assert long_first.inverses[0].state.tolist() == [[CellState.FAILED]]
+
+
+def test_names_of_variables_are_those_of_the_operating_point_and_of_parameters() -> None:
+    assert unit_of("rail-pressure") == ("rail_pressure", "Pa")
+    assert unit_of("temperature") == ("fuel.temperature", "K")
+    assert unit_of("valve.spring_preload") == ("valve.spring_preload", "N")
+    with pytest.raises(cr.ConfigurationError, match='did you mean "dwell"'):
+        unit_of("dwel")
+
+
+@pytest.mark.parametrize(
+    ("names", "base", "word"),
+    [
+        ([], SINGLE, "1 to 3 variables"),
+        (["dwell", "dwell"], TWO, "named twice"),
+        (["dwell"], SINGLE, "lies between two injections"),
+    ],
+)
+def test_a_sweep_that_makes_no_sense_is_refused(names: list[str], base: Base, word: str) -> None:
+    variables = [Variable(name, "s", np.array([1e-3])) for name in names]
+    with pytest.raises(cr.ConfigurationError, match=word):
+        sweep(INJECTOR, variables, base)
+
+
+def test_a_sweep_without_a_sound_simulation_is_refused() -> None:
+    base = SINGLE._replace(conditions=CONDITIONS._replace(time_step=50e-6))
+    with pytest.raises(cr.SimulationError, match="no point of the sweep"):
+        sweep(INJECTOR, [Variable("rail_pressure", "Pa", np.array([160e6]))], base)
