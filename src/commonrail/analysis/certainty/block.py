@@ -169,7 +169,7 @@ def fit_noise(
     off = np.zeros((0, len(errors))) if off is None else off
     law = _law(block, errors, off, correlated)
     free = correlated and block.ordered and block.noise.correlation is not Correlation.WHITE
-    regression = estimate(np.vstack([_cut(errors, law), off])) if free else WHITE
+    regression = _regression(errors, off, law) if free else WHITE
     sigma = block.noise.sigma
     if sigma is not None:
         floor = block.noise.discrepancy if not block.noise.length else 0.0
@@ -186,11 +186,18 @@ def _law(block: Block, errors: Floats, off: Floats, correlated: bool) -> Law:
         return Law.GAUSSIAN
     white = WHITE
     if block.ordered and block.noise.correlation is not Correlation.WHITE:
-        white = estimate(np.vstack([_cut(errors, Law.STUDENT), off]))
+        white = _regression(errors, off, Law.STUDENT)
     innovations = np.abs(white.whiten(errors))
     robust = _NORMAL * float(np.median(innovations))
     many = len(errors) >= FAR_LEAST and np.mean(innovations > FAR * robust) > FAR_SHARE
     return Law.STUDENT if many else Law.GAUSSIAN
+
+
+def _regression(errors: Floats, off: Floats, law: Law) -> Autoregression:
+    """Autoregression of errors, outliers cut; what the fit may be off by is then smaller in proportion."""
+    cut = _cut(errors, law)
+    share = np.sqrt(np.sum(cut**2) / max(float(np.sum(errors**2)), 1e-300))
+    return estimate(np.vstack([cut, share * off]))
 
 
 def _cut(errors: Floats, law: Law) -> Floats:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.kinds.noise import Law
 
-__all__ = ["Covariance", "covariance_of", "half_widths", "student"]
+__all__ = ["Covariance", "covariance_of", "half_widths", "moved_by", "student"]
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +28,8 @@ class Covariance(NamedTuple):
 
     Attributes
     ----------
+    inverse : (d, d)
+        Inverse of the bread, see above.
     noise : (d, d)
         By noise alone; +inf on the diagonal where nothing holds a parameter.
     nuisances : (k, d)
@@ -46,6 +48,7 @@ class Covariance(NamedTuple):
         Mean slope over scatter of ψ of each block, by which differences of its cost are scaled.
     """
 
+    inverse: Floats
     noise: Floats
     nuisances: Floats
     discrepancy: Floats
@@ -99,9 +102,9 @@ def covariance_of(likelihood: Likelihood, slopes: Floats, errors: Floats, shifts
     noise[loose, loose] = np.inf
     with np.errstate(divide="ignore"):
         alone = 1.0 / np.sqrt(np.diag(bread))
-    moved = _moved(likelihood, inverse, tangents, innovations, likelihood.whiten(shifts))
+    moved = moved_by(likelihood, inverse, tangents, innovations, likelihood.whiten(shifts))
     held = _discrepancy(likelihood, inverse, tangents)
-    return Covariance(noise, moved, held, shares / np.maximum(variance, 1e-300), freedom, alone, used, ratios)
+    return Covariance(inverse, noise, moved, held, shares / np.maximum(variance, 1e-300), freedom, alone, used, ratios)
 
 
 def _bread(
@@ -137,8 +140,19 @@ def _inverse(matrix: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     return np.asarray(inverse / np.outer(scale, scale)), loose
 
 
-def _moved(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovations: Floats, shifts: Floats) -> Floats:
-    """Changes (k, d) of the estimates by changes (k, n) of the innovations."""
+def moved_by(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovations: Floats, shifts: Floats) -> Floats:
+    """Changes (k, d) of the estimates, in positions, by changes (k, n) of the innovations.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    inverse : (d, d)
+        Of the bread.
+    tangents : (d, n)
+        Whitened derivatives.
+    innovations : (n,)
+    shifts : (k, n)
+    """
     weighted = _sloped(likelihood, tangents, innovations)
     return np.asarray(-(shifts @ weighted.T) @ inverse)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.ascent import climb
-from commonrail.analysis.certainty.covariance import Covariance, covariance_of, half_widths
+from commonrail.analysis.certainty.covariance import Covariance, covariance_of, half_widths, moved_by
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.errors import SimulationError
@@ -72,6 +72,13 @@ class Estimate:
     def settled(self) -> bool:
         """True if the search has ended: no gain is left, and enough of several starts agree."""
         return self.gain < SETTLED and (self.starts == 1 or self.agreeing >= min(LEAST_AGREEING, self.starts))
+
+    def moved(self, shift: Floats) -> Floats:
+        """Changes (d,) of the values [SI] by a change (n,) of the residuals."""
+        own = self.likelihood
+        tangents, innovations = own.whiten(self.slopes), own.whiten(self.errors)
+        move = moved_by(own, self.covariance.inverse, tangents, innovations, own.whiten(shift[None]))[0]
+        return np.asarray(move * own.scaled(self.unit))
 
     def half_widths(self, level: float = 0.95) -> Floats:
         """Half widths of the local intervals (d,) in positions."""

@@ -189,14 +189,13 @@ class Likelihood:
 
     def log_prior(self, points: Floats) -> Floats:
         """Natural logarithm of the priors (m,) without constants; −inf beyond bounds and constraints."""
-        found: Floats = np.where(self.space.satisfies(points), -0.5 * self.priors.costs(points), -np.inf)
-        return found
+        return np.asarray(np.where(self.space.satisfies(points), -0.5 * self.priors.costs(points), -np.inf))
 
     def log_posterior(self, points: Floats) -> Floats:
         """Sum (m,) of `log_likelihood` and `log_prior`; points beyond bounds and constraints are not simulated."""
         found: Floats = self.log_prior(points)
-        inside = np.isfinite(found)
-        if inside.any():
+        inside = np.flatnonzero(np.isfinite(found))
+        if len(inside):
             found[inside] += self.log_likelihood(points[inside])
         return found
 
