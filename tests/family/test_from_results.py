@@ -62,7 +62,7 @@ def fleet_folder(path: Path, *preloads: float) -> Path:
     """Folder of a fleet whose valve preloads [N] were fitted with errors of 1 N; the last injector failed."""
     path.mkdir()
     head = ["injector", "status", f"{PRELOAD} [N]", f"{PRELOAD} standard error [N]", f"{PRELOAD} verdict"]
-    rows = [[f"SN{i}", "finished", repr(x), "1.0", "pinned down"] for i, x in enumerate(preloads)]
+    rows = [[f"SN{i}", "finished", repr(x), "1.0", "pinned"] for i, x in enumerate(preloads)]
     rows.append(["SN", "failed", "", "", ""])
     with summed(path, "fleet.json", "results.csv"):
         write_csv(path / "results.csv", ["SYNTHETIC: made up"], head, rows)

@@ -87,7 +87,7 @@ def record() -> dict[str, Any]:
                 **three(1.234e8 * i),
                 "paper_change": 0.5,
                 "change": three(-0.25),
-                "verdicts": {"pinned down": 2},
+                "verdicts": {"pinned": 2},
                 "standard_error": None if i == 7 else 5.5e6,
             }
             for i in range(1, 8)

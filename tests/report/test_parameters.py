@@ -40,11 +40,11 @@ def test_a_parameter_without_identification_has_dashes() -> None:
 
 
 def test_the_terminal_has_value_error_and_bounds_of_each_parameter() -> None:
-    record = rate_record()["parameters"][1] | {"verdict": "pinned down", "at_bound": False}
+    record = rate_record()["parameters"][1] | {"verdict": "pinned", "at_bound": False}
     del record["standard_error"]
     table = parameter_table([record | {"standard_error": 2.48e6}, record | {"at_bound": True}])
     first, second = ([cell.plain for cell in row] for row in table.rows)
-    assert first[:2] == [record["name"], "pinned down"]
+    assert first[:2] == [record["name"], "pinned"]
     assert first[3:] == ["82.6 N/µm", "± 2.48 N/µm", "+2.2", "8.08 N/µm to 162 N/µm", "no"]
     assert second[4:] == ["–", "+2.2", "8.08 N/µm to 162 N/µm", "yes"]
 

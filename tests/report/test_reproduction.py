@@ -92,7 +92,7 @@ def test_what_the_meter_changes_stands_beside_the_fit_without_it() -> None:
 
 def test_table_1_is_in_newtons_per_micrometre() -> None:
     found = rows(tables.table1(record()))
-    assert found[0] == ["k1", "100", "150", "123 (111–136)", "+50", "−25", "5.5", "pinned down: 2"]
+    assert found[0] == ["k1", "100", "150", "123 (111–136)", "+50", "−25", "5.5", "pinned: 2"]
     assert found[6][6] == MISSING  # no standard error
 
 

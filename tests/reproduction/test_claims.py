@@ -56,7 +56,7 @@ class Sample:
             p: {k: np.tile(np.array([0.0, 0.4, 0.1, 0.5]) * J[k], (N, 1)) for k in LABELS} for p in PRESSURES
         }
     )
-    pinned: str = "pinned down"
+    pinned: str = "pinned"
     random_change: np.ndarray = field(default_factory=lambda: np.array([[1.5, 0.5, 0.02, 0.5, 0.1, 0.9, 0.1]] * 4))
     k6_high_at_random: float = 0.4
 
@@ -254,6 +254,6 @@ def test_holms_correction_is_that_of_the_textbook() -> None:
 
 
 def test_a_stiffness_that_is_not_pinned_down_is_said_to_be_so() -> None:
-    found = claim(flat(pinned="pinned only in combination"), "near-theory")
+    found = claim(flat(pinned="only in combination"), "near-theory")
     assert "does not determine them" in found.comment
     assert "does not determine them" not in claim(Sample(), "near-theory").comment

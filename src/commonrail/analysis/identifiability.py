@@ -1,4 +1,4 @@
-"""Free parameters that the data pin down, near the best values."""
+"""Effects of free parameters near the best values, and, of a calibration, the certainty of each."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.bands import CLOSE, Optimum, bands_of
+from commonrail.analysis.certainty.certify import certify
+from commonrail.analysis.certainty.verdict import LIMIT, Verdict
 from commonrail.analysis.influence import Influence, influence_of
 from commonrail.analysis.neighbourhood import around
 from commonrail.arguments import instance
@@ -23,7 +25,7 @@ from commonrail.linear import least_squares
 
 Floats = NDArray[np.float64]
 
-WIDE = 0.05  # a standard error above this share of the range does not pin a parameter down
+NORMAL = 1.96  # standard errors of half an interval of 95 %
 
 
 class Identified(dict[str, dict[str, Any]]):
@@ -31,19 +33,22 @@ class Identified(dict[str, dict[str, Any]]):
 
     The summary is that of `Influence.record`, `influence` what it was made of; None where the best values could not be
     simulated. `bands` are those of `bands_of`, by the name of the data set; `refits` the record of `refits_of`, for the
-    result of a run that has made them.
+    result of a run that has made them. `certainty` is the record of `certify`, from which standard errors and verdicts
+    are; empty where a point was judged by `identify_at` alone.
     """
 
     summary: dict[str, Any] | None = None
     influence: Influence | None = None
     bands: Mapping[str, dict[str, Any]] = {}
     refits: Mapping[str, Any] = {}
+    certainty: Mapping[str, Any] = {}
 
 
 def identify(calibration: Calibration, threads: int | None = None) -> Identified:
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
-    See `identify_at` and `bands_of`.
+    Standard errors and verdicts are those of the likelihood near the best values, see `certify`; effects are those of
+    `identify_at`.
     """
     study = calibration.study
     fitted = of_role(study.data, Role.FIT)
@@ -56,6 +61,9 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     if found.influence:
         optima = [Optimum(around(study.space, best), found.influence), *_others(calibration, objective)]
         found.bands = bands_of(study.data, objective.simulator, optima)
+        found.certainty = certify(study, calibration.best, threads=threads).record()
+        for one in found.certainty["parameters"]:
+            found[one["name"]] |= {key: one[key] for key in ("standard_error", "verdict")}
     return found
 
 
@@ -91,7 +99,8 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
     -------
     dict
         Per parameter: "effect" and "pinned", the root-sum-square change of the residuals for a move of 1 % of the
-        range, alone and after readjustment; "standard_error" [SI]; "verdict".
+        range, alone and after readjustment; "standard_error" [SI], and "verdict", both of least squares with white
+        noise.
     """
     instance(space, Space, "space")
     instance(objective, Objective, "objective")
@@ -118,7 +127,7 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
             "effect": 0.01 * alone,
             "pinned": 0.01 * joint,
             "standard_error": float(error * place.scale[i]) if np.isfinite(error) else None,
-            "verdict": _verdict(spread, alone, joint),
+            "verdict": _verdict(spread * place.scale[i], alone, joint, best[i]),
         }
     return found
 
@@ -133,9 +142,19 @@ def _leverage(jacobian: Floats, usable: NDArray[np.bool_], i: int) -> tuple[floa
     return norm(column), norm(column - imitation)
 
 
-def _verdict(spread: float, alone: float, joint: float) -> str:
-    if spread <= WIDE * joint:
-        return "pinned down"
-    if spread <= WIDE * alone:
-        return "pinned only in combination"
-    return "hardly moved by the data"
+def _verdict(spread: float, alone: float, joint: float, value: float) -> str:
+    """Verdict by half the interval relative to the value, as `verdicts_of` has it, for residuals that are white noise.
+
+    Parameters
+    ----------
+    spread : float
+        Scatter of the residuals times the parameter's SI value per position.
+    alone, joint : float
+        Change of the residuals for the width of the bounds, and the part of it that the others cannot imitate.
+    value : float
+        Of the parameter [SI].
+    """
+    half = NORMAL * abs(spread)
+    if half <= LIMIT * abs(value) * joint:
+        return Verdict.PINNED.value
+    return (Verdict.COMBINED if half <= LIMIT * abs(value) * alone else Verdict.UNSEEN).value

@@ -78,6 +78,11 @@ class Priors:
     def __len__(self) -> int:
         return len(self.columns)
 
+    @property
+    def sigmas(self) -> Floats:
+        """Standard deviations (priors,), SI."""
+        return self._sigma
+
     def residuals(self, x: Floats) -> Floats:
         """Residuals (n, priors) of points (n, d), SI."""
         return np.asarray((x[:, self.columns] - self._value) / self._sigma)

@@ -21,9 +21,10 @@ from commonrail.kinds.records import JUDGED, LABELS
 from commonrail.observation.meter import Meter
 from commonrail.observation.quantities import known_quantity
 
-__all__ = ["CLOCK", "SCHEMA", "data_records", "result_record", "validate", "warning_records"]
+__all__ = ["CERTAINTY", "CLOCK", "SCHEMA", "data_records", "result_record", "validate", "warning_records"]
 
 SCHEMA = 1
+CERTAINTY = "certainty"  # likelihood, intervals, profiles and verdicts; written again by a later look at the same fit
 CLOCK = "clock"  # holds what depends on the clock; all else is the same whenever and however often a study is run
 
 
@@ -66,6 +67,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         **({"convergence": calibration.convergence.record()} if calibration.convergence else {}),
         "objective": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
         **_identifiability(identified),
+        **({CERTAINTY: certainty} if (certainty := getattr(identified, "certainty", {})) else {}),
         "data": _banded(data_records(study.data, calibration.scores), identified),
         **meter_records(calibration.meters),
         "warnings": warning_records(calibration.warnings),

@@ -12,6 +12,7 @@ from commonrail.cli.adapt import adapt
 from commonrail.cli.bench import bench
 from commonrail.cli.calibrate import calibrate
 from commonrail.cli.catalogue import catalogue
+from commonrail.cli.certainty import certainty
 from commonrail.cli.compare import compare
 from commonrail.cli.console import compiling, say, say_of_ending
 from commonrail.cli.doctor import doctor
@@ -53,6 +54,7 @@ _VERBS = (
     resume,
     runs,
     validate,
+    certainty,
     compare,
     fleet,
     family,

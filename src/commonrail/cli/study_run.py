@@ -135,6 +135,7 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
     StudyError
         If `strict` and the run has given a warning; its files are written.
     """
+    from commonrail.report.certainty import certainty_lines, certainty_tables
     from commonrail.report.headline import baseline_lines, convergence_lines
     from commonrail.report.judgement import judgement_lines, judgement_tables
     from commonrail.report.parameters import parameter_table
@@ -149,10 +150,16 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
             typer.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
         for table in (*tables_of(outcome.record["data"]), parameter_table(outcome.record["parameters"])):
             print_table(table)
-        for table in judgement_tables(outcome.record):
+        for table in (*certainty_tables(outcome.record), *judgement_tables(outcome.record)):
             print_table(table)
         record = outcome.record
-        for line in (*convergence_lines(record), *baseline_lines(record["data"]), *judgement_lines(record)):
+        lines = (
+            convergence_lines(record),
+            certainty_lines(record),
+            baseline_lines(record["data"]),
+            judgement_lines(record),
+        )
+        for line in (line for group in lines for line in group):
             typer.echo(line)
         typer.echo(f"report: {outcome.report}{_mention(warnings)}")
     if outcome.interrupted:

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.arguments import file_path, instance, mapping
-from commonrail.calibration.result import result_record
+from commonrail.calibration.result import CERTAINTY, result_record
 from commonrail.calibration.run import Calibration
+from commonrail.calibration.study import Study
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import dump_injector
 from commonrail.files.record_file import read_record, write_record
+from commonrail.files.study_file import load_study
 from commonrail.files.sums import summed
 from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
 from commonrail.kinds import DataSet, Score
@@ -24,8 +26,10 @@ __all__ = [
     "RESULT",
     "TRACES",
     "create_run_folder",
+    "keep_certainty",
     "new_run_folder",
     "rate_curves",
+    "read_fit",
     "read_run",
     "refuse_used",
     "write_results",
@@ -135,6 +139,56 @@ def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
     """
     folder = file_path(folder, "folder")
     return read_record(folder / RESULT, "commonrail calibrate"), read_traces(folder / TRACES)
+
+
+def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
+    """Study of a run folder, and the best values [SI] of its result.
+
+    Raises
+    ------
+    InputError
+        If the folder is not a run folder, its result is of another study, or a file of it is broken.
+    ConfigurationError
+        If it is no path.
+    """
+    folder = file_path(folder, "folder")
+    record = read_record(folder / RESULT, "commonrail calibrate")
+    study = load_study(folder / STUDY)
+    try:
+        best = {str(p["name"]): float(p["best"]) for p in record["parameters"]}
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{folder}: {RESULT} has no best values ({error}); calibrate again.") from error
+    if set(best) != set(study.space.names):
+        raise InputError(f"{folder}: {RESULT} has other parameters than {STUDY}; calibrate again.")
+    return study, best
+
+
+def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str, Any]:
+    """Write the certainty of a fit into its result.json, and return the whole record.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Run folder.
+    certainty : mapping
+        Of `Certainty.record`.
+
+    Raises
+    ------
+    InputError
+        If the folder is not a run folder.
+    OutputError
+        If the file cannot be written.
+    """
+    folder = file_path(folder, "folder")
+    record = read_record(folder / RESULT, "commonrail calibrate")
+    record[CERTAINTY] = dict(certainty)
+    known = {one["name"]: one for one in certainty["parameters"]}
+    for parameter in record["parameters"]:
+        parameter.update({key: known[parameter["name"]][key] for key in ("standard_error", "verdict")})
+    with summed(folder, RESULT, CALIBRATED, TRACES):
+        write_record(folder / RESULT, record)
+    return record
 
 
 def _write_traces(path: Path, calibration: Calibration) -> None:

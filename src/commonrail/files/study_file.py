@@ -181,7 +181,9 @@ def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[Dat
     found: list[DataSet] = []
     samples = 0
     for i, model in enumerate(models):
-        read = KINDS[model.kind].read(model, context._replace(at=at[i]))
+        kind = KINDS[model.kind]
+        read = kind.read(model, context._replace(at=at[i]))
+        read = read.with_noise(model.noise.read(kind.sigma_unit, at[i] / "noise"))
         found += read.divided(model, at[i])
         samples += read.samples
         if samples > MOST_SAMPLES:

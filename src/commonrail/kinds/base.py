@@ -22,6 +22,7 @@ from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.errors import ConfigurationError
+from commonrail.kinds.noise import NOISE, Noise
 from commonrail.kinds.reading import Context, DataModel
 from commonrail.kinds.records import Plotted, Record, Texts
 from commonrail.kinds.simulator import Candidates, Simulator
@@ -146,6 +147,10 @@ class DataSet(ABC):
         Of the kind: what reports show of it.
     seen : set of str
         Of the kind: quantities of a meter that its values depend on.
+    sigma_unit, residual_unit : str
+        Of the kind: SI unit in which a standard deviation of its noise is stated, and unit of its residuals in words.
+    residual_scale : float
+        Of the kind: residual for one `sigma_unit`.
     name, source, synthetic : str
         Where the data come from; what about them is synthetic, empty if measured.
     role : Role
@@ -162,6 +167,8 @@ class DataSet(ABC):
         Density [kg/m³] that made volumes of masses; NaN where volumes were measured.
     meter : Meter or None
         Law between the simulated flow and the measured values; None where they are compared as they are.
+    noise : Noise
+        Noise model for the likelihood of the data; the search does not depend on it.
     """
 
     kind: ClassVar[str]
@@ -171,6 +178,9 @@ class DataSet(ABC):
     model: ClassVar[type[DataModel]]
     view: ClassVar[View]
     seen: ClassVar[frozenset[str]]
+    sigma_unit: ClassVar[str] = "1"
+    residual_unit: ClassVar[str] = "tolerances"
+    residual_scale: ClassVar[float] = 1.0
 
     name: str
     role: Role
@@ -181,6 +191,7 @@ class DataSet(ABC):
     mass_density: Floats | float
     bounds: Floats | None
     meter: Meter | None
+    noise: Noise = NOISE
 
     @classmethod
     @abstractmethod
@@ -302,6 +313,10 @@ class DataSet(ABC):
         """The same data with another meter."""
         return replace(self, meter=meter)  # type: ignore[type-var]  # every kind is a dataclass
 
+    def with_noise(self, noise: Noise) -> Self:
+        """The same data with another noise model."""
+        return replace(self, noise=noise)  # type: ignore[type-var]  # every kind is a dataclass
+
     def renamed(self, name: str) -> Self:
         """The same data by another name."""
         return replace(self, name=name)  # type: ignore[type-var]  # every kind is a dataclass
@@ -318,6 +333,7 @@ class DataSet(ABC):
         weight = number(self.weight, "1", "weight of the data")
         if not weight > 0.0:
             raise ConfigurationError(f"The weight of {self.name} must be greater than zero, not {weight:g}.")
+        instance(self.noise, Noise, "noise of the data")
         settle(self, role=chosen(self.role, Role, "role of the data"), weight=weight)
         if self.meter is not None:
             self._check_meter(instance(self.meter, Meter, "meter of the data"))

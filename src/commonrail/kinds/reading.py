@@ -13,6 +13,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
 from commonrail.errors import nearest
 from commonrail.injector.definition import Injector
+from commonrail.kinds.noise_model import NoiseModel
 from commonrail.observation.meter import Meter
 from commonrail.reading.fields import FileModel, Unit, fault
 from commonrail.reading.place import Place
@@ -130,6 +131,7 @@ class DataModel(FileModel):
     file: str
     weight: float = Field(default=1.0, gt=0.0)
     meter: str | None = None
+    noise: NoiseModel = NoiseModel()
     source: str = "no source stated"
     synthetic: str = ""
 

@@ -58,7 +58,10 @@ class Candidates(NamedTuple):
             return np.repeat(given["density"][:, None], len(points), axis=1)
         if given and "temperature" in given:
             return reference_densities(injector, points, [FUEL_TEMPERATURE], given["temperature"][:, None])
-        return reference_densities(injector, points, *self.simulator.of_injector(self.values))
+        names, values = self.simulator.of_injector(self.values)
+        if FUEL_TEMPERATURE not in names:
+            return self.simulator.prepared(points).densities
+        return reference_densities(injector, points, names, values)
 
 
 class _Longer(NamedTuple):
@@ -142,9 +145,6 @@ class Simulator:
         whole : bool
             As in `Term`.
         """
-        if id(points) not in self._prepared:
-            check_step(self.time_step)
-            self._prepared[id(points)] = prepare(self.injector, points, self.time_step)
         return simulate_batch(
             self.injector,
             points,
@@ -154,9 +154,16 @@ class Simulator:
             misfit=misfit,
             stop_when_closed=not whole,
             precision=precision or self.precision,
-            prepared=self._prepared[id(points)],
+            prepared=self.prepared(points),
             same_bits=self.same_bits,
         )
+
+    def prepared(self, points: Sequence[OperatingPoint]) -> Prepared:
+        """Injector at operating points, made once for the same sequence."""
+        if id(points) not in self._prepared:
+            check_step(self.time_step)
+            self._prepared[id(points)] = prepare(self.injector, points, self.time_step)
+        return self._prepared[id(points)]
 
     def once(self, points: Sequence[OperatingPoint]) -> Batch:
         """Figures of the injector as it is at points that are not asked for again, (1, points)."""

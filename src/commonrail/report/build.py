@@ -24,6 +24,7 @@ from commonrail.files.comparison_folder import COMPARISON, read_comparison
 from commonrail.files.reproduction_folder import RECORD, read_reproduction
 from commonrail.files.run_folder import RESULT, TRACES, read_run
 from commonrail.kinds.records import Record
+from commonrail.report.certainty import certainty_lines, certainty_tables
 from commonrail.report.comparison import comparison_html
 from commonrail.report.draw import drawings, figure_html
 from commonrail.report.family import family_html
@@ -200,6 +201,8 @@ def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run:
         convergence=_convergence(record),
         judgement_lines=judgement_lines(record),
         judgement_tables=[*judgement_tables(record), *filter(None, [combination_table(record)])],
+        certainty_lines=certainty_lines(record),
+        certainty_tables=certainty_tables(record),
         parameters=parameter_rows(record["parameters"]),
         parameter_lines=parameter_lines(record["parameters"]),
         synthetic=synthetic_notes(record),

@@ -137,7 +137,7 @@ def _verdict_table(record: Record) -> Table:
         ("parameter", "name"),
         *((v, lambda p, v=v: str(p["verdicts"].get(v, 0))) for v, _ in total.most_common()),
     ]
-    note = "Number of injectors. What is not pinned down must not be read as a measurement of the part."
+    note = "Number of injectors. What is not pinned must not be read as a measurement of the part."
     return tabulated("What the data pin down", record["parameters"], columns, note)
 
 

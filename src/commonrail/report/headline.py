@@ -61,9 +61,9 @@ def convergence_lines(record: Record) -> list[str]:
 
 
 def parameter_lines(parameters: Sequence[Record]) -> list[str]:
-    """Sentences on which parameters the data pin down, and which ended at a bound."""
+    """Sentences on what the data say of the parameters, and on those that ended at a bound."""
     lines = []
-    for verdict in ("pinned down", "pinned only in combination", "hardly moved by the data"):
+    for verdict in dict.fromkeys(p["verdict"] for p in parameters if p.get("verdict")):
         names = [p["name"] for p in parameters if p.get("verdict") == verdict]
         if names:
             lines.append(f"{verdict.capitalize()}: {listed(names)}.")

@@ -53,7 +53,7 @@ def _index(symbol: str) -> int:
 
 def _pinned(f: Figures, symbols: Sequence[str]) -> bool:
     """True if the data say anything of these stiffnesses by themselves in most of the seeds."""
-    return all(f.verdicts(_index(s)).get("pinned down", 0) > 0.5 * len(f.seeds) for s in symbols)
+    return all(f.verdicts(_index(s)).get("pinned", 0) > 0.5 * len(f.seeds) for s in symbols)
 
 
 class _Group(NamedTuple):

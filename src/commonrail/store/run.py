@@ -180,7 +180,9 @@ def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener
             **how,
         )
         calibration = replace(calibration, warnings=before + calibration.warnings)
-        listener.note("judging which parameters the data pin down ...")
+        journal.check_place()
+        write_results(journal.folder, calibration, {})  # the fit is kept whatever happens to its judgement
+        listener.note("judging how well the data determine each parameter ...")
         identified = identify(calibration, how["threads"])
         workers = how["workers"]
         identified.refits = refits_of(calibration, threads=how["threads"], workers=workers, note=listener.note)

@@ -21,6 +21,7 @@ from commonrail.errors import ConfigurationError
 from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
 from commonrail.kinds.curves.reading import RateModel, read_curve
 from commonrail.kinds.curves.view import CurveView
+from commonrail.kinds.noise import NOISE, Noise
 from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, MM3_PER_MS, point_record
 from commonrail.kinds.simulator import Candidates, Simulator
@@ -74,6 +75,8 @@ class RateData(DataSet):
         compared with masses. NaN for a rate measured by volume, which is compared at each candidate's own density.
     meter : Meter or None
         Of the bench: the simulated rate is compared as this meter shows it.
+    noise : Noise
+        Its standard deviations are rates [m³/s].
     points : (OperatingPoint,)
         The one point.
 
@@ -90,6 +93,9 @@ class RateData(DataSet):
     model: ClassVar[type[RateModel]] = RateModel
     view: ClassVar[CurveView] = CurveView()
     seen: ClassVar[frozenset[str]] = frozenset(QUANTITIES) - {"quantity_offset"}
+    sigma_unit: ClassVar[str] = "m3/s"
+    residual_unit: ClassVar[str] = "mm3/ms"
+    residual_scale: ClassVar[float] = MM3_PER_MS
 
     name: str
     role: Role
@@ -101,6 +107,7 @@ class RateData(DataSet):
     synthetic: str
     mass_density: float = field(default=math.nan, metadata=LATER)
     meter: Meter | None = field(default=None, metadata=LATER)
+    noise: Noise = field(default=NOISE, metadata=LATER)
     points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False, metadata=LATER)
 
     def __post_init__(self) -> None:
@@ -158,9 +165,9 @@ class RateData(DataSet):
         if self.is_metered(simulator):
             return self._as_shown(candidates)
         s = simulator
-        return sampled_rates(
-            s.injector, self.point, self.bounds, *s.of_injector(values), s.time_step, same_bits=s.same_bits
-        ) / self._density_of(candidates)
+        how = s.injector, self.point, self.bounds, *s.of_injector(values), s.time_step
+        rates = sampled_rates(*how, prepared=s.prepared(self.points), same_bits=s.same_bits)
+        return rates / self._density_of(candidates)
 
     def _as_shown(self, candidates: Candidates) -> Floats:
         """Samples (candidates, samples) [m³/s] as the meter shows them."""

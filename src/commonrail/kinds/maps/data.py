@@ -24,6 +24,7 @@ from commonrail.kinds.maps.hold_out import divide
 from commonrail.kinds.maps.reading import MapModel, QuantitiesModel, read_map
 from commonrail.kinds.maps.sister import Sister, read_sister
 from commonrail.kinds.maps.view import MapView
+from commonrail.kinds.noise import NOISE, Noise
 from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, point_record
 from commonrail.kinds.simulator import Candidates, Simulator
@@ -94,6 +95,8 @@ class QuantityData(DataSet):
         Of the bench; of its quantities, `gain`, `quantity_offset`, `density` and `temperature` concern a map.
     sister : Sister or None
         Measured map of another part of the type, for comparison.
+    noise : Noise
+        Its standard deviations are multiples of the tolerance.
 
     Raises
     ------
@@ -124,6 +127,7 @@ class QuantityData(DataSet):
     dead_time_tolerance: float | None = field(default=None, metadata=LATER)
     meter: Meter | None = field(default=None, metadata=LATER)
     sister: Sister | None = field(default=None, metadata=LATER)
+    noise: Noise = field(default=NOISE, metadata=LATER)
 
     bounds = None
 

@@ -1,0 +1,208 @@
+"""Blocks of residuals: one for each data set of a fit, with its noise as stated and as fitted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.autoregression import Autoregression, estimate
+from commonrail.analysis.certainty.laws import LAWS, DensityLaw, scale_of
+from commonrail.kinds import DataSet
+from commonrail.kinds.noise import NOISE, Correlation, Law, Noise
+
+__all__ = ["Block", "FittedNoise", "block_of", "fit_noise"]
+
+Floats = NDArray[np.float64]
+
+WHITE = Autoregression(np.empty(0))
+FAR, FAR_SHARE, FAR_LEAST = 4.0, 0.01, 50  # deviations, share and number of values by which outliers are recognised
+_CLIP = 3.0  # deviations to which outliers are cut before the autocorrelation is estimated
+_NORMAL = 1.4826
+
+
+@dataclass(frozen=True)
+class FittedNoise:
+    """Noise of a block as it was fitted.
+
+    Attributes
+    ----------
+    law : Law
+        Not "auto".
+    scale : float
+        Of an innovation, in the unit of the residuals; the standard deviation for the Gaussian law.
+    freedom : float
+        Degrees of freedom of the scale; infinite where it is stated.
+    autoregression : Autoregression
+    """
+
+    law: Law
+    scale: float
+    freedom: float
+    autoregression: Autoregression = WHITE
+
+    @property
+    def density(self) -> DensityLaw:
+        """Cost, weight and slope of the law."""
+        return LAWS[self.law]
+
+    @property
+    def sigma(self) -> float:
+        """Scale of a value, correlation included."""
+        return self.scale / self.autoregression.innovation_share
+
+    @property
+    def known(self) -> bool:
+        """True if the scale is stated."""
+        return math.isinf(self.freedom)
+
+    def whiten(self, errors: Floats) -> Floats:
+        """Standardised innovations (…, n) of residuals (…, n)."""
+        return self.autoregression.whiten(errors) / self.scale
+
+
+@dataclass(frozen=True)
+class Block:
+    """Residuals of a data set within the residuals of a fit.
+
+    Attributes
+    ----------
+    name : str
+    rows : slice
+        Its place.
+    noise : Noise
+        As stated; a standard deviation in the unit of the residuals.
+    unit : str
+        Unit of the residuals, for texts.
+    ordered : bool
+        The values are a course in time.
+    at_zero : (n,)
+        Residuals where the model gives nothing.
+    offset : (n,)
+        Change of the residuals for one more unit of the values everywhere.
+    places : (n, 2)
+        Time [s] and rail pressure [Pa] of each value, between which a discrepancy is correlated.
+    shots : FittedNoise or None
+        Noise estimated from repeated shots.
+    """
+
+    name: str
+    rows: slice
+    noise: Noise = NOISE
+    unit: str = ""
+    ordered: bool = False
+    at_zero: Floats = field(default_factory=lambda: np.empty(0))
+    offset: Floats = field(default_factory=lambda: np.empty(0))
+    places: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    shots: FittedNoise | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return int(self.rows.stop - self.rows.start)
+
+    def discrepancy(self) -> Floats | None:
+        """Covariance (n, n) of what the model cannot do; None where none is stated."""
+        sd, length = self.noise.discrepancy, self.noise.length
+        if not sd:
+            return None
+        if not length:
+            return np.asarray(sd**2 * np.eye(self.size))
+        scale = np.array([length, self.noise.pressure_length])
+        apart = (self.places[:, None] - self.places[None]) / scale
+        return np.asarray(sd**2 * np.exp(-0.5 * np.sum(apart**2, axis=-1)))
+
+
+def block_of(data: DataSet, start: int) -> Block:
+    """Block of a data set whose residuals begin at a row."""
+    zero = _plain(data, np.zeros(len(data.measured)))
+    scale = data.residual_scale
+    stated = data.noise
+    sigma = None if stated.sigma is None else stated.sigma * scale
+    noise = replace(stated, sigma=sigma, discrepancy=stated.discrepancy * scale)
+    return Block(
+        data.name,
+        slice(start, start + len(zero)),
+        noise,
+        data.residual_unit,
+        data.bounds is not None,
+        np.where(data.judged, zero, 0.0),
+        np.where(data.judged, _plain(data, np.ones(len(zero))) - zero, 0.0),
+        _places(data),
+    )
+
+
+def _plain(data: DataSet, values: Floats) -> Floats:
+    """Residuals without the weight."""
+    return np.asarray(data.residuals(values[None])[0] / math.sqrt(data.weight))
+
+
+def _places(data: DataSet) -> Floats:
+    if data.bounds is not None:
+        middle = 0.5 * (data.bounds[1:] + data.bounds[:-1])
+        return np.column_stack([middle, np.full(len(middle), data.points[0].initial_pressures()[0])])
+    points = data.points
+    durations = [point.pulses[0].duration if point.pulses else 0.0 for point in points]
+    return np.column_stack([durations, [point.initial_pressures()[0] for point in points]])
+
+
+def fit_noise(
+    block: Block, errors: Floats, used: float, off: Floats | None = None, *, correlated: bool = True
+) -> FittedNoise:
+    """Noise of a block from its residuals at the best values.
+
+    Parameters
+    ----------
+    block : Block
+    errors : (n,)
+    used : float
+        Parameters that the block pays for: trace of its part of the influence matrix.
+    off : (d, n), optional
+        Courses that the fitted values may be off by, see `autoregression.estimate`.
+    correlated : bool
+        Estimate the autocorrelation where the noise model has one, and look for outliers.
+    """
+    if block.shots is not None:
+        return block.shots
+    off = np.zeros((0, len(errors))) if off is None else off
+    law = _law(block, errors, off, correlated)
+    free = correlated and block.ordered and block.noise.correlation is not Correlation.WHITE
+    regression = _regression(errors, off, law) if free else WHITE
+    sigma = block.noise.sigma
+    if sigma is not None:
+        floor = block.noise.discrepancy if not block.noise.length else 0.0
+        return FittedNoise(law, math.hypot(sigma, floor) * regression.innovation_share, math.inf, regression)
+    freedom = max(len(errors) - used, 1.0)
+    scale = scale_of(law, regression.whiten(errors), freedom)
+    return FittedNoise(law, max(scale, np.finfo(float).tiny ** 0.25), freedom, regression)
+
+
+def _law(block: Block, errors: Floats, off: Floats, correlated: bool) -> Law:
+    if block.noise.law is not Law.AUTO:
+        return block.noise.law
+    if not correlated:
+        return Law.GAUSSIAN
+    white = WHITE
+    if block.ordered and block.noise.correlation is not Correlation.WHITE:
+        white = _regression(errors, off, Law.STUDENT)
+    innovations = np.abs(white.whiten(errors))
+    robust = _NORMAL * float(np.median(innovations))
+    many = len(errors) >= FAR_LEAST and np.mean(innovations > FAR * robust) > FAR_SHARE
+    return Law.STUDENT if many else Law.GAUSSIAN
+
+
+def _regression(errors: Floats, off: Floats, law: Law) -> Autoregression:
+    """Autoregression of errors, outliers cut; what the fit may be off by is then smaller in proportion."""
+    cut = _cut(errors, law)
+    share = np.sqrt(np.sum(cut**2) / max(float(np.sum(errors**2)), 1e-300))
+    return estimate(np.vstack([cut, share * off]))
+
+
+def _cut(errors: Floats, law: Law) -> Floats:
+    """Errors, outliers cut where the law expects them."""
+    if law is Law.GAUSSIAN:
+        return errors
+    limit = _CLIP * _NORMAL * float(np.median(np.abs(errors)))
+    return np.clip(errors, -limit, limit)

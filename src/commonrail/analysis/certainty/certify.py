@@ -1,0 +1,226 @@
+"""Certainty of a calibration: most likely values, intervals, profiles, tests and verdicts, as a JSON-able record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.covariance import student
+from commonrail.analysis.certainty.estimate import Estimate, estimate, library, starts_from
+from commonrail.analysis.certainty.lack_of_fit import LackOfFit, lack_of_fit
+from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.analysis.certainty.profile import Profile, profiles_of
+from commonrail.analysis.certainty.record import certainty_record
+from commonrail.analysis.certainty.verdict import LIMIT, Judged, verdicts_of, withdrawal
+from commonrail.arguments import instance, number, thread_count, whole
+from commonrail.calibration.constraint_text import parse_constraints
+from commonrail.calibration.study import Study
+from commonrail.errors import ConfigurationError
+
+__all__ = ["Certainty", "certify"]
+
+Floats = NDArray[np.float64]
+
+MEMBERS = 512  # of the library from which further starts are chosen
+MOST_RESTARTS = 3  # from profile points that beat the optimum
+
+
+@dataclass(frozen=True)
+class Certainty:
+    """Certainty of a fit.
+
+    Attributes
+    ----------
+    estimate : Estimate
+        Most likely values and their local intervals; `estimate.likelihood` is the likelihood with its fitted noise.
+    level : float
+        Share of intervals that hold the truth.
+    low, high : (d,)
+        Ends of the intervals [SI]: of the profile where there is a finished one, else local.
+    estimators : list of str
+        Estimator of each parameter's interval.
+    profiles : mapping of str to Profile
+    tests : list of LackOfFit
+        For each data set.
+    withdrawn : str
+        Reason why no parameter is called pinned, empty if there is none.
+    verdicts : list of Judged
+    adopted : int
+        Times that a profile met a better optimum, which then took the place of the first.
+    combinations : mapping of str to (float, float)
+        Value and half width [SI] of each stated combination.
+    simulated : int
+        Points simulated.
+    """
+
+    estimate: Estimate
+    level: float
+    low: Floats
+    high: Floats
+    estimators: list[str]
+    profiles: Mapping[str, Profile]
+    tests: list[LackOfFit]
+    withdrawn: str
+    verdicts: list[Judged]
+    adopted: int
+    combinations: Mapping[str, tuple[float, float]]
+    simulated: int
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form, the key "certainty" of a result."""
+        return certainty_record(self)
+
+
+def certify(
+    study: Study,
+    best: Mapping[str, float],
+    *,
+    threads: int | None = None,
+    starts: int = 1,
+    profiles: Sequence[str] | None = (),
+    combinations: Sequence[str] = (),
+    level: float = 0.95,
+    limit: float = LIMIT,
+    note: Callable[[str], None] = lambda _: None,
+) -> Certainty:
+    """Certainty of a study's fit.
+
+    Parameters
+    ----------
+    study : Study
+    best : mapping of str to float
+        Values [SI] to start from, as `Calibration.best`.
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+    starts : int
+        Starts of the search for the most likely values: the best values, and others far from each other.
+    profiles : sequence of str or None
+        Parameters whose likelihood is profiled; None for all, none by default.
+    combinations : sequence of str
+        Sums of parameters, such as "a + b" or "2*a - b", whose interval is wanted too.
+    level : float
+        Share of intervals that are to hold the truth.
+    limit : float
+        Half width over value, up to which a parameter is called pinned.
+    note : function of str
+        Called before long steps, and with what the user should know.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or a name is unknown.
+    SimulationError
+        If the best values cannot be simulated.
+    """
+    instance(study, Study, "study")
+    starts = whole(starts, "starts", 1)
+    level, limit = _share(level, "level"), _share(limit, "limit")
+    own = Likelihood.of(study, thread_count(threads))
+    wanted = list(own.names) if profiles is None else list(profiles)
+    columns = [_column(own, name) for name in wanted]
+    rows = {text: _row(own, text) for text in combinations}
+    point = np.array([best[name] for name in own.names])
+    begin = own.space.to_unit(point)[None]
+    if starts > 1:
+        note(f"searching from {starts} starts ...")
+        begin = np.vstack([begin, starts_from(own, library(own, MEMBERS), starts - 1)])
+    found = estimate(own, begin)
+    simulated, adopted = own.simulated + found.simulated, 0
+    profiled: dict[str, Profile] = {}
+    while columns:
+        note(f"profiling {len(columns)} parameters ...")
+        done = profiles_of(found, columns, level)
+        simulated += done.simulated
+        if done.better is None or adopted == MOST_RESTARTS:
+            profiled = {} if done.better is not None else {profile.name: profile for profile in done.found}
+            break
+        note("a profile has met a better fit, which is adopted")
+        adopted += 1
+        again = estimate(own, done.better[None])
+        simulated += again.simulated
+        found = _adopted(found, again)
+    low, high, estimators = _intervals(found, profiled, level)
+    tests = lack_of_fit(found)
+    reason = withdrawal(found, tests)
+    return Certainty(
+        found,
+        level,
+        low,
+        high,
+        estimators,
+        profiled,
+        tests,
+        reason,
+        verdicts_of(found, low, high, reason, limit=limit, level=level),
+        adopted,
+        {text: _combined(found, row, level) for text, row in rows.items()},
+        simulated,
+    )
+
+
+def _adopted(first: Estimate, again: Estimate) -> Estimate:
+    """The better estimate; starts that agreed with the first one do not count for it."""
+    return replace(again, starts=first.starts, agreeing=1)
+
+
+def _share(value: float, what: str) -> float:
+    found = number(value, "1", what)
+    if not 0.0 < found < 1.0:
+        raise ConfigurationError(f"The {what} must lie between 0 and 1, not {found:g}.")
+    return found
+
+
+def _column(own: Likelihood, name: str) -> int:
+    if name not in own.names:
+        raise ConfigurationError(f"{name} is no free parameter of the study; free are {', '.join(own.names)}.")
+    return own.names.index(name)
+
+
+def _row(own: Likelihood, text: str) -> Floats:
+    """Coefficients (d,) of a sum of parameters."""
+    return np.asarray(parse_constraints([f"{text} >= 0"], own.names).matrix[0])
+
+
+def _combined(found: Estimate, row: Floats, level: float) -> tuple[float, float]:
+    slope = row * found.likelihood.scaled(found.unit)
+    used = slope != 0.0
+    total = np.where(np.isfinite(found.covariance.total), found.covariance.total, 0.0)
+    if not np.isfinite(np.diag(found.covariance.total)[used]).all():
+        return float(row @ found.point), float("inf")
+    quantile = float(student(np.array([found.covariance.freedom[used].min()]), level)[0])
+    return float(row @ found.point), quantile * float(np.sqrt(slope @ total @ slope))
+
+
+def _intervals(found: Estimate, profiled: Mapping[str, Profile], level: float) -> tuple[Floats, Floats, list[str]]:
+    """Ends of the intervals, and the estimator of each."""
+    low, high = (np.array(end) for end in found.interval(level))
+    local = _local_label(found)
+    labels = [local] * len(low)
+    scale = np.abs(found.likelihood.scaled(found.unit))
+    beyond = np.diag(found.covariance.total - found.covariance.noise)
+    wider = student(found.covariance.freedom, level) ** 2 * np.where(np.isfinite(beyond), beyond, 0.0) * scale**2
+    for i, name in enumerate(found.likelihood.names):
+        profile = profiled.get(name)
+        if profile is None or not (profile.low.finished and profile.high.finished):
+            continue
+        low[i] = found.point[i] - np.hypot(found.point[i] - profile.low.value, np.sqrt(wider[i]))
+        high[i] = found.point[i] + np.hypot(profile.high.value - found.point[i], np.sqrt(wider[i]))
+        labels[i] = "profile likelihood" + (", uncertain quantities added" if wider[i] else "")
+    return low, high, labels
+
+
+def _local_label(found: Estimate) -> str:
+    """Name of the local estimator, with the laws of noise that it rests on."""
+    laws = list(dict.fromkeys(noise.law.value for noise in found.likelihood.noises))
+    orders = [noise.autoregression.order for noise in found.likelihood.noises]
+    white = f"AR({max(orders)})" if max(orders) else "white"
+    parts = [f"curvature of the likelihood ({', '.join(laws)}, {white}), t quantile"]
+    if found.likelihood.nuisances:
+        parts.append("uncertain quantities added")
+    if any(block.noise.discrepancy for block in found.likelihood.blocks):
+        parts.append("discrepancy added")
+    return ", ".join(parts)

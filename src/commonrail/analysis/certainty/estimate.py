@@ -1,0 +1,202 @@
+"""Most likely values of a likelihood, its noise among them, and their local intervals.
+
+Values given the noise, noise given the residuals, in turn: generalised least squares, iterated. The first round takes
+the noise as white, and its several starts tell whether the search has ended.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.ascent import climb
+from commonrail.analysis.certainty.covariance import Covariance, covariance_of, half_widths, moved_by
+from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.calibration.sampling import sample_feasible
+from commonrail.errors import SimulationError
+
+__all__ = ["Estimate", "estimate", "library", "starts_from"]
+
+Floats = NDArray[np.float64]
+
+ROUNDS = 3  # of noise given residuals
+AGREED = 0.5  # of 2 ln L within which ends of the search agree
+LEAST_AGREEING = 3  # ends, the best among them
+SETTLED = 0.01  # fall of −2 ln L that the last linear model may still promise
+CLOSEST = 40  # members of a library that are compared as starts
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Most likely values.
+
+    Attributes
+    ----------
+    likelihood : Likelihood
+        With the noise that was fitted.
+    unit, point : (d,)
+        Positions between the bounds, and values [SI].
+    cost : float
+        −2 ln L with the priors, without constants.
+    errors : (n,)
+        Residuals.
+    slopes : (d, n)
+        Their derivatives with respect to the positions.
+    shifts : (k, n)
+        Their changes for one standard deviation of each uncertain quantity.
+    covariance : Covariance
+    starts, agreeing : int
+        Starts of the search, and how many of them ended within 0.5 of the greatest 2 ln L.
+    gain : float
+        Fall of the cost that the last linear model still promises.
+    simulated : int
+        Points simulated.
+    """
+
+    likelihood: Likelihood
+    unit: Floats
+    point: Floats
+    cost: float
+    errors: Floats
+    slopes: Floats
+    shifts: Floats
+    covariance: Covariance
+    starts: int
+    agreeing: int
+    gain: float
+    simulated: int
+
+    @property
+    def settled(self) -> bool:
+        """True if the search has ended: no gain is left, and enough of several starts agree."""
+        return self.gain < SETTLED and (self.starts == 1 or self.agreeing >= min(LEAST_AGREEING, self.starts))
+
+    def moved(self, shift: Floats) -> Floats:
+        """Changes (d,) of the values [SI] by a change (n,) of the residuals."""
+        own = self.likelihood
+        tangents, innovations = own.whiten(self.slopes), own.whiten(self.errors)
+        move = moved_by(own, self.covariance.inverse, tangents, innovations, own.whiten(shift[None]))[0]
+        return np.asarray(move * own.scaled(self.unit))
+
+    def half_widths(self, level: float = 0.95) -> Floats:
+        """Half widths of the local intervals (d,) in positions."""
+        return half_widths(self.covariance, level)
+
+    def interval(self, level: float = 0.95) -> tuple[Floats, Floats]:
+        """Ends of the local intervals (d,) [SI], which bounds and constraints do not cut."""
+        half, space = self.half_widths(level), self.likelihood.space
+        linear = half * self.likelihood.scaled(self.unit)
+        low, high = self.point - linear, self.point + linear
+        if space.logarithmic.any():
+            with np.errstate(over="ignore"):
+                low = np.where(space.logarithmic, space.from_unit(self.unit - half), low)
+                high = np.where(space.logarithmic, space.from_unit(self.unit + half), high)
+        return low, high
+
+
+def library(likelihood: Likelihood, many: int, seed: int = 0) -> tuple[Floats, Floats]:
+    """Positions (m, d) drawn where bounds and constraints hold, and their residuals (m, n), without those that fail.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    many : int
+    seed : int
+        Of the draws.
+    """
+    points = sample_feasible(likelihood.space, many, np.random.default_rng(seed))
+    errors = likelihood.residuals(points)
+    sound = np.isfinite(errors).all(axis=1)
+    return likelihood.space.to_unit(points[sound]), errors[sound]
+
+
+def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int) -> Floats:
+    """Starts (k, d): the best member of a library, and of its best ones those that lie farthest apart.
+
+    Members are compared by Σ n ln Σ e² over the blocks, for which no noise need be known.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    found : (positions, residuals)
+        Of `library`.
+    many : int
+    """
+    unit, errors = found
+    sums = [np.sum(errors[:, b.rows] ** 2, axis=1) for b in likelihood.blocks]
+    sizes = [block.size for block in likelihood.blocks]
+    cost = np.sum([n * np.log(np.maximum(s, 1e-300)) for n, s in zip(sizes, sums, strict=True)], axis=0)
+    near = unit[np.argsort(cost, kind="stable")[:CLOSEST]]
+    chosen = [near[0]]
+    while len(chosen) < min(many, len(near)):
+        apart = np.min([np.linalg.norm(near - one, axis=1) for one in chosen], axis=0)
+        chosen.append(near[int(apart.argmax())])
+    return np.array(chosen)
+
+
+def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) -> Estimate:
+    """Most likely values from several starts.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Its noise need not be known.
+    starts : (k, d)
+        Positions between the bounds; the first is the best one so far.
+    rounds : int
+        Turns of noise and values.
+
+    Raises
+    ------
+    SimulationError
+        If the first start cannot be simulated.
+    """
+    before = likelihood.simulated
+    first = likelihood.residuals(likelihood.space.from_unit(starts[:1]))[0]
+    if not np.isfinite(first).all():
+        raise SimulationError("The best values cannot be simulated, so nothing can be said of their certainty.")
+    own = likelihood.estimated(first, [0.0] * len(likelihood.blocks), correlated=False)
+    ends = climb(own, starts)
+    best = int(np.argmin(ends.cost))
+    agreeing = int(np.count_nonzero(ends.cost - ends.cost[best] < AGREED * _variance(own, ends.errors[best])))
+    unit, errors, gain = ends.unit[best], ends.errors[best], float(ends.gain[best])
+    simulated = own.simulated
+    for last in range(rounds):
+        slopes = own.jacobian(unit[None], central=False, base=errors[None])[0]
+        known = covariance_of(own, slopes, errors, np.zeros((0, own.size)), pulls_of(own, unit))
+        simulated += own.simulated
+        own = likelihood.estimated(errors, known.used.tolist(), known.root.T @ slopes)
+        near = climb(own, unit[None], errors=errors[None], turns=10, tolerance=0.1 if last < rounds - 1 else 1e-3)
+        unit, errors, gain = near.unit[0], near.errors[0], float(near.gain[0])
+    found = _at(own, unit, errors, gain)
+    simulated += own.simulated + likelihood.simulated - before
+    return replace(found, starts=len(starts), agreeing=agreeing, simulated=simulated)
+
+
+def _variance(likelihood: Likelihood, errors: Floats) -> float:
+    """Mean square of innovations: the first noise is that of a start, not that of the end."""
+    return float(np.mean(likelihood.whiten(errors) ** 2))
+
+
+def pulls_of(likelihood: Likelihood, unit: Floats) -> Floats:
+    """Derivatives (p, d) of the residuals of the priors with respect to positions, at a position (d,)."""
+    priors = likelihood.priors
+    found = np.zeros((len(priors), len(unit)))
+    if len(priors):
+        found[np.arange(len(priors)), priors.columns] = likelihood.scaled(unit)[priors.columns] / priors.sigmas
+    return found
+
+
+def _at(likelihood: Likelihood, unit: Floats, errors: Floats, gain: float) -> Estimate:
+    """Estimate at an end of the search."""
+    point = likelihood.space.from_unit(unit)
+    slopes = likelihood.jacobian(unit[None])[0]
+    many = len(likelihood.nuisances)
+    shifts = np.array([n.shift(point) for n in likelihood.nuisances]).reshape(many, likelihood.size)
+    likelihood.simulated += 2 * many
+    covariance = covariance_of(likelihood, slopes, errors, shifts, pulls_of(likelihood, unit))
+    innovations = likelihood.whiten(errors)
+    cost = float(likelihood.block_costs(innovations).sum() + likelihood.priors.costs(point[None])[0])
+    return Estimate(likelihood, unit, point, cost, errors, slopes, shifts, covariance, 1, 1, gain, 0)

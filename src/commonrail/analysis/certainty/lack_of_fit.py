@@ -1,0 +1,134 @@
+"""Tests for lack of fit: residuals that are no noise, or larger than the noise is known to be.
+
+Score test: the innovations of a data set are regressed on the whitened derivatives of the parameters and of a delay, a
+bandwidth, a gain and an offset of the meter; an F test asks if the last explain more than noise does. Autocorrelation
+alone cannot tell a meter with coloured noise from a wrong model; this test can. It does not see what the parameters
+imitate: it never licenses an interval, see the sensitivity to each uncertain quantity for that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.block import Block
+from commonrail.analysis.certainty.estimate import Estimate
+
+__all__ = ["LEVEL", "LackOfFit", "lack_of_fit"]
+
+Floats = NDArray[np.float64]
+
+IMITATED = 1e-6  # part of a suspect that the parameters leave unexplained, below which nothing can be said of it
+LEVEL = 0.01  # false alarms of all tests of a fit together
+
+
+class LackOfFit(NamedTuple):
+    """Tests of one data set.
+
+    Attributes
+    ----------
+    name : str
+        Data set.
+    score : float
+        Probability that noise explains as much as delay, bandwidth, gain and offset do.
+    size : float or None
+        Probability of residuals so large with the stated standard deviation; None where it is estimated.
+    suspect : str
+        Quantity of the meter that by itself explains most.
+    found : bool
+        The residuals are no noise, at a level shared by all tests of the fit.
+    sentence : str
+        What was found, empty for nothing.
+    """
+
+    name: str
+    score: float
+    size: float | None
+    suspect: str
+    found: bool
+    sentence: str
+
+
+def lack_of_fit(estimate: Estimate) -> list[LackOfFit]:
+    """Tests of each data set of a fit; those together raise a false alarm in 1 % of the fits."""
+    own = estimate.likelihood
+    tests = sum(1 + noise.known for noise in own.noises)
+    return [_of_block(estimate, i, LEVEL / tests) for i in range(len(own.blocks))]
+
+
+def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
+    own = estimate.likelihood
+    block, noise = own.blocks[index], own.noises[index]
+    errors, slopes = estimate.errors[block.rows], estimate.slopes[:, block.rows]
+    innovations = noise.whiten(errors)
+    robust = np.sqrt(noise.density.weight(innovations))  # outliers count as they do in the fit
+    suspects = _suspects(block, errors)
+    changes = robust * noise.whiten(np.array(list(suspects.values())))
+    score, suspect = _score(robust * innovations, robust * noise.whiten(slopes), list(suspects), changes)
+    size = _size(innovations, estimate.covariance.used[index]) if noise.known and block.shots is None else None
+    sentence = ""
+    if score < level:
+        sentence = f"the residuals of {block.name} are no noise: a {suspect} of the meter would explain much of them"
+    elif size is not None and size < level:
+        ratio = float(np.sqrt(np.mean(innovations**2)))
+        sentence = f"the residuals of {block.name} are {ratio:.2f} times as large as the noise is stated to be"
+    return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence)
+
+
+def _suspects(block: Block, errors: Floats) -> dict[str, Floats]:
+    """Changes of the residuals by each quantity of the meter; the model's values are residuals without the data."""
+    shown = errors - block.at_zero
+    if not block.ordered:
+        return {"gain": shown, "offset": block.offset}
+    times = block.places[:, 0]
+    slope = np.gradient(shown, times)
+    return {"delay": -slope, "bandwidth": np.gradient(slope, times), "gain": shown, "offset": block.offset}
+
+
+def _score(innovations: Floats, tangents: Floats, names: Sequence[str], suspects: Floats) -> tuple[float, str]:
+    """Probability of the F test, and the name of the suspect that explains most by itself.
+
+    Parameters
+    ----------
+    innovations : (n,)
+    tangents : (d, n)
+        Whitened derivatives of the parameters.
+    names : sequence of str
+    suspects : (k, n)
+        Whitened derivatives of the meter's quantities.
+    """
+    from scipy.special import betainc
+
+    base = _basis(tangents)
+    rest = innovations - base @ (base.T @ innovations)
+    apart = suspects - (suspects @ base) @ base.T
+    imitated = np.linalg.norm(apart, axis=1) < IMITATED * np.maximum(np.linalg.norm(suspects, axis=1), 1e-300)
+    apart, left = apart[~imitated], [name for name, gone in zip(names, imitated, strict=True) if not gone]
+    freedom = len(innovations) - base.shape[1] - len(left)
+    if not left or freedom < 1:
+        return 1.0, ""
+    more = _basis(apart)
+    explained = float(np.sum((more.T @ rest) ** 2))
+    unexplained = max(float(np.sum(rest**2)) - explained, 1e-300)
+    share = unexplained / (unexplained + explained)
+    alone = np.abs(apart @ rest) / np.linalg.norm(apart, axis=1)
+    return float(betainc(0.5 * freedom, 0.5 * more.shape[1], share)), left[int(np.argmax(alone))]
+
+
+def _basis(rows: Floats) -> Floats:
+    """Orthonormal columns (n, k) that span rows (m, n)."""
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    unit = rows[length[:, 0] > 0.0] / length[length[:, 0] > 0.0]
+    _, values, vectors = np.linalg.svd(unit, full_matrices=False)
+    return np.asarray(vectors[values > 1e-8 * values.max(initial=0.0)].T)
+
+
+def _size(innovations: Floats, used: float) -> float:
+    """Probability of a sum of squares as large as this by the stated noise."""
+    from scipy.special import gammaincc
+
+    freedom = max(len(innovations) - used, 1.0)
+    return float(gammaincc(0.5 * freedom, 0.5 * float(np.sum(innovations**2))))

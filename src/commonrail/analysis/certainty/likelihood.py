@@ -1,0 +1,232 @@
+"""Likelihood of a study's data: each data set with a noise model of its own, so that their shares can be compared.
+
+For residuals e of a data set (simulated − measured), its autoregression and its scale give standardised innovations u,
+independent from value to value, and the logarithm of its likelihood is Σ (−ρ(u)/2 − ln scale) with the cost ρ of its
+law. Weights of the objective play no part: the noise says what a data set is worth. Priors are kept apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.block import Block, FittedNoise, block_of, fit_noise
+from commonrail.analysis.certainty.nuisance import Nuisance, nuisances_of
+from commonrail.analysis.certainty.shots import with_shots
+from commonrail.calibration.goal import Goal
+from commonrail.calibration.objective import Objective
+from commonrail.calibration.prior import Priors
+from commonrail.calibration.space import Space
+from commonrail.calibration.study import Study
+from commonrail.errors import StudyError
+from commonrail.kinds import Role, of_role
+from commonrail.observation.quantities import known_quantity
+
+__all__ = ["STEP", "Likelihood"]
+
+Floats = NDArray[np.float64]
+
+# Distance of the candidates of a central difference, in positions between the bounds: above the ripple of a PWM drive,
+# below the curvature, as `neighbourhood.STEP`.
+STEP = 5e-3
+FORWARD = 1e-3  # of a one-sided difference on the way to the optimum
+
+
+class Likelihood:
+    """Likelihood of data under a model whose parameters vary.
+
+    `Likelihood.of(study)` makes that of a study. Points are arrays (m, d) in SI, columns in the order of `names`.
+
+    Parameters
+    ----------
+    space : Space
+        Free parameters.
+    blocks : sequence of Block
+        One for each data set; their rows are all residuals.
+    residuals : function of (m, d)
+        Residuals (m, n) of points [SI], simulated − measured, in the units of the blocks; NaN where a simulation fails.
+    nuisances : sequence of Nuisance
+        What is uncertain and not fitted.
+
+    Attributes
+    ----------
+    noises : tuple of FittedNoise
+        Of the blocks, in order. Of a new likelihood they are unknown: `estimate` or `with_noises` sets them.
+    simulated, failed : int
+        Points simulated, and those that failed.
+    """
+
+    def __init__(
+        self,
+        space: Space,
+        blocks: Sequence[Block],
+        residuals: Callable[[Floats], Floats],
+        nuisances: Sequence[Nuisance] = (),
+    ) -> None:
+        self.space, self.blocks, self.nuisances = space, tuple(blocks), tuple(nuisances)
+        self.priors = Priors.of(space.parameters)
+        self._residuals = residuals
+        self.noises: tuple[FittedNoise, ...] = ()
+        self.simulated = self.failed = 0
+
+    @classmethod
+    def of(cls, study: Study, threads: int | None = None) -> Likelihood:
+        """Likelihood of the fitted data of a study, at its time step in f64.
+
+        Parameters
+        ----------
+        study : Study
+        threads : int, optional
+            All usable processors by default; the result does not depend on it.
+
+        Raises
+        ------
+        StudyError
+            If the study has no data to fit.
+        """
+        fitted = of_role(study.data, Role.FIT)
+        if not fitted:
+            raise StudyError(f'{study.title}: no data set has the role "fit", so there is no likelihood; add one.')
+        goal = Goal(conditions=study.conditions)
+        objective = Objective(
+            study.injector, study.space.names, fitted, study.time_step, threads, goal=goal, same_bits=study.same_bits
+        )
+        blocks: list[Block] = []
+        for data in objective.data:
+            blocks.append(block_of(data, blocks[-1].rows.stop if blocks else 0))
+        weights = np.concatenate(
+            [np.full(block.size, data.weight) for block, data in zip(blocks, objective.data, strict=True)]
+        )
+
+        def residuals(points: Floats) -> Floats:
+            return np.asarray(objective.residuals(points)[:, : len(weights)] / np.sqrt(weights))
+
+        return cls(
+            study.space, with_shots(blocks, objective.data), residuals, nuisances_of(objective, np.sqrt(weights))
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return self.space.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of the parameters."""
+        return tuple(known_quantity(name).unit for name in self.names)
+
+    @property
+    def size(self) -> int:
+        """Number of residuals of all blocks."""
+        return int(self.blocks[-1].rows.stop)
+
+    def with_noises(self, noises: Sequence[FittedNoise]) -> Likelihood:
+        """The same likelihood with other noise; it counts simulations of its own."""
+        other = Likelihood(self.space, self.blocks, self._residuals, self.nuisances)
+        other.noises = tuple(noises)
+        return other
+
+    def estimated(
+        self, errors: Floats, used: Sequence[float], off: Floats | None = None, *, correlated: bool = True
+    ) -> Likelihood:
+        """The same likelihood with the noise that residuals at the best values show.
+
+        Parameters
+        ----------
+        errors : (n,)
+        used : sequence of float
+            Parameters that each block pays for.
+        off : (d, n), optional
+            Courses that the fitted residuals may be off by, see `autoregression.estimate`.
+        correlated : bool
+            Estimate autocorrelations too.
+        """
+        fitted = [
+            fit_noise(
+                block, errors[block.rows], own, None if off is None else off[:, block.rows], correlated=correlated
+            )
+            for block, own in zip(self.blocks, used, strict=True)
+        ]
+        return self.with_noises(fitted)
+
+    def residuals(self, points: Floats) -> Floats:
+        """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted."""
+        found = self._residuals(points)
+        broken = ~np.isfinite(found).all(axis=1)
+        self.simulated += len(points)
+        self.failed += int(np.count_nonzero(broken))
+        return np.where(broken[:, None], np.nan, found)
+
+    def whiten(self, errors: Floats) -> Floats:
+        """Standardised innovations (…, n) of residuals or of their derivatives (…, n)."""
+        found = np.empty_like(errors)
+        for block, noise in zip(self.blocks, self.noises, strict=True):
+            found[..., block.rows] = noise.whiten(errors[..., block.rows])
+        return found
+
+    def innovations(self, points: Floats) -> Floats:
+        """Standardised innovations (m, n) of points (m, d) [SI]; NaN where a simulation failed."""
+        return self.whiten(self.residuals(points))
+
+    def block_costs(self, innovations: Floats) -> Floats:
+        """−2 ln L of each block (…, blocks) of innovations (…, n), without its constants; NaN where one is."""
+        parts = [
+            np.sum(noise.density.cost(innovations[..., block.rows]), axis=-1)
+            for block, noise in zip(self.blocks, self.noises, strict=True)
+        ]
+        return np.stack(parts, axis=-1)
+
+    def log_likelihood(self, points: Floats) -> Floats:
+        """Natural logarithm of the density of the data (m,) at points (m, d) [SI]; −inf where a simulation failed."""
+        constant = sum(
+            block.size * (noise.density.constant + 2.0 * np.log(noise.scale))
+            for block, noise in zip(self.blocks, self.noises, strict=True)
+        )
+        found = -0.5 * (self.block_costs(self.innovations(points)).sum(axis=-1) + constant)
+        return np.where(np.isfinite(found), found, -np.inf)
+
+    def log_prior(self, points: Floats) -> Floats:
+        """Natural logarithm of the priors (m,) without constants; −inf beyond bounds and constraints."""
+        return np.asarray(np.where(self.space.satisfies(points), -0.5 * self.priors.costs(points), -np.inf))
+
+    def log_posterior(self, points: Floats) -> Floats:
+        """Sum (m,) of `log_likelihood` and `log_prior`; points beyond bounds and constraints are not simulated."""
+        found: Floats = self.log_prior(points)
+        inside = np.flatnonzero(np.isfinite(found))
+        if len(inside):
+            found[inside] += self.log_likelihood(points[inside])
+        return found
+
+    def jacobian(self, unit: Floats, *, central: bool = True, base: Floats | None = None) -> Floats:
+        """Derivatives (k, d, n) of the residuals with respect to positions between the bounds, at positions (k, d).
+
+        All candidates are simulated in one batch. Zero where a candidate fails.
+
+        Parameters
+        ----------
+        unit : (k, d)
+        central : bool
+            Differences to both sides; otherwise to that with more room, `base` being the residuals there.
+        base : (k, n), optional
+        """
+        k, d = unit.shape
+        step = STEP if central else FORWARD
+        sign = np.where(unit > 0.5, -1.0, 1.0)[:, None, :] * np.eye(d)
+        ahead = np.clip(unit[:, None] + step * sign, 0.0, 1.0)
+        behind = np.clip(unit[:, None] - step * sign, 0.0, 1.0) if central else np.repeat(unit[:, None], d, axis=1)
+        width = np.sum((ahead - behind) * np.eye(d), axis=2)
+        sets = [ahead, behind] if central else [ahead]
+        points = self.space.from_unit(np.concatenate([s.reshape(-1, d) for s in sets]))
+        found = self.residuals(points).reshape(len(sets), k, d, -1)
+        other = found[1] if central else np.asarray(base)[:, None]
+        slopes = (found[0] - other) / width[:, :, None]
+        return np.where(np.isfinite(slopes), slopes, 0.0)
+
+    def scaled(self, unit: Floats) -> Floats:
+        """SI value per unit of position (d,) at a position (d,)."""
+        step = STEP * np.eye(len(unit))
+        low, high = np.clip(unit - step, 0.0, 1.0), np.clip(unit + step, 0.0, 1.0)
+        rise = np.diag(self.space.from_unit(high) - self.space.from_unit(low))
+        return np.asarray(rise / np.diag(high - low))

@@ -1,0 +1,120 @@
+"""Certainty of a fit as the JSON-able record that result.json keeps under the key "certainty"."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.analysis.certainty.profile import Profile, ProfileEnd
+from commonrail.analysis.certainty.sensitivity import sensitivity_records
+from commonrail.display.text import number
+
+if TYPE_CHECKING:
+    from commonrail.analysis.certainty.certify import Certainty
+
+__all__ = ["certainty_record"]
+
+
+def certainty_record(found: Certainty) -> dict[str, Any]:
+    """Record of a certainty."""
+    estimate = found.estimate
+    return {
+        "level": found.level,
+        "starts": estimate.starts,
+        "agreeing": estimate.agreeing,
+        "settled": estimate.settled,
+        "adopted": found.adopted,
+        "simulated": found.simulated,
+        "withdrawn": found.withdrawn,
+        "parameters": [_parameter(found, i) for i in range(len(estimate.likelihood.names))],
+        "combinations": [
+            {"sum": text, "value": value, "half_width": number(half)}
+            for text, (value, half) in found.combinations.items()
+        ],
+        "noise": _noise(estimate),
+        "tests": [test._asdict() for test in found.tests],
+        "sensitivity": sensitivity_records(estimate),
+        "profiles": [_profile(profile) for profile in found.profiles.values()],
+    }
+
+
+def _parameter(found: Certainty, i: int) -> dict[str, Any]:
+    estimate = found.estimate
+    own, value = estimate.likelihood, float(estimate.point[i])
+    low, high, judged = float(found.low[i]), float(found.high[i]), found.verdicts[i]
+    error = float(np.sqrt(estimate.covariance.total[i, i]) * abs(own.scaled(estimate.unit)[i]))
+    return {
+        "name": own.names[i],
+        "value": value,
+        "lower": number(low),
+        "upper": number(high),
+        "percent": number(50.0 * (high - low) / abs(value)) if value else None,
+        "standard_error": number(error),
+        "estimator": found.estimators[i],
+        "verdict": judged.verdict.value,
+        "sentence": judged.sentence,
+        "cure": judged.cure,
+        "moved_by": _moved_by(estimate, i),
+        "shares": _shares(estimate, i),
+    }
+
+
+def _moved_by(estimate: Estimate, i: int) -> list[dict[str, Any]]:
+    """Percent of the value for one standard deviation of each uncertain quantity."""
+    own = estimate.likelihood
+    scale, value = float(own.scaled(estimate.unit)[i]), abs(float(estimate.point[i]))
+    return [
+        {
+            "name": nuisance.name,
+            "deviation": nuisance.deviation,
+            "unit": nuisance.unit,
+            "percent": float(100.0 * move[i] * scale / value) if value else None,
+        }
+        for nuisance, move in zip(own.nuisances, estimate.covariance.nuisances, strict=True)
+    ]
+
+
+def _shares(estimate: Estimate, i: int) -> dict[str, float | None]:
+    """Shares of the variance by noise that come from each data set, and from the priors."""
+    own = estimate.likelihood
+    names = [block.name for block in own.blocks] + (["priors"] if len(own.priors) else [])
+    return {name: number(float(s)) for name, s in zip(names, estimate.covariance.shares[:, i], strict=False)}
+
+
+def _noise(estimate: Estimate) -> list[dict[str, Any]]:
+    """Noise of each data set as it was fitted, and the share of the data set in −2 ln L."""
+    own = estimate.likelihood
+    costs = own.block_costs(own.whiten(estimate.errors))
+    whole = max(float(costs.sum()), 1e-300)
+    return [
+        {
+            "name": block.name,
+            "law": noise.law.value,
+            "order": noise.autoregression.order,
+            "sigma": noise.sigma,
+            "innovation": noise.scale,
+            "unit": block.unit,
+            "stated": noise.known,
+            "values": block.size,
+            "share": float(cost) / whole,
+            "parameters": float(used),
+            "discrepancy": block.noise.discrepancy,
+        }
+        for block, noise, cost, used in zip(own.blocks, own.noises, costs, estimate.covariance.used, strict=True)
+    ]
+
+
+def _profile(profile: Profile) -> dict[str, Any]:
+    return {
+        "name": profile.name,
+        "low": _end(profile.low),
+        "high": _end(profile.high),
+        "points": [[float(x), float(fall)] for x, fall in profile.points],
+    }
+
+
+def _end(end: ProfileEnd) -> Mapping[str, Any]:
+    return {"value": end.value, "finished": end.finished, "wall": end.wall}

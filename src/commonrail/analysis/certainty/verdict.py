@@ -1,0 +1,172 @@
+"""Verdicts on parameters in plain words, from the width of their intervals relative to their values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.covariance import student
+from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.analysis.certainty.lack_of_fit import LackOfFit
+from commonrail.analysis.certainty.steps import Walls
+from commonrail.display.text import listed, significant
+from commonrail.units import to_text
+
+__all__ = ["LIMIT", "Judged", "Verdict", "verdicts_of", "withdrawal"]
+
+Floats = NDArray[np.float64]
+
+LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
+NAMED = 0.5  # correlation from which another parameter is named
+MOST_NAMED = 3
+MOSTLY = 0.5  # share of the variance from which an uncertain quantity is blamed
+
+
+class Verdict(StrEnum):
+    """Statement of the data on a parameter."""
+
+    PINNED = "pinned"
+    COMBINED = "only in combination"
+    AT_BOUND = "at a bound"
+    CONSTRAINED = "held by a constraint"
+    UNSEEN = "not seen by these data"
+    WITHDRAWN = "withdrawn"
+
+
+class Judged(NamedTuple):
+    """Verdict on a parameter.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    sentence : str
+        Verdict with its figure.
+    cure : str
+        Measurement or statement that would improve it; empty for a pinned parameter.
+    """
+
+    verdict: Verdict
+    sentence: str
+    cure: str
+
+
+class _Case(NamedTuple):
+    """Parameter that is judged: column, half width over value, the same where all others are known, and its words."""
+
+    column: int
+    share: float
+    alone: float
+    interval: str
+
+
+def withdrawal(estimate: Estimate, tests: Sequence[LackOfFit]) -> str:
+    """Reason why no parameter may be called pinned; empty if there is none."""
+    if not estimate.settled:
+        if estimate.starts > 1 and estimate.agreeing < 3:
+            return f"the search has not settled: {estimate.agreeing} of {estimate.starts} starts agree"
+        return "the search has not settled: a better fit is near"
+    return next((test.sentence for test in tests if test.found), "")
+
+
+def verdicts_of(
+    estimate: Estimate, low: Floats, high: Floats, reason: str, *, limit: float = LIMIT, level: float = 0.95
+) -> list[Judged]:
+    """Verdict on each parameter.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    low, high : (d,)
+        Ends of the intervals [SI].
+    reason : str
+        Of `withdrawal`.
+    limit : float
+        Half width over value, up to which a parameter is pinned.
+    level : float
+        Of the intervals.
+    """
+    scale = np.abs(estimate.likelihood.scaled(estimate.unit))
+    quantile = student(estimate.covariance.freedom, level)
+    alone = quantile * estimate.covariance.alone * scale
+    found = []
+    for i, value in enumerate(np.abs(estimate.point).tolist()):
+        half = 0.5 * float(high[i] - low[i])
+        share = half / value if value > 0.0 else np.inf
+        case = _Case(i, share, float(alone[i]) / value if value > 0.0 else np.inf, _percent(share))
+        found.append(_judged(estimate, case, reason, limit))
+    return found
+
+
+def _judged(estimate: Estimate, case: _Case, reason: str, limit: float) -> Judged:
+    own = estimate.likelihood
+    parameter, value = own.space.parameters[case.column], float(estimate.point[case.column])
+    if parameter.is_at_bound(value):
+        cure = "widen the bound if the part allows it, or read the value as something the model lacks"
+        return Judged(Verdict.AT_BOUND, f"at a bound ({case.interval} without it)", cure)
+    if wall := _constraint(estimate, case.column):
+        cure = "measure what tells its members apart, or check the constraint"
+        return Judged(Verdict.CONSTRAINED, f'held by the constraint "{wall}" ({case.interval} without it)', cure)
+    if case.share <= limit:
+        if reason:
+            cure = "search with more starts" if "settled" in reason else "describe the meter, or state a discrepancy"
+            return Judged(Verdict.WITHDRAWN, f"{case.interval} withdrawn: {reason}", cure)
+        return Judged(Verdict.PINNED, f"pinned to {case.interval}", "")
+    if blamed := _blamed(estimate, case.column):
+        name, deviation = blamed
+        cure = f"measure the {name} better than to {deviation}"
+        return Judged(Verdict.COMBINED, f"only in combination with the {name} ({case.interval})", cure)
+    if case.alone <= limit:
+        others = _partners(estimate, case.column)
+        words = f" with {listed(others)}" if others else ""
+        cure = "measure at another rail pressure or energising time, or state a prior of one of them"
+        return Judged(Verdict.COMBINED, f"only in combination{words} ({case.interval})", cure)
+    cure = "measure it on the part, or where it acts more; what is fitted now stands for nothing"
+    return Judged(Verdict.UNSEEN, f"not seen by these data ({case.interval})", cure)
+
+
+def _percent(share: float) -> str:
+    return f"± {significant(100.0 * share, 2)} %" if np.isfinite(share) else "no interval"
+
+
+def _constraint(estimate: Estimate, column: int) -> str:
+    """Text of an active constraint that the parameter is part of, empty for none."""
+    space = estimate.likelihood.space
+    walls = Walls.of(space)
+    touched = walls.active(estimate.unit, near=1e-4)[: walls.constraints]
+    for row in np.flatnonzero(touched):
+        if walls.rows[row, column] != 0.0:
+            return _row_text(walls.rows[row], space.names)
+    return ""
+
+
+def _row_text(row: Floats, names: Sequence[str]) -> str:
+    """Relation of two parameters, or the names of all in a longer sum."""
+    above, below = np.flatnonzero(row > 0.0).tolist(), np.flatnonzero(row < 0.0).tolist()
+    if len(above) == len(below) == 1:
+        return f"{names[below[0]]} < {names[above[0]]}"
+    return f"between {listed([names[i] for i in np.flatnonzero(row).tolist()])}"
+
+
+def _blamed(estimate: Estimate, column: int) -> tuple[str, str] | None:
+    """Uncertain quantity that makes most of a parameter's variance, and its standard deviation in words."""
+    total = float(estimate.covariance.total[column, column])
+    for nuisance, move in zip(estimate.likelihood.nuisances, estimate.covariance.nuisances, strict=True):
+        if np.isfinite(total) and move[column] ** 2 > MOSTLY * total:
+            return nuisance.name, to_text(nuisance.deviation, nuisance.unit, 2)
+    return None
+
+
+def _partners(estimate: Estimate, column: int) -> list[str]:
+    """Parameters that imitate this one best."""
+    covariance = estimate.covariance.noise
+    variance = np.diag(covariance)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        related = np.abs(covariance[column] / np.sqrt(variance * variance[column]))
+    related = np.where(np.isfinite(related), related, 0.0)
+    related[column] = 0.0
+    order = np.argsort(-related, kind="stable")[:MOST_NAMED]
+    return [estimate.likelihood.names[i] for i in order if related[i] >= NAMED]

@@ -1,0 +1,68 @@
+"""commonrail certainty: intervals, profiles and verdicts for the parameters of a finished run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.options import Json, Threads
+
+__all__ = ["certainty"]
+
+
+def certainty(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
+    *,
+    starts: Annotated[int, typer.Option(min=1, max=1000, help="Starts of the search.")] = 8,
+    profile: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Profile this parameter; repeat it. [default: all]")
+    ] = None,
+    local: Annotated[bool, typer.Option("--local", help="Omit the profiles.")] = False,
+    combination: Annotated[
+        list[str] | None, typer.Option(metavar="SUM", help='Interval of a sum of parameters, e.g. "a + 2*b".')
+    ] = None,
+    limit: Annotated[
+        float, typer.Option(min=0.1, max=99.0, help="Half width of an interval up to which a parameter is pinned [%].")
+    ] = 10.0,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """State how certain the parameters of a run are: intervals, profiles, verdicts.
+
+    The likelihood takes each data set with its own noise model, the key `noise` of its block in the study. The result
+    is written to RUN/result.json under "certainty", and to its report.
+
+    \b
+    Example:
+      commonrail certainty runs/first
+      commonrail certainty runs/first --profile plunger_needle.k7 --combination "plunger_needle.k2 + plunger_needle.k3"
+    """
+    from commonrail.analysis.certainty.certify import certify
+    from commonrail.files.run_folder import keep_certainty, read_fit
+    from commonrail.report.build import write_report
+    from commonrail.report.certainty import certainty_lines, certainty_tables
+
+    study, best = read_fit(run)
+    found = certify(
+        study,
+        best,
+        threads=threads,
+        starts=starts,
+        profiles=() if local else profile or None,
+        combinations=combination or (),
+        limit=0.01 * limit,
+        note=say,
+    )
+    record = keep_certainty(run, found.record())
+    report = write_report(run)
+    if json:
+        print_json({"kind": "certainty", "run": str(run), "report": str(report), "certainty": record["certainty"]})
+        return
+    for table in certainty_tables(record):
+        print_table(table)
+    for line in certainty_lines(record):
+        typer.echo(line)
+    typer.echo(f"report: {report}")

@@ -1,0 +1,143 @@
+"""Noise of a data set as a study states it: law, correlation, size, discrepancy, uncertain quantities of the bench."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from commonrail.arguments import Quantity, chosen, mapping, number, settle
+from commonrail.errors import ConfigurationError, nearest
+from commonrail.injector.definition import FUEL_TEMPERATURE, parameter_quantities
+from commonrail.observation.quantities import QUANTITIES, is_of_meter
+
+__all__ = ["NOISE", "Correlation", "Law", "Noise", "uncertain_unit"]
+
+# Quantities of the bench that may be uncertain by their own names; an injector's parameter is one by its dotted name.
+OF_METER = ("delay", "gain", "offset", "quantity_offset", "cutoff")
+TEMPERATURE = "fuel_temperature"
+MOST_KELVIN = 100.0  # a larger deviation is a temperature in degrees Celsius that was read as one
+
+
+class Law(StrEnum):
+    """Distribution of the noise."""
+
+    AUTO = "auto"
+    """Gaussian; Student's t where more than 1 % of at least 50 values lie beyond four standard deviations."""
+
+    GAUSSIAN = "gaussian"
+    STUDENT = "student-t"
+    """With four degrees of freedom, for outliers."""
+
+    LAPLACE = "laplace"
+    """Its most likely values are those of the least sum of magnitudes, as the paper's J."""
+
+
+class Correlation(StrEnum):
+    """Correlation of the noise along a course in time."""
+
+    AUTO = "auto"
+    """Autoregressive, of the order up to 15 that has the least AIC; white for values that are no course in time."""
+
+    WHITE = "white"
+    AUTOREGRESSIVE = "autoregressive"
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise model of a data set.
+
+    Attributes
+    ----------
+    law : Law
+    correlation : Correlation
+    sigma : float or None
+        Standard deviation of one value, in the unit of the kind's residuals [SI]: m³/s for a curve, multiples of the
+        tolerance for a map. None: estimated from the residuals.
+    shots : str
+        Name of a group of repeated shots, empty for none: standard deviation and correlation are then estimated from
+        the differences between the data sets of the group.
+    discrepancy : float
+        Standard deviation of what the model cannot do, in the same unit.
+    length : float
+        Time over which the discrepancy is correlated [s]: along a course, or between the energising times of a map;
+        0 for none.
+    pressure_length : float
+        Rail pressure over which the discrepancy of a map is correlated [Pa]; infinite for all pressures alike.
+    uncertain : mapping of str to float
+        Standard deviations [SI] of what is not fitted and not exactly known: delay, gain, offset, quantity_offset and
+        cutoff of the meter, fuel_temperature, or an injector's parameter by its dotted name.
+
+    Raises
+    ------
+    ConfigurationError
+        If a number is negative or not finite, or a quantity is unknown.
+    """
+
+    law: Law = Law.AUTO
+    correlation: Correlation = Correlation.AUTO
+    sigma: float | None = None
+    shots: str = ""
+    discrepancy: float = 0.0
+    length: float = 0.0
+    pressure_length: float = math.inf
+    uncertain: Mapping[str, Quantity] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        settle(
+            self,
+            law=chosen(self.law, Law, "law of the noise"),
+            correlation=chosen(self.correlation, Correlation, "correlation of the noise"),
+            uncertain={key: _deviation(key, value) for key, value in _given(self.uncertain).items()},
+        )
+        for what, value in (("sigma", self.sigma), ("pressure_length", self.pressure_length)):
+            if value is not None and not value > 0.0:
+                raise ConfigurationError(f"The {what} of the noise must be greater than zero, not {value:g}.")
+        for what, value in (("discrepancy", self.discrepancy), ("length", self.length)):
+            if not 0.0 <= value < math.inf:
+                raise ConfigurationError(f"The {what} of the noise must be zero or greater, not {value:g}.")
+        if self.sigma is not None and self.shots:
+            raise ConfigurationError("The noise has a sigma and repeated shots to estimate it from; keep one of them.")
+
+    @property
+    def deviations(self) -> Mapping[str, float]:
+        """The uncertain quantities with their standard deviations [SI]."""
+        return {key: float(value) for key, value in self.uncertain.items()}
+
+
+def uncertain_unit(key: str) -> str:
+    """SI unit of a quantity that may be uncertain.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none of that name.
+    """
+    if key in OF_METER:
+        return QUANTITIES[key].unit
+    name = FUEL_TEMPERATURE if key == TEMPERATURE else key
+    if is_of_meter(name) or name not in parameter_quantities():
+        known = [*OF_METER, TEMPERATURE]
+        raise ConfigurationError(
+            f"{key} cannot be uncertain{nearest(key, [*known, *parameter_quantities()])}; {', '.join(known)} and the "
+            "parameters of an injector can."
+        )
+    return parameter_quantities()[name].unit
+
+
+def _given(uncertain: object) -> Mapping[str, Quantity]:
+    return mapping(uncertain, "uncertain quantities of the noise", '{"delay": "1 us"}')
+
+
+def _deviation(key: str, value: object) -> float:
+    unit = uncertain_unit(key)
+    found = number(value, unit, f"standard deviation of {key}")
+    if not 0.0 < found < math.inf:
+        raise ConfigurationError(f"The standard deviation of {key} must be greater than zero, not {found:g}.")
+    if unit == "K" and found > MOST_KELVIN:
+        raise ConfigurationError(f"The standard deviation of {key} is {found:g} K; state the difference, as in 3 K.")
+    return found
+
+
+NOISE = Noise()

@@ -1,0 +1,64 @@
+"""Shape of the table ``noise`` of a data set in a study file."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field
+
+from commonrail.kinds.noise import Correlation, Law, Noise
+from commonrail.reading.fields import FileModel, Unit
+from commonrail.reading.place import Place, located
+from commonrail.units import parse
+
+__all__ = ["NoiseModel"]
+
+MOST_UNCERTAIN = 20
+
+
+class NoiseModel(FileModel):
+    """Noise of a data set; what is left out is estimated from the residuals, or zero."""
+
+    law: Law = Field(default=Law.AUTO, strict=False)
+    correlation: Correlation = Field(default=Correlation.AUTO, strict=False)
+    sigma: str | float | int | None = None
+    shots: str = ""
+    discrepancy: str | float | int = 0.0
+    length: Annotated[float, Unit("s")] = 0.0
+    pressure_length: Annotated[float, Unit("Pa")] = math.inf
+    uncertain: dict[str, str | float | int] = Field(default={}, max_length=MOST_UNCERTAIN)
+
+    def read(self, unit: str, at: Place) -> Noise:
+        """Noise with its numbers in SI units.
+
+        Parameters
+        ----------
+        unit : str
+            SI unit of a standard deviation of the kind's noise.
+        at : Place
+            Of the table.
+
+        Raises
+        ------
+        InputError, ConfigurationError
+            If a number has another unit or makes no sense; the message names the key.
+        """
+        sigma = None if self.sigma is None else _read(self.sigma, unit, at / "sigma")
+        discrepancy = _read(self.discrepancy, unit, at / "discrepancy") if self.discrepancy else 0.0
+        with located(at):
+            return Noise(
+                self.law,
+                self.correlation,
+                sigma,
+                self.shots,
+                discrepancy,
+                self.length,
+                self.pressure_length,
+                self.uncertain,
+            )
+
+
+def _read(item: str | float | int, unit: str, at: Place) -> float:
+    with located(at):
+        return parse(item, unit)

@@ -1,0 +1,144 @@
+"""Certainty of a fit in tables and sentences: intervals with their estimators, verdicts, noise, sensitivities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from commonrail.display.table import Part, Table, table_of
+from commonrail.display.text import MISSING, fixed, listed, number, quantity, significant
+from commonrail.kinds.records import Record
+from commonrail.units import to_text
+
+__all__ = ["certainty_lines", "certainty_tables"]
+
+DIGITS = 5
+
+
+def certainty_tables(record: Record) -> list[Table]:
+    """Tables of a record with the key "certainty": parameters, combinations and noise; none for one without."""
+    found = record.get("certainty")
+    if not found:
+        return []
+    units = {p["name"]: p["unit"] for p in record["parameters"]}
+    tables = [_parameters(found, units)]
+    if found.get("combinations"):
+        tables.append(_combinations(found))
+    return [*tables, _noise(found["noise"])]
+
+
+def certainty_lines(record: Record) -> list[str]:
+    """Sentences on the search, the tests for lack of fit, what the bench may be off by, and cures."""
+    found = record.get("certainty")
+    if not found:
+        return []
+    return [
+        *_search(found),
+        *([f"No parameter is called pinned, because {found['withdrawn']}."] if found["withdrawn"] else []),
+        *_stated(found["parameters"]),
+        *_sensitivity(found),
+        *_cures(found["parameters"]),
+    ]
+
+
+def _parameters(found: Record, units: Record) -> Table:
+    level = fixed(found["level"], 0, 100.0)
+    parts = (
+        Part(("parameter", "what the data say"), lambda p: (p["name"], p["sentence"])),
+        Part(
+            ("most likely", f"{level} % interval"),
+            lambda p: (quantity(p["value"], units[p["name"]], DIGITS), _interval(p, units[p["name"]])),
+        ),
+        Part(("estimator",), lambda p: (p["estimator"],)),
+    )
+    note = (
+        f"An interval holds the true value in {level} % of the benches that have the noise below and no law that the "
+        "model lacks. Bounds and constraints do not narrow it. A parameter is pinned if half its interval is at most "
+        "10 % of its value."
+    )
+    return table_of("Certainty", found["parameters"], parts, note, 2)
+
+
+def _interval(p: Record, unit: str) -> str:
+    if number(p["lower"]) is None or number(p["upper"]) is None:
+        return MISSING
+    return f"{quantity(p['lower'], unit, DIGITS)} to {quantity(p['upper'], unit, DIGITS)}"
+
+
+def _combinations(found: Record) -> Table:
+    parts = (
+        Part(("sum [SI]",), lambda c: (c["sum"],)),
+        Part(("value", "±"), lambda c: (significant(c["value"], 4), significant(c["half_width"], 3))),
+    )
+    return table_of("Combinations", found["combinations"], parts, "By the curvature of the likelihood.", 1)
+
+
+def _noise(noise: Sequence[Record]) -> Table:
+    parts = (
+        Part(("data set", "noise"), lambda n: (n["name"], _law(n))),
+        Part(
+            ("standard deviation", "values", "share of −2 ln L, %", "parameters it pays for"),
+            lambda n: (
+                f"{significant(n['sigma'], 3)} {n['unit']}",
+                str(n["values"]),
+                fixed(n["share"], 0, 100.0),
+                fixed(n["parameters"], 1),
+            ),
+        ),
+    )
+    note = "Each data set counts by its own noise; the weights of the objective play no part in the likelihood."
+    return table_of("Noise of the data", noise, parts, note, 2)
+
+
+def _law(n: Record) -> str:
+    order = f"autoregressive of order {n['order']}" if n["order"] else "white"
+    return f"{n['law']}, {order}, {'stated' if n['stated'] else 'estimated'}"
+
+
+def _search(found: Record) -> list[str]:
+    starts = found["starts"]
+    lines = []
+    if starts == 1:
+        lines.append(
+            "The intervals are local: one start, from the best values. `commonrail certainty RUN` searches from "
+            "several and profiles the likelihood."
+        )
+    else:
+        lines.append(f"{found['agreeing']} of {starts} starts end within 0.5 of the greatest 2 ln L.")
+    if found["adopted"]:
+        lines.append("A profile met a better fit than the search had found; all figures here are those of that fit.")
+    return lines
+
+
+def _stated(parameters: Sequence[Record]) -> list[str]:
+    """One sentence for each uncertain quantity that the study states."""
+    lines = []
+    for k, one in enumerate(parameters[0]["moved_by"]):
+        moves = [(p["name"], number(p["moved_by"][k]["percent"])) for p in parameters]
+        text = to_text(one["deviation"], one["unit"], 3)
+        lines.append(f"One standard deviation of the {one['name']} ({text}) moves {_moves(moves)}.")
+    return lines
+
+
+def _sensitivity(found: Record) -> list[str]:
+    names = [p["name"] for p in found["parameters"]]
+    lines = []
+    for one in found["sensitivity"]:
+        text = to_text(one["change"], one["unit"], 3).removesuffix("1").strip() if one["unit"] != "1" else "1 %"
+        moves = list(zip(names, map(number, one["percent"]), strict=True))
+        lines.append(f"{text} of {one['quantity']} would move {_moves(moves)}.")
+    return lines
+
+
+def _moves(moves: Sequence[tuple[str, float | None]]) -> str:
+    """Largest moves first: "k7 by 12 %, k1 by 3 %"."""
+    known = sorted(((abs(m), name) for name, m in moves if m is not None), reverse=True)[:4]
+    return listed([f"{name} by {significant(move, 2)} %" for move, name in known])
+
+
+def _cures(parameters: Sequence[Record]) -> list[str]:
+    """One sentence for each cure, with the parameters that it would help."""
+    cures: dict[str, list[str]] = {}
+    for p in parameters:
+        if p["cure"]:
+            cures.setdefault(p["cure"], []).append(p["name"])
+    return [f"To know {listed(names)} better: {cure}." for cure, names in cures.items()]
