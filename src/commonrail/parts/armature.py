@@ -20,7 +20,7 @@ class Parameters(NamedTuple):
         float, Q("N", "force of the armature's spring at rest", Domain.NON_NEGATIVE, usual=(0.1, 300.0))
     ]
     spring_stiffness: Annotated[
-        float, Q("N/m", "stiffness of the armature's spring", Domain.NON_NEGATIVE, 0.0, usual=(100.0, 2e6))
+        float, Q("N/m", "stiffness of the armature's spring", Domain.NON_NEGATIVE, 0.0, usual=(100.0, 5e5))
     ]
     damping: Annotated[float, Q("N s/m", "viscous damping of the armature", Domain.NON_NEGATIVE, 0.0)]
     contact_stiffness: Annotated[

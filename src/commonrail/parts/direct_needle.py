@@ -24,7 +24,7 @@ class Parameters(NamedTuple):
     mass: Annotated[float, Q("kg", "mass of the needle", usual=(0.05e-3, 0.05))]
     spring_preload: Annotated[float, Q("N", "force of the needle spring, needle closed", usual=(0.5, 500.0))]
     spring_stiffness: Annotated[
-        float, Q("N/m", "stiffness of the needle spring", Domain.NON_NEGATIVE, 0.0, usual=(100.0, 2e6))
+        float, Q("N/m", "stiffness of the needle spring", Domain.NON_NEGATIVE, 0.0, usual=(100.0, 1e6))
     ]
     damping: Annotated[float, Q("N s/m", "viscous damping of the needle", Domain.NON_NEGATIVE, 0.0)]
 
@@ -88,7 +88,13 @@ def coefficients(p: Parameters) -> Coefficients:
 
 @physics
 def lifts(z: Pair) -> Motion:
-    """Lifts of the armature (as the top) and of the needle (as shoulder and tip) [m]."""
+    """Lifts of the armature, as the top, and of the needle, as shoulder and tip; also their velocities [m/s].
+
+    Parameters
+    ----------
+    z : Pair
+        Positions [m].
+    """
     return Motion(z.armature, z.needle, z.needle)
 
 
@@ -195,8 +201,10 @@ def accelerations(m: Moved, z: Pair, v: Pair, load: Loads) -> Pair:
     ----------
     m, load
         As in `advance`.
-    z, v : Pair
-        Positions [m] and velocities [m/s].
+    z : Pair
+        Positions [m].
+    v : Pair
+        Velocities [m/s].
     """
     at = touch(m, z, Pair(0.0, 0.0))
     force = forces(m, z, load, at)
