@@ -24,9 +24,11 @@ import commonrail.compile
 from commonrail.flow import contact, orifice
 from commonrail.fuel import kernel
 from commonrail.parts import (
+    armature,
     chain,
     contents,
     control_chamber,
+    direct_needle,
     drive,
     feed_pipe,
     needle_seat,
@@ -61,7 +63,7 @@ CONSTANTS = {
 }
 
 # NamedTuples of one unit, which the docstring of each law gives.
-UNIFORM = (chain.Nine, chain.Seven)
+UNIFORM = (chain.Nine, chain.Seven, direct_needle.Pair)
 
 # Units of the fields, in order, of each NamedTuple that a law takes or returns. `Parameters` state theirs themselves.
 FIELDS: dict[type, str] = {
@@ -72,6 +74,11 @@ FIELDS: dict[type, str] = {
     orifice.Jet: "kg/s, kg/s",
     contents.Contents: "kg, kg/m3, Pa, Pa m3/kg",
     control_chamber.Coefficients: "m3, m4, m4, kg/s, 1, m4, m4, kg/s",
+    armature.Coefficients: "1/kg, m, m, N, N/m, N s/m, N/m, s/m",
+    direct_needle.Coefficients: "1/kg, N, N/m, N s/m",
+    direct_needle.Loads: "N, N",
+    direct_needle.State: "m, m/s",
+    direct_needle.Touch: "of its own, of its own, of its own, of its own",
     drive.State: "1",
     drive.Schedule: "1, 1",
     drive.Rate: "V, V, 1/s",

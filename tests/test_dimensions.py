@@ -12,16 +12,18 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 import pint
 import pytest
 
+from commonrail.choices import Actuation
 from commonrail.files.injector_file import load_injector
 from commonrail.flow import contact, leakage, orifice, volume, wave
 from commonrail.fuel import kernel
 from commonrail.fuel.coefficients import fuel_coefficients
-from commonrail.injector import setup
+from commonrail.injector import direct_setup, setup
 from commonrail.injector.definition import FUEL_TEMPERATURE
 from commonrail.injector.model import Inputs, Setting, Waves
 from commonrail.injector.variants import EXTENDING, Body, Boundary, Drive, Laws, Variant, wiring
 from commonrail.parts import (
     chain,
+    direct_needle,
     drive,
     feed_pipe,
     guide_friction,
@@ -87,6 +89,25 @@ class Model(NamedTuple):
     load: Any
 
 
+class DirectModel(NamedTuple):
+    """Parameters, boundary values and coefficients of the direct-acting injector, all of them quantities."""
+
+    p: Any
+    at: Any
+    c: Any
+
+
+@functools.cache
+def direct_model() -> DirectModel:
+    injector = load_injector("direct-acting-kr")
+    f = with_units(kernel.FuelCoefficients, fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE]))
+    plain = injector.with_values({"armature.spring_stiffness": 1e3}).parameters
+    p = plain._make(with_units(type(room), room) for room in plain)
+    at = Setting._make(map(quantity, (20e6, 0.1e6, 0.1e6, 1e-6), ("Pa", "Pa", "Pa", "s")))
+    with carried():
+        return DirectModel(p, at, direct_setup.coefficients(p, f, at))
+
+
 @functools.cache
 def model() -> Model:
     injector = load_injector("virtual-lino-2016")
@@ -122,6 +143,11 @@ def known() -> dict[type, Any]:
     m = model()
     made = {kind: with_units(kind, values) for kind, values in TUPLES.items()}
     made[plunger_needle.State] = plunger_needle.State(*(uniform(chain.Nine, unit, 1.0) for unit in ("m", "m/s", "m/s")))
+    d = direct_model()
+    moved, load = direct_setup.moved(d.c), with_units(direct_needle.Loads, (60.0, -30.0))
+    made[direct_needle.State] = direct_needle.State(*(uniform(direct_needle.Pair, unit, 1.0) for unit in ("m", "m/s")))
+    made[direct_needle.Touch] = direct_needle.Touch(*4 * (with_units(contact.Contact, (40.0, 5.0)),))
+    made |= {type(each): each for each in (load, moved, *nested(d.p), *nested(d.c))}
     return made | {type(each): each for each in (m.f, m.load, setup.seat_contact(m.c), *nested(m.p), *nested(m.c))}
 
 
@@ -239,12 +265,15 @@ def test_a_law_without_documented_units_is_found() -> None:
         Variant(drive=Drive.CURRENT),
         Variant(drive=Drive.FREE_WHEEL, laws=Laws.EXTENDED),
         Variant(Body.RIGID, laws=Laws.EXTENDED),
+        Variant(drive=Drive.CURRENT, actuation=Actuation.DIRECT),
+        Variant(actuation=Actuation.DIRECT, laws=Laws.EXTENDED),
     ],
     ids=lambda variant: variant.label,
 )
 def test_a_step_of_the_injector_keeps_the_units_of_its_state(variant: Variant) -> None:
     """Three steps of 1 us with the coil energised: each number has after every step the unit that it had before."""
-    m, wired = model(), wiring(variant)
+    m: Any = model() if variant.actuation is Actuation.SERVO else direct_model()
+    wired = wiring(variant)
     at = m.at._replace(dt=quantity(1e-6, "s"))
     trace = quantity(12.0, "A" if variant.drive is Drive.CURRENT else "V")
     with carried():

@@ -2,7 +2,18 @@
 
 from enum import Enum
 
-__all__ = ["Body", "Boundary", "Drive", "Engine", "Laws", "Precision"]
+__all__ = ["Actuation", "Body", "Boundary", "Drive", "Engine", "Laws", "Precision"]
+
+
+class Actuation(Enum):
+    """Force that opens the needle.
+
+    SERVO: a control valve relieves the control chamber above the plunger, as in the paper. DIRECT: the armature lifts
+    the needle.
+    """
+
+    SERVO = "servo"
+    DIRECT = "direct"
 
 
 class Body(Enum):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from commonrail.calibration.objective import Objective
+from commonrail.choices import Actuation
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
 from commonrail.engine.simulate import simulate, simulate_batch
@@ -53,7 +54,7 @@ def neighbour(name: str, own: float) -> float:
     return 0.99 * own if own else 0.01
 
 
-@pytest.mark.parametrize("name", list(parameter_quantities()))
+@pytest.mark.parametrize("name", list(parameter_quantities(Actuation.SERVO)))
 def test_the_objective_is_the_sum_of_the_reported_scores(regulated: Injector, name: str) -> None:
     """At a candidate whose parameter differs from the injector's, by volume and by mass."""
     value = neighbour(name, regulated.values[name])

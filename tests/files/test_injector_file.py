@@ -20,14 +20,14 @@ Edit = Callable[..., Path]
 
 
 def test_catalogue_lists_what_can_be_loaded() -> None:
-    assert injector_catalogue() == ["cri2-16", "crin", "virtual-lino-2016"]
+    assert injector_catalogue() == ["cri2-16", "crin", "direct-acting-kr", "virtual-lino-2016"]
 
 
 @pytest.mark.parametrize("name", injector_catalogue())
 def test_catalogue_states_mark_and_source_of_every_value(name: str) -> None:
     injector = load_injector(name)
     assert injector.name == name
-    assert set(injector.sources) == set(parameter_quantities())
+    assert set(injector.sources) == set(injector.quantities)
     assert {source.mark for source in injector.sources.values()} <= {"M", "C", "F", "E"}
     assert all(source.text and source.text != "no source stated" for source in injector.sources.values())
 

@@ -13,7 +13,7 @@ from commonrail.errors import OutputError
 from commonrail.files.fuel_file import fuel_catalogue, load_fuel
 from commonrail.files.injector_file import dump_injector, injector_catalogue, load_injector
 from commonrail.fuel.fuel import Origin
-from commonrail.injector.definition import FUEL_TEMPERATURE, Source, parameter_quantities
+from commonrail.injector.definition import FUEL_TEMPERATURE, Source
 from commonrail.parts.furniture import Domain
 
 Edit = Callable[..., Path]
@@ -35,7 +35,7 @@ def test_any_values_read_back_bit_by_bit(tmp_path: Path, injector_file: Edit) ->
     for trial in range(20):
         values = {
             name: float(rng.uniform()) if q.domain in BOUNDED else float(10.0 ** rng.uniform(-15.0, 12.0))
-            for name, q in parameter_quantities().items()
+            for name, q in injector.quantities.items()
             if name != FUEL_TEMPERATURE
         }
         values[FUEL_TEMPERATURE] = float(rng.uniform(300.0, 390.0))

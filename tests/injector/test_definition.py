@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from commonrail.choices import Actuation
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
 
@@ -19,8 +20,12 @@ def test_parameters_carry_the_values_by_name(regulated: Injector) -> None:
 
 def test_every_parameter_has_unit_and_meaning() -> None:
     quantities = parameter_quantities()
-    assert set(parameter_paths()) | {FUEL_TEMPERATURE} == set(quantities)
     assert all(q.unit and q.meaning for q in quantities.values())
+    assert set(parameter_paths()) < set(quantities)
+    for actuation in Actuation:
+        own = parameter_quantities(actuation)
+        assert set(parameter_paths(actuation)) | {FUEL_TEMPERATURE} == set(own)
+        assert {name: quantities[name] for name in own} == own
 
 
 @pytest.mark.parametrize(

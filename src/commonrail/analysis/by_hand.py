@@ -103,9 +103,9 @@ def _equation_9(injector: Injector, lift: float) -> float:
     top = n.lift_maximum_slope * RAIL + n.lift_maximum_offset
     knee = n.lift_transition_slope * RAIL + n.lift_transition_offset
     if lift < knee:
-        return n.discharge_transition * math.sin(0.5 * math.pi * lift / knee)
+        return float(n.discharge_transition * math.sin(0.5 * math.pi * lift / knee))
     share = min((lift - knee) / (top - knee), 1.0)
-    return n.discharge_transition + (n.discharge_maximum - n.discharge_transition) * share
+    return float(n.discharge_transition + (n.discharge_maximum - n.discharge_transition) * share)
 
 
 def _offset(at: Fluid, reynolds: float, width: float) -> float:

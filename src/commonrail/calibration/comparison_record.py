@@ -76,7 +76,7 @@ def _differences(models: Mapping[str, Injector]) -> list[dict[str, Any]]:
     """Parameters whose value is not the same in all the models."""
     found = []
     for name, q in parameter_quantities().items():
-        values = {label: model.values[name] for label, model in models.items()}
+        values = {label: model.values.get(name) for label, model in models.items()}
         if len(set(values.values())) > 1:
             found.append({"name": name, "unit": q.unit, "meaning": q.meaning, "values": values})
     return found

@@ -22,7 +22,7 @@ _VOLUMES = ("control_chamber.fuel.mass", "accumulation.fuel.mass", "sac.mass")
 def relative_balance(injector: Injector, point: OperatingPoint, states: Mapping[str, Floats], dt: float) -> float:
     """Balance of `relative_to_injected`.
 
-    In: drawn from the rail. Out: injected, returned. Stored: the three volumes and the feed pipe.
+    In: drawn from the rail. Out: injected, returned. Stored: the volumes that the injector has and the feed pipe.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def relative_balance(injector: Injector, point: OperatingPoint, states: Mapping[
         Time step [s].
     """
     c = coefficients_at(injector, point, dt)
-    stored = sum(float(states[name][-1] - states[name][0]) for name in _VOLUMES)
+    stored = sum(float(states[name][-1] - states[name][0]) for name in _VOLUMES if name in states)
     stored += _pipe(states["waves.down"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
     stored += _pipe(states["waves.up"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
     inlet, end = states["feed_pipe.inlet_flow"][-1], states["feed_pipe.end_flow"][-1]

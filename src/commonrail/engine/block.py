@@ -7,7 +7,6 @@ which precision, is a choice of the machine: see `Vector`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -38,15 +37,13 @@ from commonrail.engine.notes import (
 )
 from commonrail.engine.rows import at, make_rows
 from commonrail.fuel.kernel import FuelCoefficients
-from commonrail.injector import setup
 from commonrail.injector.layout import layout_of
-from commonrail.injector.model import Inputs, Parameters, Setting, Waves
+from commonrail.injector.model import Inputs, Setting, Waves
 from commonrail.injector.variants import Variant, wiring
 
 Floats = NDArray[np.float64]
 Law = Callable[..., Any]
 
-PARAMETERS = layout_of(Parameters)
 FUEL = layout_of(FuelCoefficients)
 
 
@@ -149,10 +146,10 @@ def make_memory(vector: Vector) -> Law:
 def make_begin(variant: Variant, rows: Any) -> Law:
     """Function that puts the candidates of a block to rest; true if all their delays are alike."""
     wired = wiring(variant)
-    load_parameters, load_fuel = PARAMETERS.load, FUEL.load
+    load_parameters, load_fuel = wired.parameters.load, FUEL.load
     store_coefficients, store_state = wired.coefficients.store, wired.state.store
-    coefficients, rest = setup.coefficients, wired.rest
-    known, fuel_known = len(PARAMETERS.paths), len(FUEL.paths)
+    coefficients, rest, longest_touch = wired.setup, wired.rest, wired.touch
+    known, fuel_known = len(wired.parameters.paths), len(FUEL.paths)
 
     @physics
     def begin(memory, theta, candidates, setting, out):  # type: ignore[no-untyped-def]
@@ -188,14 +185,6 @@ def make_begin(variant: Variant, rows: Any) -> Law:
         return alike
 
     return begin  # type: ignore[no-any-return]
-
-
-@physics
-def longest_touch(c):  # type: ignore[no-untyped-def]
-    """Longest time [s] for which needle or valve may touch its seat and yet leave it again: a period on its contact."""
-    needle = c.plunger_needle.total_mass / c.needle_seat.contact_stiffness
-    shutter = 1.0 / (c.valve.per_mass * c.valve.contact_stiffness)
-    return 2.0 * math.pi * math.sqrt(max(needle, shutter))
 
 
 @physics
@@ -351,7 +340,7 @@ def make_loop(variant: Variant, vector: Vector) -> Law:
     """The loop over blocks [first, last): function (job, samples, trace, out, first, last)."""
     rows, allocate = make_rows(variant, vector.lanes), make_memory(vector)
     simulate = make_simulate(variant, rows, vector.real, row_copier(vector.lanes), keep_if_asked, widest_vectors)
-    parameters = len(PARAMETERS.paths) + len(FUEL.paths)
+    parameters = len(wiring(variant).parameters.paths) + len(FUEL.paths)
 
     def loop(job, samples, trace, out, first, last):  # type: ignore[no-untyped-def]
         widest_vectors()

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.choices import Precision
-from commonrail.engine.block import FUEL, PARAMETERS, Job
+from commonrail.engine.block import FUEL, Job
 from commonrail.engine.lanes import VECTORS, Misfit, trace_paths
 from commonrail.engine.notes import Outcome
 from commonrail.errors import ConfigurationError
-from commonrail.injector.variants import Variant
+from commonrail.injector.variants import Variant, wiring
 
 __all__ = ["missing", "require_device", "run"]
 
@@ -112,7 +112,7 @@ def _launch(
     steps = job.courses.steps
     samples = _to_device(cuda, (misfit or Misfit.none(len(steps))).samples(job.dt, steps), real)
     given = _to_device(cuda, job._replace(blocks=job.blocks[:0]), real)
-    slots = max(3 * job.ring, len(PARAMETERS.paths) + len(FUEL.paths))
+    slots = max(3 * job.ring, len(wiring(variant).parameters.paths) + len(FUEL.paths))
     paths, n = len(trace_paths(variant)), len(job.blocks)
     stored = (int(steps.max()) + 1, paths, 1) if traced else (0, 0, 0)
     many = _at_a_time(cuda, n, (slots + int(np.prod(stored))) * np.dtype(real).itemsize)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,9 @@ from commonrail.engine.stability import Medium, medium_of
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
-from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.model import Coefficients, Inputs, Setting
+from commonrail.injector.model import Inputs, Setting
+from commonrail.injector.variants import wiring
 
 Floats = NDArray[np.float64]
 
@@ -29,6 +29,7 @@ LOOK_INTERVAL = 20e-6  # between looks at health and rest [s]
 RESTING = 100e-6  # an injection has ended once needle and valve have rested this long [s]
 SLOWEST_WAVE = 600.0  # below any sound speed of a fuel [m/s]: sizes the buffers of the travelling waves
 MAXIMUM_STEPS = 2_000_000
+_WAYS = {"feed_pipe.length": 1.0, "return_line.length": 2.0}  # of a wave in the buffers, in lengths
 
 
 class Prepared(NamedTuple):
@@ -99,8 +100,8 @@ def _largest(course: Course) -> float:
     return max(course.value) if isinstance(course, Trace) else course
 
 
-def coefficients_at(injector: Injector, point: OperatingPoint, dt: float) -> Coefficients:
-    """Coefficients of an injector at a point.
+def coefficients_at(injector: Injector, point: OperatingPoint, dt: float) -> Any:
+    """Coefficients of an injector at a point, those of its actuation.
 
     Parameters
     ----------
@@ -110,7 +111,7 @@ def coefficients_at(injector: Injector, point: OperatingPoint, dt: float) -> Coe
         Time step [s].
     """
     fuel = fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE])
-    return setup.coefficients(injector.parameters, fuel, Setting(*point.initial_pressures(), dt))
+    return wiring(injector.variant).setup(injector.parameters, fuel, Setting(*point.initial_pressures(), dt))
 
 
 def reference_density(injector: Injector, point: OperatingPoint) -> float:
@@ -169,7 +170,7 @@ def make_job(
         courses,
         blocks(len(theta), len(courses.steps), width),
         dt,
-        _ring(theta, dt, int(courses.steps.max())),
+        _ring(prepared.injector, theta, dt, int(courses.steps.max())),
         every,
         max(round(RESTING / (every * dt)), 1) if stop_when_closed else 0,
     )
@@ -263,9 +264,9 @@ def _quiet(point: OperatingPoint, dt: float) -> int:
     return round((last - point.start + LOOK_AFTER) / dt)
 
 
-def _ring(theta: Floats, dt: float, steps: int) -> int:
-    pipe, line = columns(("feed_pipe.length", "return_line.length"))
-    feed = theta[:, pipe].max()
-    back = 2.0 * theta[:, line].max()
-    longest = min(max(feed, back) / SLOWEST_WAVE / dt, float(steps)) + 4.0
+def _ring(injector: Injector, theta: Floats, dt: float, steps: int) -> int:
+    names = tuple(name for name in _WAYS if name in injector.quantities)
+    at = columns(names, injector.variant.actuation)
+    way = max(_WAYS[name] * theta[:, i].max() for name, i in zip(names, at, strict=True))
+    longest = min(way / SLOWEST_WAVE / dt, float(steps)) + 4.0
     return 1 << int(np.ceil(np.log2(longest)))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonrail.arguments import array, sequence
+from commonrail.choices import Actuation
 from commonrail.engine.block import FUEL
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
@@ -77,9 +78,9 @@ def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats, r
     if row is not None and FUEL_TEMPERATURE not in names:
         theta = np.empty((len(values), len(row)))
         theta[:] = row
-        theta[:, columns(tuple(names))] = values
+        theta[:, columns(tuple(names), injector.variant.actuation)] = values
         return theta
-    paths = parameter_paths()
+    paths = parameter_paths(injector.variant.actuation)
     theta = np.empty((len(values), len(paths) + len(FUEL.paths)))
     theta[:, : len(paths)] = [injector.values[path] for path in paths]
     temperature = np.full(len(values), injector.values[FUEL_TEMPERATURE])
@@ -95,9 +96,9 @@ def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats, r
 
 
 @functools.lru_cache(maxsize=64)
-def columns(names: tuple[str, ...]) -> NDArray[np.intp]:
-    """Positions of parameters in a full vector."""
-    paths = parameter_paths()
+def columns(names: tuple[str, ...], actuation: Actuation = Actuation.SERVO) -> NDArray[np.intp]:
+    """Positions of parameters in a full vector of an actuation."""
+    paths = parameter_paths(actuation)
     return np.array([paths.index(name) for name in names], np.intp)
 
 

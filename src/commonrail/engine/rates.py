@@ -51,7 +51,7 @@ class Hydraulics(NamedTuple):
 
 
 @physics
-def pipe_rates(y: Any, dy: Any, cells: int, c: Coefficients, inlet: float, end: float) -> None:
+def pipe_rates(y: Any, dy: Any, cells: int, c: Any, inlet: float, end: float) -> None:
     """Rates of the feed pipe, Eq. (6), as flow–pressure pairs: face 0, cell 0, face 1, …, cell n−1, face n.
 
     Parameters

@@ -6,7 +6,6 @@ segment. Pipes are resolved by `cells` finite volumes. On request the explicit m
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
@@ -14,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from commonrail.choices import Boundary, Drive
+from commonrail.choices import Actuation, Boundary, Drive
 from commonrail.engine.balance import relative_to_injected
 from commonrail.engine.channels import all_channels
+from commonrail.engine.crossings import Crossings, instants
+from commonrail.engine.direct_reference import simulate_direct
 from commonrail.engine.explicit import Fixed, Instants, Problem, march
 from commonrail.engine.instant import AT, Inlet, feed, inlet_law, past_limit
 from commonrail.engine.operating_point import OperatingPoint
@@ -29,7 +30,7 @@ from commonrail.engine.validity import check_point
 from commonrail.engine.vector import CORE, make_frame, start_vector, typical_sizes, vector_states
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
-from commonrail.injector.joints import CLEAR_LIFT, REOPENED
+from commonrail.injector.joints import CLEAR_LIFT
 from commonrail.injector.model import Setting
 from commonrail.injector.variants import wiring
 from commonrail.parts import drive
@@ -51,14 +52,6 @@ class Resolution(NamedTuple):
     longest_step: float = 2e-6
     method: Literal["lsoda", "explicit"] = "lsoda"
     step: float = 5e-8
-
-
-class Crossings(NamedTuple):
-    """Times [s] at which the tip rises above `CLEAR_LIFT`, meets its seat, leaves it, each with the mass injected."""
-
-    clears: list[tuple[float, float]]
-    meets: list[tuple[float, float]]
-    lifts: list[tuple[float, float]]
 
 
 CRAWL = (2000, 0.5e-6)  # LSODA is stuck if so many evaluations take it no further than this [s]; 40 a us are usual
@@ -96,9 +89,13 @@ def simulate_reference(
     """
     resolution = resolution or Resolution()
     _check(resolution)
-    model = Model(injector, point, resolution, friction)
     samples = max(round(point.duration / sample_interval), 1)
     time: Floats = np.asarray(point.start + sample_interval * np.arange(samples + 1), float)
+    if injector.variant.actuation is Actuation.DIRECT:
+        _check_direct(injector, resolution, friction)
+        check_point(injector, point)
+        return simulate_direct(injector, point, time, resolution.cells[0], *resolution[1:3])
+    model = Model(injector, point, resolution, friction)
     if resolution.method == "explicit":
         return model.solution(time, *march(model.problem, time, resolution.step))
     return model.solution(time, *model.run(time))
@@ -112,6 +109,14 @@ def _check(resolution: Resolution) -> None:
     if not 1e-10 <= resolution.step <= 1e-7:
         raise ConfigurationError(
             f"The step of the explicit method must lie between 0.1 ns and 100 ns, not {resolution.step * 1e9:g} ns."
+        )
+
+
+def _check_direct(injector: Injector, resolution: Resolution, friction: Floats | None) -> None:
+    if resolution.method != "lsoda" or friction is not None:
+        raise ConfigurationError(
+            f'{injector.name}: the reference of a direct-acting injector has the method "lsoda" alone, and no friction '
+            "of guides."
         )
 
 
@@ -326,22 +331,3 @@ class Model:
         stored = sum(core.fuel) + per_cell * float(np.sum(gain[1 : self.at.core : 2]))
         left = core.books.supplied - core.nozzle.injected - core.books.returned - stored
         return relative_to_injected(left, core.nozzle.injected)
-
-
-def instants(crossings: Crossings) -> Instants:
-    """Opening, last and first closing, as `Solution` defines them."""
-    clears = [t for t, _ in crossings.clears]
-    if not clears:
-        return Instants()
-    left, is_open, closings = 0.0, True, []
-    events = [(*at, kind) for kind, row in crossings._asdict().items() for at in row if at[0] >= clears[0]]
-    for t, injected, kind in sorted(events):
-        if kind == "lifts":
-            left, is_open = injected, False
-        elif kind == "clears":
-            is_open = True
-        elif is_open or injected - left > REOPENED * injected:
-            closings.append(t)
-            is_open = False
-    last = [t for t in closings if t > clears[-1]]
-    return Instants(clears[0], last[-1] if last else math.nan, closings[0] if closings else math.nan)

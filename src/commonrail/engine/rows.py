@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections import namedtuple
 from typing import Any, NamedTuple
 
+from commonrail.choices import Actuation
 from commonrail.compile import physics
 from commonrail.injector.layout import layout_of
-from commonrail.injector.model import Coefficients, State, Waves
-from commonrail.injector.variants import Variant, wiring
+from commonrail.injector.model import Waves
+from commonrail.injector.variants import MODELS, Variant, wiring
 
 
 class Notes(NamedTuple):
@@ -45,8 +46,8 @@ class Notes(NamedTuple):
 class Working(NamedTuple):
     """All rows: a wave arrives between two slots of its ring, after a delay of a whole number of steps and a part."""
 
-    coefficients: Coefficients
-    state: State
+    coefficients: Any
+    state: Any
     leaving: Waves
     late: Waves
     later: Waves
@@ -56,32 +57,54 @@ class Working(NamedTuple):
 
 
 # rows that the loop itself looks at: single ones of the state, first ones of groups
-_STATE = {
+_BOTH = {
     "injected": "nozzle.injected",
     "returned": "books.returned",
     "supplied": "books.supplied",
     "sac_pressure": "sac.pressure",
-    "control_pressure": "control_chamber.fuel.pressure",
     "store_pressure": "accumulation.fuel.pressure",
-    "return_pressure": "return_line.pressure",
-    "valve_lift": "valve.lift",
 }
-_PATHS = {
+_STATE = {
+    Actuation.SERVO: _BOTH
+    | {
+        "control_pressure": "control_chamber.fuel.pressure",
+        "return_pressure": "return_line.pressure",
+        "valve_lift": "valve.lift",
+    },
+    # The armature takes the valve's place. There is no control chamber that must refill before the injection has ended,
+    # and no return line: its wave stands still.
+    Actuation.DIRECT: _BOTH
+    | {
+        "control_pressure": "accumulation.fuel.pressure",
+        "return_pressure": "accumulation.fuel.pressure",
+        "valve_lift": "body.z.armature",
+    },
+}
+_DELAYS = {
+    Actuation.SERVO: {"feed_delay": "coefficients.delays.feed", "back_delay": "coefficients.delays.back"},
+    Actuation.DIRECT: {"feed_delay": "coefficients.delays.feed", "back_delay": "coefficients.delays.feed"},
+}
+_LOOP = {
     **{name: name for name in ("state", "leaving", "late", "later", "whole", "part")},
     **{name: f"notes.{name}" for name in Notes._fields},
-    **{name: f"state.{path}" for name, path in _STATE.items()},
-    "feed_delay": "coefficients.delays.feed",
-    "back_delay": "coefficients.delays.back",
 }
-Rows = namedtuple("Rows", ("lanes", *_PATHS, "tip", "top", "end"))  # type: ignore[misc]
+
+
+def _paths(actuation: Actuation) -> dict[str, str]:
+    """Rows that the loop looks at, by the names that it uses."""
+    return _LOOP | {name: f"state.{path}" for name, path in _STATE[actuation].items()} | _DELAYS[actuation]
+
+
+Rows = namedtuple("Rows", ("lanes", *_paths(Actuation.SERVO), "tip", "top", "end"))  # type: ignore[misc]
 
 
 def make_rows(variant: Variant, lanes: int) -> Any:
     """`Rows` of a variant: the number of lanes, the rows by name, and how many there are."""
-    body = wiring(variant).body
-    rows = layout_of(Working, (("body", body.State),))
+    body, held = wiring(variant).body, MODELS[variant.actuation]
+    choices = (("coefficients", held.Coefficients), ("state", held.State), ("body", body.State))
+    rows = layout_of(Working, choices)
     ends = (rows.row(f"state.body.{name}") for name in (body.TIP, body.TOP))
-    return Rows(lanes, *map(rows.row, _PATHS.values()), *ends, len(rows.paths))  # type: ignore[call-arg]
+    return Rows(lanes, *map(rows.row, _paths(variant.actuation).values()), *ends, len(rows.paths))  # type: ignore[call-arg]
 
 
 @physics

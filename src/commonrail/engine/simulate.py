@@ -27,7 +27,7 @@ from commonrail.engine.stability import longest_step, too_long
 from commonrail.engine.status import OK, STILL_INJECTING, Status, which_failed
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.errors import ConfigurationError, SimulationError
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.variants import Variant
 from commonrail.units import to_text
 
@@ -69,7 +69,7 @@ def _beyond_numbers(injector: Injector, error: ArithmeticError) -> str:
     return (
         f"{injector.name}: its parameters lead to numbers beyond all bounds ({error}); correct the one that is far "
         f"from an injector's, the most extreme is {name} = {injector.values[name]:g} "
-        f"{parameter_quantities()[name].unit.removesuffix('1')}".rstrip()
+        f"{injector.quantities[name].unit.removesuffix('1')}".rstrip()
         + "."
     )
 
@@ -225,7 +225,7 @@ def simulate_batch(
     points = instances(points, OperatingPoint, "points")
     if not points:
         raise ConfigurationError("At least one operating point is needed among the points.")
-    names = known_names(names, parameter_quantities(), "names", "valve.spring_preload")
+    names = known_names(names, injector.quantities, "names", "nozzle.hole_diameter")
     candidates = read_candidates(names, values)
     for given, kind, what in ((misfit, Misfit, "misfit"), (prepared, Prepared, "prepared")):
         if given is not None:

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.choices import Body, Boundary
+from commonrail.choices import Actuation, Body, Boundary
+from commonrail.engine import direct_stability
 from commonrail.flow.wave import pipe_area
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.injector.variants import Variant
@@ -62,6 +63,12 @@ LENGTHENS = (
 )
 
 
+_EITHER = (  # of either actuation: which of them an injector has is a matter of its values
+    {*SHORTENS, *direct_stability.SHORTENS},
+    {*LENGTHENS, *direct_stability.LENGTHENS},
+)
+
+
 class Medium(NamedTuple):
     """Fuel at the largest rail pressure: bulk modulus [Pa], sound speed there and in the return line [m/s]."""
 
@@ -94,7 +101,7 @@ def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
     ----------
     variant : Variant
     values : mapping of str to float or (n,)
-        SI values of `SHORTENS` and `LENGTHENS` by dotted name.
+        SI values of `limiting` by dotted name.
     medium : Medium
     dt : float
         Step [s].
@@ -104,6 +111,8 @@ def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
     bool or (n,) bool
         NaN anywhere counts as too long.
     """
+    if variant.actuation is Actuation.DIRECT:
+        return direct_stability.bears(values, medium.modulus, medium.speed, dt)
     moves = _chain_bears if variant.body is Body.FLEXIBLE else _rigid_bears
     fluid = _waves_bear(values, medium, dt) & _volumes_bear(variant.boundary, values, medium, dt)
     return moves(values, medium, dt) & _valve_bears(values, dt) & fluid
@@ -175,6 +184,18 @@ def _volumes_bear(boundary: Boundary, values: Values, medium: Medium, dt: float)
     return seat & (way * pipe_area(values["feed_pipe.diameter"]) <= values["rail.volume"])
 
 
+def limiting(actuation: Actuation) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Parameters that shorten the longest step as they grow, and those that do as they shrink."""
+    if actuation is Actuation.DIRECT:
+        return direct_stability.SHORTENS, direct_stability.LENGTHENS
+    return SHORTENS, LENGTHENS
+
+
+def _risen(actuation: Actuation, values: Values, lift: Any) -> Values:
+    """Volumes that a risen plunger has changed; none of a direct-acting injector."""
+    return {} if actuation is Actuation.DIRECT else {"control_chamber.volume": room_left(values, lift)}
+
+
 def room_left(values: Values, lift: Any) -> Any:
     """Control chamber [m³] that a plunger risen by `lift` [m], at most to its stop, leaves; never quite nothing."""
     risen = np.clip(lift, 0.0, values["plunger_needle.stop_lift"])
@@ -194,8 +215,10 @@ def longest_step(injector: Injector, theta: Floats, medium: Medium, lift: float 
     lift : float
         As in `too_long`.
     """
-    values = dict(zip(parameter_paths(), theta.tolist(), strict=False))
-    return longest(injector.variant, values | {"control_chamber.volume": float(room_left(values, lift))}, medium)
+    acts = injector.variant.actuation
+    values = dict(zip(parameter_paths(acts), theta.tolist(), strict=False))
+    risen = {name: float(value) for name, value in _risen(acts, values, lift).items()}
+    return longest(injector.variant, values | risen, medium)
 
 
 def longest(variant: Variant, values: Values, medium: Medium) -> float:
@@ -232,20 +255,21 @@ def too_long(
         Greatest lift of the needle [m]: the plunger takes as much from the control chamber, and a chamber that is
         nearly gone is a stiff spring.
     """
-    paths = parameter_paths()
-    columns = {name: paths.index(name) for name in (*SHORTENS, *LENGTHENS)}
+    acts = injector.variant.actuation
+    paths, (shortens, lengthens) = parameter_paths(acts), limiting(acts)
+    columns = {name: paths.index(name) for name in (*shortens, *lengthens)}
     values: dict[str, Any] = {name: theta[0, column] for name, column in columns.items()}
     varied = [name for name in names if name in columns]
     # if the stiffest combination of what varies bears the step, so does every candidate
     corner = values | {
-        name: theta[:, columns[name]].max() if name in SHORTENS else theta[:, columns[name]].min() for name in varied
+        name: theta[:, columns[name]].max() if name in shortens else theta[:, columns[name]].min() for name in varied
     }
     everything = dict(zip(paths, theta.T, strict=False))
-    left = np.broadcast_to(room_left(everything, lift), len(theta))
+    left = {name: np.broadcast_to(value, len(theta)) for name, value in _risen(acts, everything, lift).items()}
     with np.errstate(all="ignore"):
-        if bears(injector.variant, corner | {"control_chamber.volume": left.min()}, medium, dt):
+        if bears(injector.variant, corner | {name: value.min() for name, value in left.items()}, medium, dt):
             return np.zeros(len(theta), bool)
-        each = values | {name: theta[:, columns[name]] for name in varied} | {"control_chamber.volume": left}
+        each = values | {name: theta[:, columns[name]] for name in varied} | left
         return ~np.broadcast_to(bears(injector.variant, each, medium, dt), len(theta))
 
 
@@ -253,6 +277,6 @@ def stiffest_corner(values: Mapping[str, float], lower: Mapping[str, float], upp
     """Values with which an injector needs the shortest step of all within bounds, the rest being as they are."""
     return {
         **values,
-        **{name: upper[name] for name in upper if name in SHORTENS},
-        **{name: lower[name] for name in lower if name in LENGTHENS},
+        **{name: upper[name] for name in upper if name in _EITHER[0]},
+        **{name: lower[name] for name in lower if name in _EITHER[1]},
     }

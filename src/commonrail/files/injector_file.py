@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 from pydantic import Field, create_model
 
 from commonrail.arguments import file_path, source_of
-from commonrail.choices import Body, Boundary, Drive
+from commonrail.choices import Actuation, Body, Boundary, Drive
 from commonrail.files.catalogue import Catalogue
 from commonrail.files.drawing import DrawnRoom
 from commonrail.files.fuel_file import FuelModel, load_fuel, parse_fuel
@@ -23,8 +23,7 @@ from commonrail.files.meter_models import MeterHead, MeterTables, meters_of_tabl
 from commonrail.files.sums import check_sum
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
-from commonrail.injector.model import Parameters
-from commonrail.injector.variants import Variant
+from commonrail.injector.variants import MODELS, Variant
 from commonrail.observation.meter import Meter
 from commonrail.parts.furniture import Q
 from commonrail.reading.faults import read_model
@@ -36,7 +35,7 @@ from commonrail.units import to_text
 
 __all__ = ["dump_injector", "injector_catalogue", "load_injector", "load_meters", "room_quantities"]
 
-ROOMS = tuple(get_type_hints(Parameters))
+ROOMS = tuple(dict.fromkeys(room for model in MODELS.values() for room in get_type_hints(model.Parameters)))
 
 _CATALOGUE = Catalogue("commonrail.injector", "catalogue", 'There is no injector "{}" in the catalogue')
 _DEFAULT = Source("E", "default of commonrail")
@@ -69,6 +68,7 @@ class _Head(FileModel):
     synthetic: str = ""
     allow_outside: bool = False
     fuel: _FuelTable
+    actuation: Annotated[Actuation, choice(Actuation)] = Actuation.SERVO
     variant: Annotated[Body, choice(Body)] = Body.FLEXIBLE
     rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
     drive_kind: Annotated[Drive, choice(Drive)] = Drive.REGULATED
@@ -160,8 +160,15 @@ def _similar(file: str, reach: Reach | None) -> str:
 def _injector(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | None) -> Injector:
     model = read_model(_InjectorModel, document, at)
     given: dict[str, Given] = {}
+    own = tuple(get_type_hints(MODELS[model.actuation].Parameters))
     for room in ROOMS:
-        given |= _room(room, getattr(model, room).values(), at / room)
+        if room in own:
+            given |= _room(room, getattr(model, room).values(), at / room)
+        elif room in model.model_fields_set:
+            raise (at / room).error(
+                f'an injector with actuation = "{model.actuation.value}" has no such part; its parts are '
+                f"{', '.join(own)}"
+            )
     _check_knots(given, document.get("nozzle", {}), at / "nozzle")
     given[FUEL_TEMPERATURE] = model.fuel.temperature.given(model.fuel.origin())
     fuel = _fuel(model.fuel, at / "fuel", reach or Reach(Path(at.file), model.allow_outside))
@@ -170,9 +177,9 @@ def _injector(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | 
         return Injector(
             name,
             name if model.title is None else model.title,
-            {path: given[path].value for path in parameter_quantities()},
+            {path: given[path].value for path in parameter_quantities(model.actuation)},
             fuel,
-            Variant(model.variant, model.rail_boundary, model.drive_kind),
+            Variant(model.variant, model.rail_boundary, model.drive_kind, actuation=model.actuation),
             {path: item.source for path, item in given.items()},
             synthetic=model.synthetic,
         )

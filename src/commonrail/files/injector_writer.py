@@ -10,10 +10,11 @@ import tomlkit
 from tomlkit.items import InlineTable
 
 from commonrail.arguments import file_path, instance, instances, known_names, mapping, plain_text
+from commonrail.choices import Actuation
 from commonrail.files.atomic import write_text
 from commonrail.files.fuel_file import fuel_catalogue, load_fuel
 from commonrail.fuel.fuel import Fuel, Law
-from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source
 from commonrail.observation.meter import Meter
 from commonrail.observation.quantities import QUANTITIES
 from commonrail.parts.furniture import Q
@@ -55,7 +56,7 @@ def dump_injector(
     instance(injector, Injector, "injector")
     path = file_path(path, "path of an injector")
     notes = mapping({} if notes is None else notes, "notes", '{"nozzle.holes": "measured again"}')
-    known_names(list(notes), parameter_quantities(), "notes", "nozzle.holes")
+    known_names(list(notes), injector.quantities, "notes", "nozzle.holes")
     for note in notes.values():
         plain_text(note, "notes")
     known = instances(meters, Meter, "meters")
@@ -71,7 +72,7 @@ def injector_text(injector: Injector, notes: Mapping[str, str], header: str, met
         document.add(key, tomlkit.item(value))
     sources = dict(injector.sources) | {name: Source("F", note) for name, note in notes.items()}
     tables: dict[str, Any] = {}
-    for name, q in parameter_quantities().items():
+    for name, q in injector.quantities.items():
         room, key = name.split(".")
         if room not in tables:
             tables[room] = tomlkit.table()
@@ -106,6 +107,8 @@ def _identity(injector: Injector) -> dict[str, str]:
         "rail_boundary": variant.boundary.value,
         "drive_kind": variant.drive.value,
     }
+    if variant.actuation is not Actuation.SERVO:
+        identity["actuation"] = variant.actuation.value
     return identity | ({"synthetic": injector.synthetic} if injector.synthetic else {})
 
 

@@ -20,7 +20,7 @@ from commonrail.calibration.time_step import step_for_all
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.time_step import check_step
 from commonrail.engine.validity import check_point
-from commonrail.errors import ConfigurationError
+from commonrail.errors import ConfigurationError, nearest
 from commonrail.files.injector_file import load_injector
 from commonrail.files.meter_models import meters_of_tables
 from commonrail.files.meter_parameters import free_parameters
@@ -136,10 +136,12 @@ def _started(injector: Injector, model: StudyModel, at: Place) -> Injector:
         place = (at / "fixed")[i]
         if fixed.name in free or fixed.name in values:
             raise (place / "name").error(f"{fixed.name} is given a second time; keep one of both")
+        _check_own(fixed.name, injector, place)
         values[fixed.name], sources[fixed.name] = fixed.value, Source(fixed.mark, fixed.source)
         _check_domain(fixed.name, fixed.value, "value", place)
     for i, parameter in enumerate(model.parameter):
         place = (at / "parameter")[i]
+        _check_own(parameter.name, injector, place)
         start = _start(parameter, place)
         if start is not None:
             _check_domain(parameter.name, start, "start value", place)
@@ -148,6 +150,15 @@ def _started(injector: Injector, model: StudyModel, at: Place) -> Injector:
     if not values:
         return injector
     return replace(injector.with_values(values), sources={**injector.sources, **sources})
+
+
+def _check_own(name: str, injector: Injector, at: Place) -> None:
+    """Refuse a parameter of injectors that are actuated otherwise."""
+    if name not in injector.values:
+        raise (at / "name").error(
+            f"{injector.name} is a {injector.variant.actuation.value} injector and has no {name}"
+            f"{nearest(name, injector.values)}"
+        )
 
 
 def _start(model: ParameterModel, at: Place) -> float | None:

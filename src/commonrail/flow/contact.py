@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from commonrail.compile import physics
 
-__all__ = ["Contact", "contact", "contact_over_step", "next_velocity"]
+__all__ = ["Contact", "contact", "contact_over_step", "mean_overlap", "next_velocity"]
 
 
 class Contact(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from commonrail.compile import physics
 from commonrail.flow.orifice import orifice
@@ -18,7 +18,7 @@ class Inlet(NamedTuple):
 
 
 @physics
-def ideal_rail(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
+def ideal_rail(c: Any, s: Any, u: Inputs, wave: float) -> Inlet:
     """The inlet holds the measured rail pressure whatever flows."""
     return Inlet(u.rail, (u.rail - wave) * c.feed_pipe.admittance)
 

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 from commonrail.arguments import Quantity, instance, mapping, number, plain_text, settle
-from commonrail.choices import Laws
+from commonrail.choices import Actuation, Laws
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.layout import field_paths
-from commonrail.injector.model import Parameters
-from commonrail.injector.variants import EXTENDING, Variant
+from commonrail.injector.variants import EXTENDING, MODELS, Variant
 from commonrail.parts.furniture import Domain, Q, describe
 
 FUEL_TEMPERATURE = "fuel.temperature"
@@ -27,18 +26,27 @@ class Source(NamedTuple):
 
 
 @functools.cache
-def parameter_quantities() -> dict[str, Q]:
-    """Dotted name → unit, meaning and domain of every parameter, in the order of `Parameters`."""
-    rooms: dict[str, Any] = get_type_hints(Parameters)
+def parameter_quantities(actuation: Actuation | None = None) -> dict[str, Q]:
+    """Dotted name → unit, meaning and domain of every parameter, in the order of the rooms.
+
+    Parameters
+    ----------
+    actuation : Actuation, optional
+        Of the injector; by default the parameters of all injectors, those of the servo injector first.
+    """
+    kinds = tuple(Actuation) if actuation is None else (actuation,)
+    rooms: dict[str, Any] = {}
+    for kind in kinds:
+        rooms = {**rooms, **get_type_hints(MODELS[kind].Parameters)}
     named = {f"{room}.{name}": q for room, kind in rooms.items() for name, q in describe(kind).items()}
     named[FUEL_TEMPERATURE] = Q("K", "temperature of the fuel", Domain.POSITIVE)
     return named
 
 
 @functools.cache
-def parameter_paths() -> tuple[str, ...]:
-    """Dotted names of the parameters in the order of a flat vector."""
-    return tuple(field_paths(Parameters))
+def parameter_paths(actuation: Actuation = Actuation.SERVO) -> tuple[str, ...]:
+    """Dotted names of the parameters of an actuation in the order of a flat vector."""
+    return tuple(field_paths(MODELS[actuation].Parameters))
 
 
 @dataclass(frozen=True)
@@ -50,7 +58,7 @@ class Injector:
     name, title : str
         Identifier, and a line that says what it is.
     values : mapping of str to float
-        SI value of every parameter by dotted name (`parameter_quantities`), "fuel.temperature" included.
+        SI value of every parameter by dotted name (`quantities`), "fuel.temperature" included.
     fuel : Fuel
     variant : Variant
         Body, boundary at the rail and kind of drive.
@@ -89,24 +97,29 @@ class Injector:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        known = parameter_quantities()
+        settle(self, variant=Variant(*instance(self.variant, Variant, "variant")))
+        known = self.quantities
         for what in ("name", "title", "synthetic"):
             plain_text(getattr(self, what), f"{what} of an injector")
         values = {path: _read(self.name, path, value, known) for path, value in _named(self.values).items()}
         settle(self, values=values)
         instance(self.fuel, Fuel, "fuel")
-        settle(self, variant=Variant(*instance(self.variant, Variant, "variant")))
         mapping(self.sources, "sources", '{"nozzle.holes": Source("M", "drawing")}')
         missing = [path for path in known if path not in self.values]
         if missing:
             raise ConfigurationError(f"{self.name}: no value for {missing[0]}; give one in the injector's file.")
 
     @property
-    def parameters(self) -> Parameters:
+    def quantities(self) -> Mapping[str, Q]:
+        """`parameter_quantities` of its actuation."""
+        return parameter_quantities(self.variant.actuation)
+
+    @property
+    def parameters(self) -> Any:
         """Values as the NamedTuple that the physics reads."""
-        flat = iter([self.values[path] for path in parameter_paths()])
-        rooms = get_type_hints(Parameters)
-        return Parameters(**{room: _take(kind, flat) for room, kind in rooms.items()})
+        kind = MODELS[self.variant.actuation].Parameters
+        flat = iter([self.values[path] for path in parameter_paths(self.variant.actuation)])
+        return kind(**{room: _take(one, flat) for room, one in get_type_hints(kind).items()})
 
     def wired(self, names: Iterable[str] = ()) -> Variant:
         """Variant that computes this injector: with the extended laws if a value or a varying name needs them.
@@ -116,7 +129,7 @@ class Injector:
         names : iterable of str
             Dotted names of the parameters that vary.
         """
-        needed = set(EXTENDING).intersection(names) or any(self.values[name] != 0.0 for name in EXTENDING)
+        needed = set(EXTENDING).intersection(names) or any(self.values.get(name, 0.0) != 0.0 for name in EXTENDING)
         return self.variant._replace(laws=Laws.EXTENDED) if needed else self.variant
 
     def with_values(self, values: Mapping[str, Quantity]) -> Injector:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from commonrail.compile import physics, reciprocals
 from commonrail.flow.leakage import leakage_slope
@@ -66,8 +66,8 @@ def make_room(c: Coefficients, lifts: Motion) -> Room:
 
 
 @physics
-def nozzle_drive(c: Coefficients, pressure: float, cylinder: float, discharge: float) -> tuple[float, float]:
-    """Drive and gain of the nozzle's outflow at a discharge coefficient, cavitation included."""
+def nozzle_drive(c: Any, pressure: float, cylinder: float, discharge: float) -> tuple[float, float]:
+    """Drive and gain of the nozzle's outflow at a discharge coefficient, cavitation included; of either actuation."""
     holes = c.nozzle.area_squared * discharge * discharge
     vapour = c.nozzle.choked * (pressure - c.fuel.vapour_pressure)
     return choked(holes * (pressure - cylinder), holes, vapour, c.nozzle.choked)

@@ -129,3 +129,11 @@ def accumulation_volume(c: Coefficients, lifts: plunger_needle.Motion) -> float:
     guides = c.plunger_needle.guides
     shoulder = (guides.guide_area - guides.stem_area) * lifts.shoulder
     return c.accumulation.volume + shoulder + (guides.stem_area - c.needle_seat.area) * lifts.tip
+
+
+@physics
+def longest_touch(c: Coefficients) -> float:
+    """Longest time [s] for which needle or valve may touch its seat and yet leave it again: a period on its contact."""
+    needle = c.plunger_needle.total_mass / c.needle_seat.contact_stiffness
+    shutter = 1.0 / (c.valve.per_mass * c.valve.contact_stiffness)
+    return 2.0 * math.pi * math.sqrt(max(needle, shutter))

@@ -140,13 +140,13 @@ def magnetise(
 
 
 @physics
-def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, discharge: float, moves: Moves) -> SacFlows:
+def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, moves: Moves) -> SacFlows:
     """Mean flows through seat and nozzle over the step, and the SAC's mass after it.
 
     Parameters
     ----------
     c, s, u
-        Coefficients, state and inputs.
+        Coefficients and state, of either actuation, and inputs.
     upstream : float
         Pressure in the accumulation volume [Pa].
     discharge : float
@@ -188,9 +188,7 @@ def _not_past_accumulation(here: Contents, upstream: float, density: float, mass
 
 
 @physics
-def _not_past_cylinder(
-    c: Coefficients, here: Contents, cylinder: float, mass: float, growth: float, volume: float
-) -> float:
+def _not_past_cylinder(c: Any, here: Contents, cylinder: float, mass: float, growth: float, volume: float) -> float:
     """A SAC that empties stops at cylinder pressure; the linearised root of Eq. (4) would pass it."""
     rest = ambient_density(c.cylinder, cylinder) * volume
     emptying = here.pressure >= cylinder and growth <= 0.0

@@ -7,13 +7,12 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from commonrail.arguments import chosen
-from commonrail.choices import Body, Boundary, Drive, Laws
-from commonrail.injector import boundary
+from commonrail.choices import Actuation, Body, Boundary, Drive, Laws
+from commonrail.errors import ConfigurationError
+from commonrail.injector import boundary, direct_model, direct_setup, direct_step, model, setup
 from commonrail.injector.layout import Layout, layout_of
-from commonrail.injector.model import Coefficients, State
-from commonrail.injector.setup import make_rest
 from commonrail.injector.step import StepLaws, make_step
-from commonrail.parts import drive, guide_friction, nozzle, plunger_needle, rigid_body, valve
+from commonrail.parts import direct_needle, drive, guide_friction, nozzle, plunger_needle, rigid_body, valve
 
 
 class _Wired(NamedTuple):
@@ -21,6 +20,7 @@ class _Wired(NamedTuple):
     boundary: Boundary
     drive: Drive
     laws: Laws
+    actuation: Actuation
 
 
 class Variant(_Wired):
@@ -37,11 +37,13 @@ class Variant(_Wired):
     laws : Laws or str
         "paper" or "extended"; an injector whose parameters need the extended laws is simulated with them in any case
         (`Injector.wired`).
+    actuation : Actuation or str
+        "servo" or "direct". A direct-acting injector has a rigid body, whatever is given, and an ideal rail.
 
     Raises
     ------
     ConfigurationError
-        If one is no such word.
+        If one is no such word, or a direct-acting injector is to be fed from a rail volume.
     """
 
     __slots__ = ()
@@ -52,42 +54,57 @@ class Variant(_Wired):
         boundary: Boundary | str = Boundary.IDEAL,
         drive: Drive | str = Drive.REGULATED,
         laws: Laws | str = Laws.PAPER,
+        actuation: Actuation | str = Actuation.SERVO,
     ) -> Variant:
+        acts, fed = chosen(actuation, Actuation, "actuation"), chosen(boundary, Boundary, "boundary")
+        given = chosen(body, Body, "body")
+        if acts is Actuation.DIRECT and fed is Boundary.VOLUME:
+            raise ConfigurationError(
+                'A direct-acting injector is fed from an ideal rail; set rail_boundary to "ideal", and give a measured '
+                "rail pressure as a time series if it varies."
+            )
         return super().__new__(
             cls,
-            chosen(body, Body, "body"),
-            chosen(boundary, Boundary, "boundary"),
+            Body.RIGID if acts is Actuation.DIRECT else given,
+            fed,
             chosen(drive, Drive, "drive"),
             chosen(laws, Laws, "laws"),
+            acts,
         )
 
     @property
     def label(self) -> str:
         """Text that names it."""
-        words = f"{self.body.value} body, {self.boundary.value} rail, {self.drive.value} drive"
+        body = "direct-acting needle" if self.actuation is Actuation.DIRECT else f"{self.body.value} body"
+        words = f"{body}, {self.boundary.value} rail, {self.drive.value} drive"
         return words if self.laws is Laws.PAPER else f"{words}, {self.laws.value} laws"
 
 
 class Wiring(NamedTuple):
-    """Laws of a variant, and the layouts of its lane and of its body's positions.
+    """Laws of a variant, and the layouts of its parameters, its lane and its body's positions.
 
     Attributes
     ----------
     body : module
-        `plunger_needle` or `rigid_body`.
-    laws : StepLaws
+        `plunger_needle`, `rigid_body` or `direct_needle`.
+    laws : StepLaws or DirectLaws
     accelerations : law
         Right-hand side of the body's motion.
-    rest, step : law
-        State at rest, and one time step.
-    state, coefficients, positions : Layout
+    setup, rest, step : law
+        Coefficients from parameters, state at rest, and one time step.
+    touch : law
+        Longest time for which what has closed may touch and yet leave its seat again.
+    parameters, state, coefficients, positions : Layout
     """
 
     body: Any
-    laws: StepLaws
+    laws: Any
     accelerations: Callable[..., Any]
+    setup: Callable[..., Any]
     rest: Callable[..., Any]
     step: Callable[..., Any]
+    touch: Callable[..., Any]
+    parameters: Layout
     state: Layout
     coefficients: Layout
     positions: Layout
@@ -122,9 +139,17 @@ EXTENDING = (
 )
 
 
+# Modules that hold `Parameters`, `Coefficients` and `State` of each actuation.
+MODELS: dict[Actuation, Any] = {Actuation.SERVO: model, Actuation.DIRECT: direct_model}
+
+
 @functools.cache
 def wiring(variant: Variant) -> Wiring:
     """Laws and layouts of a variant."""
+    return _direct(variant) if variant.actuation is Actuation.DIRECT else _servo(variant)
+
+
+def _servo(variant: Variant) -> Wiring:
     ideal = variant.boundary is Boundary.IDEAL
     body, (advance, accelerations) = _BODIES[variant.body], _MOTIONS[variant.body, variant.laws]
     laws = StepLaws(
@@ -139,9 +164,30 @@ def wiring(variant: Variant) -> Wiring:
         body,
         laws,
         accelerations,
-        make_rest(body),
+        setup.coefficients,
+        setup.make_rest(body),
         make_step(laws),
-        layout_of(State, (("body", body.State),)),
-        layout_of(Coefficients),
+        setup.longest_touch,
+        layout_of(model.Parameters),
+        layout_of(model.State, (("body", body.State),)),
+        layout_of(model.Coefficients),
         layout_of(body.Positions),
+    )
+
+
+def _direct(variant: Variant) -> Wiring:
+    discharge, _ = _FLOWS[variant.laws]
+    laws = direct_step.DirectLaws(_DRIVES[variant.drive], boundary.ideal_rail, discharge)
+    return Wiring(
+        direct_needle,
+        laws,
+        direct_needle.accelerations,
+        direct_setup.coefficients,
+        direct_setup.rest,
+        direct_step.make_step(laws),
+        direct_setup.longest_touch,
+        layout_of(direct_model.Parameters),
+        layout_of(direct_model.State),
+        layout_of(direct_model.Coefficients),
+        layout_of(direct_needle.Positions),
     )

@@ -20,7 +20,7 @@ from commonrail.reading.place import Place
 from commonrail.reading.reach import Reach
 from commonrail.reading.tables import LEAST_SAMPLES, Column, Table, read_columns
 
-__all__ = ["Context", "Course", "DataModel", "Name", "TraceModel", "drive_unit", "mass_density"]
+__all__ = ["Context", "Course", "DataModel", "DriveModel", "Name", "TraceModel", "drive_unit", "mass_density"]
 
 LONGEST_NAME = 200
 
@@ -108,6 +108,12 @@ class TraceModel(FileModel):
     time: str | None = None
     unit: str | None = None
     time_unit: str | None = None
+
+
+class DriveModel(TraceModel):
+    """A measured drive; `zero_at_rest`: its mean before the first energising is the zero of the sensor."""
+
+    zero_at_rest: bool = False
 
 
 def _course_form(item: Any) -> str:

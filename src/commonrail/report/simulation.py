@@ -26,7 +26,7 @@ MPA = 1e-6
 # Title, factor from SI, and the channels with their names.
 _RATE = (RATE, MICRO, {"rate": "rate"})  # 1 m³/s is 1e6 mm³/ms
 _PANELS = (
-    ("lift, µm", MICRO, {"needle_lift": "needle", "valve_lift": "valve"}),
+    ("lift, µm", MICRO, {"needle_lift": "needle", "valve_lift": "valve", "armature_lift": "armature"}),
     (
         "pressure, MPa",
         MPA,

@@ -154,7 +154,7 @@ class Likelihood:
     def residuals(self, points: Floats) -> Floats:
         """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted."""
         found = self._residuals(points)
-        broken = ~np.isfinite(found).all(axis=1)
+        broken = ~np.all(np.isfinite(found), axis=1)
         self.simulated += len(points)
         self.failed += int(np.count_nonzero(broken))
         return np.where(broken[:, None], np.nan, found)

@@ -47,7 +47,7 @@ def data_findings(data: DataSet, injector: Injector) -> Iterator[Finding]:
 
 def injector_findings(injector: Injector) -> Iterator[Finding]:
     """Parameters outside the range that their part declares as usual."""
-    for name, q in parameter_quantities().items():
+    for name, q in injector.quantities.items():
         value = injector.values[name]
         if q.usual is not None and not q.is_usual(value):
             yield found(

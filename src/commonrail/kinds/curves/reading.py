@@ -12,7 +12,7 @@ from pydantic import Field
 from commonrail.engine.operating_point import LONGEST, Energising, OperatingPoint, Trace
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
-from commonrail.kinds.reading import Context, Course, DataModel, TraceModel, drive_unit, mass_density
+from commonrail.kinds.reading import Context, Course, DataModel, DriveModel, TraceModel, drive_unit, mass_density
 from commonrail.reading.fields import FileModel, Unit
 from commonrail.reading.place import Place, located
 from commonrail.reading.tables import LEAST_SAMPLES, Column
@@ -71,7 +71,7 @@ class RateModel(DataModel):
     rail_pressure: Course
     cylinder_pressure: Course
     return_pressure: Course
-    drive: TraceModel | None = None
+    drive: DriveModel | None = None
     energising_time: Time | None = None
     energisings: list[PulseModel] | None = Field(default=None, min_length=1, max_length=100)
     window: list[Time] | None = Field(default=None, min_length=2, max_length=2)
@@ -174,7 +174,7 @@ def _point(model: RateModel, samples: _Samples, context: Context, at: Place) -> 
             ("return_pressure", model.return_pressure),
         )
     )
-    drive = _drive(model, context, at / "drive")
+    drive = _drive(model, context, pulses[0].start, at / "drive")
     with located(at):
         point = OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start=start)
         check_point(context.injector, point)
@@ -196,14 +196,29 @@ def _pulse(pulse: PulseModel, at: Place) -> Energising:
         return Energising(pulse.start, pulse.duration)
 
 
-def _drive(model: RateModel, context: Context, at: Place) -> Trace | None:
+def _drive(model: RateModel, context: Context, first: float, at: Place) -> Trace | None:
     injector, unit = context.injector, drive_unit(context.injector)
     if bool(unit) != (model.drive is not None):
         raise ConfigurationError(
             f"{at}: the injector {injector.name} has drive_kind "
             f'"{injector.variant.drive.value}"; give a measured drive if, and only if, it is a trace.'
         )
-    return None if model.drive is None else _trace(model.drive, unit, model, context, at)
+    if model.drive is None:
+        return None
+    drive = _trace(model.drive, unit, model, context, at)
+    return _from_zero(drive, first, at) if model.drive.zero_at_rest else drive
+
+
+def _from_zero(drive: Trace, first: float, at: Place) -> Trace:
+    """The drive less its mean before the first energising at `first` [s], while no current can flow."""
+    time, value = np.array(drive.time), np.array(drive.value)
+    before = time < first
+    if not before.any():
+        raise (at / "zero_at_rest").error(
+            f"the drive has no sample before the first energising at {to_text(first, 's')}, so that its zero is "
+            "unknown; give a longer trace, or omit this key"
+        )
+    return Trace.of(time, value - float(np.mean(value[before])))
 
 
 def _trace(item: TraceModel, unit: str, model: RateModel, context: Context, at: Place) -> Trace:

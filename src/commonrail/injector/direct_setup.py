@@ -1,0 +1,117 @@
+"""From the parameters of a direct-acting injector to its coefficients and to its state at rest."""
+
+from __future__ import annotations
+
+import math
+
+from commonrail.compile import physics
+from commonrail.fuel import kernel as fuel
+from commonrail.injector.direct_model import Coefficients, Delays, Parameters, State
+from commonrail.injector.model import Books, Setting
+from commonrail.injector.setup import ambient
+from commonrail.parts import (
+    accumulation,
+    armature,
+    direct_needle,
+    drive,
+    feed_pipe,
+    needle_seat,
+    nozzle,
+    sac,
+    solenoid,
+)
+from commonrail.parts.contents import filled
+from commonrail.parts.plunger_needle import SeatContact
+
+
+@physics
+def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coefficients:
+    """Coefficients of every part; wave speed and laminar offsets at the rail pressure of time zero.
+
+    Parameters
+    ----------
+    p : Parameters
+    f : FuelCoefficients
+    at : Setting
+    """
+    density = fuel.density(f, at.rail)
+    viscosity = density * fuel.kinematic_viscosity(f, at.rail)
+    feed = feed_pipe.coefficients(p.feed_pipe, density, fuel.sound_speed(f, density))
+    return Coefficients(
+        fuel=f,
+        feed_pipe=feed,
+        solenoid=solenoid.coefficients(p.solenoid),
+        flux_decay=p.flux_decay,
+        drive=p.drive,
+        armature=armature.coefficients(p.armature),
+        needle=direct_needle.coefficients(p.needle),
+        needle_seat=needle_seat.coefficients(p.needle_seat, viscosity),
+        accumulation=p.accumulation,
+        sac=p.sac,
+        nozzle=nozzle.coefficients(p.nozzle, at.rail, viscosity),
+        cylinder=ambient(f, at.cylinder),
+        delays=Delays(feed.travel_time / at.dt, made_up(p.solenoid.eddy_lag, at.dt), made_up(p.flux_decay.lag, at.dt)),
+    )
+
+
+@physics
+def made_up(lag: float, dt: float) -> float:
+    """Share of a first-order lag that a step makes up [1].
+
+    Parameters
+    ----------
+    lag : float
+        τ [s], ≥ 0; zero for no lag.
+    dt : float
+        Step [s].
+    """
+    return 1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0
+
+
+@physics
+def moved(c: Coefficients) -> direct_needle.Moved:
+    """Armature and needle with the seat's contact."""
+    seat = SeatContact(c.needle_seat.contact_stiffness, c.needle_seat.contact_damping)
+    return direct_needle.Moved(c.armature, c.needle, seat)
+
+
+@physics
+def accumulation_volume(c: Coefficients, tip: float) -> float:
+    """Accumulation volume [m³]: the needle that rises out of the seat takes as much of it as it leaves to the SAC.
+
+    Parameters
+    ----------
+    c : Coefficients
+    tip : float
+        Lift of the needle [m].
+    """
+    return c.accumulation.volume - c.needle_seat.area * max(tip, 0.0)
+
+
+@physics
+def rest(c: Coefficients, at: Setting) -> State:
+    """Accumulation at rail pressure, SAC at cylinder pressure, armature and needle on their seats.
+
+    Parameters
+    ----------
+    c : Coefficients
+    at : Setting
+    """
+    body = direct_needle.at_rest(moved(c), -c.needle_seat.area * (at.rail - at.cylinder))
+    return State(
+        feed_pipe=feed_pipe.State(0.0, 0.0),
+        solenoid=solenoid.State(0.0, 0.0),
+        drive=drive.State(2.0),
+        accumulation=accumulation.State(filled(c.fuel, at.rail, c.accumulation.volume), at.rail),
+        body=body,
+        sac=filled(c.fuel, at.cylinder, sac.volume(c.sac, c.needle_seat.area, body.z.needle)),
+        nozzle=nozzle.State(0.0, 0.0),
+        books=Books(returned=0.0, supplied=0.0),
+    )
+
+
+@physics
+def longest_touch(c: Coefficients) -> float:
+    """Longest time [s] for which needle or armature may touch and yet leave again: a period on its contact."""
+    needle = 1.0 / (c.needle.per_mass * c.needle_seat.contact_stiffness)
+    return 2.0 * math.pi * math.sqrt(max(needle, 1.0 / (c.armature.per_mass * c.armature.contact_stiffness)))
