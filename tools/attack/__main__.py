@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -19,6 +20,7 @@ def main() -> None:
     parser.add_argument("words", nargs="*", help="only attacks whose name holds these words")
     parser.add_argument("--short", action="store_true", help="few repetitions")
     options = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored when started in the background, by children too
     named = [one for one in ATTACKS if all(word in one.name for word in options.words)]
     chosen = [one for one in named if one.few or not options.short]
     fallen = 0
