@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from commonrail.errors import InputError, OutputError
-from commonrail.report.build import write_report
+from commonrail.report.build import report_html, write_report
 from commonrail.report.draw import plotly_script
 from tests.report.conftest import WriteRun
 from tests.report.samples import SYNTHETIC, map_record, rate_record, rate_traces
@@ -249,3 +249,9 @@ def test_a_report_that_cannot_be_written_says_so(map_run: Path, monkeypatch: pyt
     monkeypatch.setattr("os.replace", refuse)
     with pytest.raises(OutputError, match=r"report\.html cannot be written \(no\)"):
         write_report(map_run)
+
+
+def test_a_robust_loss_is_stated_with_its_scale() -> None:
+    record = map_record()
+    assert "soft L1" not in Page(report_html(record, {})).text
+    assert "soft L1 of scale 2" in Page(report_html(record | {"loss": "soft_l1", "loss_scale": 2.0}, {})).text

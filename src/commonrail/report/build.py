@@ -254,8 +254,11 @@ def _facts(record: Record) -> list[tuple[str, str]]:
     if "injections" in counts:
         speed = f"{counts['injections']:,} injections; {speed}"
     bits = ", the same bits on every processor with AVX2" if record.get("same_bits") else ""
+    scale = record.get("loss_scale")
+    robust = [("Loss", f"soft L1 of scale {significant(scale, 4)}")] if scale else []
     return [
         *_search(record.get("optimiser")),
+        *robust,
         ("Evaluations", "; ".join(evaluations)),
         ("Simulations", speed),
         ("Time of the search", duration(clock.get("seconds"))),
