@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from commonrail.analysis.sensitivity.features import NO_EVENT, reason
+from commonrail.analysis.sensitivity.features import FEATURES, NO_EVENT, codes_of, reason
 from commonrail.analysis.sensitivity.models import Evaluated, Output
 from commonrail.analysis.sensitivity.result import Sensitivity
 from commonrail.analysis.sensitivity.run import CONSTRAINTS, Progress, sensitivity, study_of_model
@@ -137,6 +137,13 @@ def test_a_needle_that_never_opens_is_counted_and_not_a_number(pwm: Injector) ->
     assert delay["failed"]["reasons"] == {reason(NO_EVENT): 4 * 3}
     assert delay["base"] is None
     json.dumps(record, allow_nan=False)
+
+
+def test_a_needle_still_open_has_its_opening_and_nothing_that_is_final() -> None:
+    statuses = np.array([Status.STILL_INJECTING, OK, Status.RAN_AWAY])
+    for name, expected in (("opening_delay", [OK, OK]), ("quantity", [Status.STILL_INJECTING, OK])):
+        found = codes_of(FEATURES[name], np.ones(3), statuses)
+        assert found.tolist() == [*expected, Status.RAN_AWAY]
 
 
 def test_the_default_parameters_are_those_that_are_not_zero_counts_or_temperature(pwm: Injector) -> None:

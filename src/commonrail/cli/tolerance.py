@@ -35,8 +35,9 @@ def tolerance(
     threads: Threads = None,
     json: Json = False,
 ) -> None:
-    """Simulate parts whose dimensions scatter, and give spread, capability and the tolerances to tighten.
+    """Simulate the spread of parts within their tolerances.
 
+    The report gives spread and capability of the injected quantity, and the tolerances to tighten.
     Ctrl-C ends the study with the parts that are simulated by then; the exit status is 130. Without --out nothing is
     written.
 
