@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import number, settle, whole
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Optimiser, Trials
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Trials
 from commonrail.calibration.optimisers.members import MOST_MEMBERS, Members
+from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
 from commonrail.calibration.optimisers.treatments import Treatment, treat
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.calibration.space import Space
@@ -94,7 +95,7 @@ class _Rates(NamedTuple):
         )
 
 
-class CovarianceStrategy(Optimiser):
+class CovarianceStrategy(Stepwise):
     """(μ/μ_w, λ)-CMA-ES (Hansen 2016, arXiv:1604.00772), without its active part and without restarts.
 
     Draws outside bounds or constraints are repaired, and the distribution learns from the repaired ones. It starts from
@@ -111,29 +112,13 @@ class CovarianceStrategy(Optimiser):
     method, phase = "CMA-ES", "evolution"
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: CovarianceSettings | None = None) -> None:
-        super().__init__(space, rng)
-        d = space.dimension
         self.settings = settings or CovarianceSettings()
+        super().__init__(space, rng, self.settings)
+        d = space.dimension
         self._rates = _Rates.of(self.settings.members, d)
         self._members = Members.none(d)
-        self._mean, self._step = space.to_unit(space.centre), self.settings.step
+        self._mean, self._width = space.to_unit(space.centre), self.settings.step
         self._paths, self._covariance = np.zeros((2, d)), np.eye(d)  # of the step, of the covariance
-        self._best = Best(space.centre.copy(), np.inf)
-        self._trial = self._members.unit
-
-    @property
-    def total(self) -> int:
-        """Generations wanted, the first one included."""
-        return 1 + self.settings.generations
-
-    @property
-    def _ended(self) -> str:
-        return f"all {self.settings.generations} generations after the first one are done"
-
-    @property
-    def best(self) -> Best:
-        """The best of all draws."""
-        return self._best
 
     @property
     def population(self) -> FloatArray:
@@ -150,30 +135,12 @@ class CovarianceStrategy(Optimiser):
         values, directions = singular(self._covariance)
         return np.sqrt(np.maximum(values, 1e-30)), directions
 
-    def _propose(self) -> Trials:
-        """Draws from the distribution, repaired."""
-        count, d = self.settings.members, self.space.dimension
-        if self.steps == 0:
-            x = sample_feasible(self.space, count, self._rng)
-            self._trial = np.clip(self.space.to_unit(x), 0.0, 1.0)
-            return Trials(x, np.ones(count, bool))
-        deviations, directions = self._axes()
-
-        def drawn(number_of: int) -> FloatArray:
-            normal = self._rng.standard_normal((number_of, d))
-            return np.asarray(self._mean + self._step * product(normal * deviations, directions))
-
-        anchor = np.tile(self._mean, (count, 1))
-        treated = treat(Treatment.REPAIR, self.space, anchor, drawn(count), lambda few: drawn(len(few))[:, None])
-        self._trial = treated.unit
-        return Trials(treated.x, treated.simulate)
-
-    def _take(self, trials: Trials, told: FloatArray) -> None:
-        """Keep the best, and adapt the distribution to the better half."""
-        self._members = Members(self._trial, told)
-        found = self._members.best(self.space)
-        if found.cost < self._best.cost:
-            self._best = Best(trials.x[int(np.argmin(told))].copy(), found.cost)
+    def _step(self) -> Work:
+        """Draws, of which the better half adapts the distribution."""
+        unit, trials = self._draws()
+        told = yield trials
+        self._offer(trials.x, told)
+        self._members = Members(unit, told)
         half = self._members.sorted()
         used = half.unit[: len(self._rates.weights)]
         if not np.isfinite(half.costs[: len(used)]).all():
@@ -181,7 +148,23 @@ class CovarianceStrategy(Optimiser):
         if self.steps == 0:
             self._mean = used[0].copy()
         else:
-            self._adapt((used - self._mean) / self._step)
+            self._adapt((used - self._mean) / self._width)
+
+    def _draws(self) -> tuple[FloatArray, Trials]:
+        """Points (n, d) in unit coordinates, feasible ones at first, then repaired draws, and their question."""
+        count, d = self.settings.members, self.space.dimension
+        if self.steps == 0:
+            x = sample_feasible(self.space, count, self._rng)
+            return np.clip(self.space.to_unit(x), 0.0, 1.0), asked(x)
+        deviations, directions = self._axes()
+
+        def drawn(number_of: int) -> FloatArray:
+            normal = self._rng.standard_normal((number_of, d))
+            return np.asarray(self._mean + self._width * product(normal * deviations, directions))
+
+        anchor = np.tile(self._mean, (count, 1))
+        treated = treat(Treatment.REPAIR, self.space, anchor, drawn(count), lambda few: drawn(len(few))[:, None])
+        return treated.unit, Trials(treated.x, treated.simulate)
 
     def _adapt(self, moves: FloatArray) -> None:
         """Adapt mean, paths, covariance and step to the better half of the moves (μ, d), in steps, the best first."""
@@ -198,8 +181,8 @@ class CovarianceStrategy(Optimiser):
         rank = product((r.weights[:, None] * moves).T, moves)
         covariance = (1.0 - r.one - r.many + lost) * self._covariance + r.one * np.outer(path, path) + r.many * rank
         growth = float(exp(min(1.0, (r.step_path / r.damping) * (norm(step_path) / r.expected - 1.0))))
-        self._mean = self._feasible(self._mean + self._step * move)
-        self._step = min(self._step * growth, LARGEST_STEP)
+        self._mean = self._feasible(self._mean + self._width * move)
+        self._width = min(self._width * growth, LARGEST_STEP)
         self._paths, self._covariance = np.stack([step_path, path]), 0.5 * (covariance + covariance.T)
 
     def _feasible(self, mean: FloatArray) -> FloatArray:
@@ -210,14 +193,11 @@ class CovarianceStrategy(Optimiser):
         unit = np.clip(space.to_unit(inside[0]), 0.0, 1.0)
         return unit if space.satisfies(space.from_unit(unit)) else self._mean
 
-    def _origin(self) -> dict[str, Any]:
-        return super()._origin() | self._settings(self.settings)
-
     def _kept(self) -> dict[str, Any]:
         return {
             **self._members.kept(),
             "mean": self._mean.copy(),
-            "step": float(self._step),
+            "step": float(self._width),
             "paths": self._paths.copy(),
             "covariance": self._covariance.copy(),
             "best": self._best.x.copy(),
@@ -235,4 +215,4 @@ class CovarianceStrategy(Optimiser):
         if shapes != ((d,), (2, d), (d, d), (d,)) or not 0.0 < step <= LARGEST_STEP:
             raise ConfigurationError("state: its distribution is not whole; take a whole state")
         self._members, self._best = members, Best(best, float(state["cost"]))
-        self._mean, self._step, self._paths, self._covariance = mean, step, paths, covariance
+        self._mean, self._width, self._paths, self._covariance = mean, step, paths, covariance

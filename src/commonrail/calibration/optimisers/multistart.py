@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import number, settle, whole
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Counts, Optimiser, Trials, Wanted
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Wanted
 from commonrail.calibration.optimisers.geodesic import Ends, Rules, advance
 from commonrail.calibration.optimisers.least_squares import diverse_members
 from commonrail.calibration.optimisers.losses import DescentLoss, recognised
+from commonrail.calibration.optimisers.members import MOST_MEMBERS
+from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
 from commonrail.calibration.optimisers.verdict import AGREEING, ALIKE, SMALL_GAIN, Verdict, noise_of
 from commonrail.calibration.sampling import sample_priors
 from commonrail.calibration.space import Space
@@ -22,9 +24,7 @@ from commonrail.errors import ConfigurationError
 __all__ = ["MultiStartLeastSquares", "MultiStartSettings"]
 
 FloatArray = NDArray[np.float64]
-Work = Generator[Trials, FloatArray, None]
 
-MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
 MOST_STARTS = 1000
 POOL = 10  # candidates, for each start, whose better half starts are chosen from
 SMOOTHED = 0.5  # scale of the smoothed absolute error, by the mean absolute residual of the best descent
@@ -70,7 +70,7 @@ class MultiStartSettings:
             raise ConfigurationError(f"difference = {self.difference:g} must lie above 0 and not above 0.1.")
 
 
-class MultiStartLeastSquares(Optimiser):
+class MultiStartLeastSquares(Stepwise):
     """Least squares with geodesic acceleration from several starts, finished when enough of them agree.
 
     The first step simulates draws from priors and bounds. The others are iterations of all descents side by side. When
@@ -89,20 +89,18 @@ class MultiStartLeastSquares(Optimiser):
     method, phase = "multi-start least squares", "multi-start least squares"
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: MultiStartSettings | None = None) -> None:
-        super().__init__(space, rng)
         self.settings = settings or MultiStartSettings()
+        super().__init__(space, rng, self.settings)
         d = space.dimension
         self._reserve = np.empty((0, d))  # starts, unit coordinates, that have not begun
         self._ends = Ends.begin(np.empty((0, d)), np.empty((0, 0)))
         self._costs = np.empty(0)
         self._loss, self._waves, self._stopped = DescentLoss.SQUARES, 0, False
-        self._best = Best(space.centre.copy(), np.inf)
-        self._work: Work | None = None
 
     @property
     def total(self) -> int:
         """Steps wanted; those done if the search has stopped by itself."""
-        return self.steps if self._stopped else 1 + self.settings.generations
+        return self.steps if self._stopped else super().total
 
     @property
     def _ended(self) -> str:
@@ -136,11 +134,6 @@ class MultiStartLeastSquares(Optimiser):
         return Verdict.of(converged, sentence, figures)
 
     @property
-    def best(self) -> Best:
-        """The best point whose cost is known; the centre of the space, at +inf, until one has succeeded."""
-        return self._best
-
-    @property
     def population(self) -> FloatArray:
         """Points (n, d) of the descents, SI."""
         return self.space.from_unit(self._ends.unit)
@@ -158,28 +151,14 @@ class MultiStartLeastSquares(Optimiser):
         scale = SMOOTHED * max(float(np.mean(np.abs(best))), 1e-300)
         return Rules(self._loss, scale, self.settings.difference)
 
-    def _propose(self) -> Trials:
-        """First question of a step."""
-        self._work = self._descend() if self.steps else self._draw()
-        return next(self._work)
-
-    def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
-        """Next question of the step, if it has one; what it has found is kept at its end."""
-        assert self._work is not None
-        try:
-            following = self._work.send(told)
-        except StopIteration:
-            self._work = following = None
-        if trials.wanted is Wanted.RESIDUALS:
-            failed = int((~np.isfinite(told).all(axis=1)).sum())
-            more = self.counts
-            self.counts = Counts(more.slots + len(told), more.simulated + len(told), more.failed + failed)
-        return following
+    def _step(self) -> Work:
+        """Draws at first, then iterations."""
+        return self._descend() if self.steps else self._draw()
 
     def _draw(self) -> Work:
         """Simulate draws, and begin descents from good ones that lie apart."""
         x = sample_priors(self.space, self.settings.members, self._rng)
-        costs = yield _asked(x, Wanted.COSTS)
+        costs = yield asked(x, Wanted.COSTS)
         self._offer(x, costs)
         pool = np.argsort(costs, kind="stable")[: POOL * self.settings.starts]
         unit = self.space.to_unit(x[pool])
@@ -200,8 +179,8 @@ class MultiStartLeastSquares(Optimiser):
         unit, self._reserve = np.split(self._reserve, [min(self.settings.starts, len(self._reserve))])
         self._waves += 1
         x = self.space.from_unit(unit)
-        residuals = yield _asked(x, Wanted.RESIDUALS)
-        costs = yield _asked(x, Wanted.COSTS_AGAIN)
+        residuals = yield asked(x, Wanted.RESIDUALS)
+        costs = yield asked(x, Wanted.COSTS_AGAIN)
         new = Ends.begin(unit, residuals)
         if self._waves == 1:
             self._loss, self._ends, self._costs = recognised(costs, residuals), new, costs
@@ -212,18 +191,10 @@ class MultiStartLeastSquares(Optimiser):
         """One iteration of the descents."""
         after = yield from advance(self.space, self._ends, self._rules)
         x = self.space.from_unit(after.unit)
-        costs = yield _asked(x, Wanted.COSTS_AGAIN)
+        costs = yield asked(x, Wanted.COSTS_AGAIN)
         self._ends, self._costs = after, costs
         self._offer(x, costs)
         yield from self._settle()
-
-    def _offer(self, x: FloatArray, costs: FloatArray) -> None:
-        winner = int(np.argmin(costs))
-        if costs[winner] < self._best.cost:
-            self._best = Best(x[winner].copy(), float(costs[winner]))
-
-    def _origin(self) -> dict[str, Any]:
-        return super()._origin() | self._settings(self.settings)
 
     def _kept(self) -> dict[str, Any]:
         return {
@@ -253,7 +224,3 @@ class MultiStartLeastSquares(Optimiser):
         self._loss, self._waves = DescentLoss(state["loss"]), int(state["waves"])
         self._stopped, self._work = bool(state["stopped"]), None
         self._best = Best(best, float(state["cost"]))
-
-
-def _asked(x: FloatArray, wanted: Wanted) -> Trials:
-    return Trials(x, np.ones(len(x), bool), wanted)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import number, settle, whole
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Optimiser, Trials
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best
 from commonrail.calibration.optimisers.least_squares import diverse_members
 from commonrail.calibration.optimisers.members import MOST_MEMBERS, Members
+from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
@@ -20,7 +21,6 @@ from commonrail.errors import ConfigurationError
 __all__ = ["NelderMead", "NelderMeadSettings"]
 
 FloatArray = NDArray[np.float64]
-Work = Generator[Trials, FloatArray, None]
 
 MOST_STARTS = 1000
 COLLAPSED = 1e-7  # size of a simplex, in widths of the bounds, below which a new one begins
@@ -65,7 +65,7 @@ class NelderMeadSettings:
             raise ConfigurationError(f"edge = {self.edge:g} must lie above 0 and not above 0.5.")
 
 
-class NelderMead(Optimiser):
+class NelderMead(Stepwise):
     """Simplices of Nelder and Mead (1965) with the coefficients of Gao and Han (2012), which suit many parameters.
 
     A step is one move of every simplex: reflected vertices are one batch, expanded or contracted ones a second, those
@@ -83,26 +83,10 @@ class NelderMead(Optimiser):
     method, phase = "Nelder-Mead", "simplices"
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: NelderMeadSettings | None = None) -> None:
-        super().__init__(space, rng)
         self.settings = settings or NelderMeadSettings()
+        super().__init__(space, rng, self.settings)
         d = space.dimension
         self._vertices, self._costs = np.empty((0, d + 1, d)), np.empty((0, d + 1))  # of each simplex, by rising cost
-        self._best = Best(space.centre.copy(), np.inf)
-        self._work: Work | None = None
-
-    @property
-    def total(self) -> int:
-        """Steps wanted, the draws included."""
-        return 1 + self.settings.generations
-
-    @property
-    def _ended(self) -> str:
-        return f"all {self.settings.generations} moves of each simplex are done"
-
-    @property
-    def best(self) -> Best:
-        """The best of all points."""
-        return self._best
 
     @property
     def population(self) -> FloatArray:
@@ -114,26 +98,22 @@ class NelderMead(Optimiser):
         """Costs (n,) of the vertices."""
         return self._costs.ravel().copy()
 
-    def _propose(self) -> Trials:
-        """First question of a step."""
-        self._work = self._move() if self.steps else self._draw()
-        return next(self._work)
-
-    def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
-        """Next question of the step, if it has one."""
-        assert self._work is not None
-        if len(told) and told.min() < self._best.cost:
-            self._best = Best(trials.x[int(np.argmin(told))].copy(), float(told.min()))
-        try:
-            return self._work.send(told)
-        except StopIteration:
-            self._work = None
-            return None
+    def _step(self) -> Work:
+        """Draws at first, then moves; every point may be the best."""
+        work = self._move() if self.steps else self._draw()
+        trials = next(work)
+        while True:
+            told = yield trials
+            self._offer(trials.x, told)
+            try:
+                trials = work.send(told)
+            except StopIteration:
+                return
 
     def _draw(self) -> Work:
         """Draws, and a simplex about each of the good ones that lie apart."""
         x = sample_feasible(self.space, self.settings.members, self._rng)
-        costs = yield _asked(x)
+        costs = yield asked(x)
         unit = np.clip(self.space.to_unit(x), 0.0, 1.0)
         chosen = diverse_members(unit, costs, self.settings.starts)
         starts = unit[chosen] if len(chosen) else unit[: self.settings.starts]
@@ -141,7 +121,7 @@ class NelderMead(Optimiser):
         d = self.space.dimension
         edges = np.where(starts + self.settings.edge <= 1.0, self.settings.edge, -self.settings.edge)
         corners = self._pulled(starts[:, None, :], starts[:, None, :] + edges[:, :, None] * np.eye(d))
-        told = yield _asked(self.space.from_unit(corners.reshape(-1, d)))
+        told = yield asked(self.space.from_unit(corners.reshape(-1, d)))
         self._sort(
             np.concatenate([starts[:, None, :], corners], axis=1),
             np.concatenate([own[:, None], told.reshape(-1, d)], axis=1),
@@ -155,14 +135,14 @@ class NelderMead(Optimiser):
         centre = np.sum(vertices[:, :-1], axis=1) / d
         away = centre - vertices[:, -1]
         reflected = self._pulled(vertices[:, 0], centre + away)
-        first = yield _asked(self.space.from_unit(reflected))
+        first = yield asked(self.space.from_unit(reflected))
         second_worst = costs[:, -2] if d > 1 else costs[:, 0]
         plain = (first >= costs[:, 0]) & (first < second_worst)
         length = np.where(first < costs[:, 0], expand, np.where(first < costs[:, -1], contract, -contract))
         other = self._pulled(vertices[:, 0], centre + length[:, None] * away)
         again = np.full(len(first), np.inf)
         if not plain.all():
-            again[~plain] = yield _asked(self.space.from_unit(other[~plain]))
+            again[~plain] = yield asked(self.space.from_unit(other[~plain]))
         takes_other = ~plain & (again < np.minimum(first, costs[:, -1]))
         takes_first = ~takes_other & (first < second_worst)
         vertices[takes_other, -1], costs[takes_other, -1] = other[takes_other], again[takes_other]
@@ -171,7 +151,7 @@ class NelderMead(Optimiser):
         if failed.any():
             best = vertices[failed, :1]
             moved = self._anew(best, vertices[failed, 1:], shrink)
-            told = yield _asked(self.space.from_unit(moved.reshape(-1, d)))
+            told = yield asked(self.space.from_unit(moved.reshape(-1, d)))
             vertices[failed, 1:], costs[failed, 1:] = moved, told.reshape(-1, d)
         self._sort(vertices, costs)
 
@@ -200,9 +180,6 @@ class NelderMead(Optimiser):
         self._vertices = np.take_along_axis(vertices, order[:, :, None], axis=1)
         self._costs = np.take_along_axis(costs, order, axis=1)
 
-    def _origin(self) -> dict[str, Any]:
-        return super()._origin() | self._settings(self.settings)
-
     def _kept(self) -> dict[str, Any]:
         members = Members(self._vertices.reshape(-1, self.space.dimension), self._costs.ravel())
         return {**members.kept(), "best": self._best.x.copy(), "cost": self._best.cost}
@@ -214,7 +191,3 @@ class NelderMead(Optimiser):
             raise ConfigurationError("state: its simplices are not whole; take a whole state")
         self._vertices, self._costs = members.unit.reshape(-1, d + 1, d), members.costs.reshape(-1, d + 1)
         self._best, self._work = Best(best, float(state["cost"])), None
-
-
-def _asked(x: FloatArray) -> Trials:
-    return Trials(x, np.ones(len(x), bool))

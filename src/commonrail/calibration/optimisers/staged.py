@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
-from dataclasses import asdict
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.calibration.optimisers.base import Best, Counts, Optimiser, Trials, Wanted
+from commonrail.calibration.optimisers.base import Best, Wanted
 from commonrail.calibration.optimisers.descent import DIFFERENCES, Descents, iterate
 from commonrail.calibration.optimisers.least_squares import diverse_members
 from commonrail.calibration.optimisers.operators import crossover, draw, mutate
 from commonrail.calibration.optimisers.staged_settings import StagedSettings
+from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
 from commonrail.calibration.optimisers.treatments import Treatment, treat, wins
 from commonrail.calibration.sampling import sample_priors
 from commonrail.calibration.space import Space
@@ -23,7 +23,6 @@ __all__ = ["StagedLeastSquares"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
-Work = Generator[Trials, FloatArray, None]
 
 SCREENING_CAP = 12.0  # a residual beyond it counts as much: a candidate must not lose by one point alone
 EVOLUTION_CAP = 36.0  # that of residuals with three times the tolerance
@@ -32,7 +31,7 @@ FACTOR, CROSSOVER = (0.4, 1.0), 0.8  # the paper's, Eq. (18), (19)
 HOP = 0.06  # standard deviation of a hop from the best, as a share of each range
 
 
-class StagedLeastSquares(Optimiser):
+class StagedLeastSquares(Stepwise):
     """Damped least squares whose difference steps shrink in stages, from the best of many screened candidates.
 
     The first step screens draws from the priors, or from the bounds where a parameter has none, with coarser
@@ -51,30 +50,18 @@ class StagedLeastSquares(Optimiser):
     method, phase = "staged least squares", "staged least squares"
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: StagedSettings | None = None) -> None:
-        super().__init__(space, rng)
         self.settings = settings or StagedSettings()
+        super().__init__(space, rng, self.settings)
         empty = np.empty((0, space.dimension))
         self._pool, self._pool_costs = empty, np.empty(0)
         self._descents = Descents.begin(empty)
         self._costs = np.empty(0)
         self._ended_unit, self._ended_costs, self._hopping = empty, np.empty(0), False
         self._stages = len(DIFFERENCES)
-        self._best = Best(space.centre.copy(), np.inf)
-        self._work: Work | None = None
-
-    @property
-    def total(self) -> int:
-        """Steps wanted, the screening included."""
-        return 1 + self.settings.generations
 
     @property
     def _ended(self) -> str:
         return f"all {self.settings.generations} steps after the screening are done"
-
-    @property
-    def best(self) -> Best:
-        """The best point whose cost is known; the centre of the space, at +inf, until one has succeeded."""
-        return self._best
 
     @property
     def ends(self) -> tuple[Best, ...]:
@@ -94,37 +81,19 @@ class StagedLeastSquares(Optimiser):
         """Costs (n,) of those points."""
         return self._costs.copy()
 
-    def _propose(self) -> Trials:
-        """First question of a step."""
+    def _step(self) -> Work:
+        """Screening at first, then the evolution that is wanted, then iterations."""
         if self.steps == 0:
-            self._work = self._screen()
-        elif self.steps <= self.settings.evolution:
-            self._work = self._evolve()
-        else:
-            self._work = self._descend()
-        return next(self._work)
-
-    def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
-        """Next question of the step, if it has one; what it has found is kept at its end."""
-        assert self._work is not None
-        try:
-            following = self._work.send(told)
-        except StopIteration:
-            self._work = None
-            following = None
-        if trials.wanted in (Wanted.RESIDUALS, Wanted.SCREENED):
-            failed = int((~np.isfinite(told).all(axis=1)).sum())
-            more = self.counts
-            self.counts = Counts(more.slots + len(told), more.simulated + len(told), more.failed + failed)
-        return following
+            return self._screen()
+        return self._evolve() if self.steps <= self.settings.evolution else self._descend()
 
     def _screen(self) -> Work:
         """Screen draws, and choose where descents start."""
         x = sample_priors(self.space, self.settings.members, self._rng)
-        costs = capped(SCREENING_CAP, (yield _asked(x, Wanted.SCREENED)))
+        costs = capped(SCREENING_CAP, (yield asked(x, Wanted.SCREENED)))
         order = np.argsort(costs, kind="stable")[: max(POOL, self.settings.starts)]
         starts = x[order[: self.settings.starts]]
-        told = yield _asked(starts, Wanted.COSTS)
+        told = yield asked(starts, Wanted.COSTS)
         self._pool, self._pool_costs = self.space.to_unit(x[order]), costs[order]
         self._begin(self.space.to_unit(starts), told)
 
@@ -138,7 +107,7 @@ class StagedLeastSquares(Optimiser):
             return crossover(self._pool[chosen], mutate(self._pool, draws), draws, CROSSOVER)
 
         trial = treat(Treatment.REPAIR, self.space, self._pool, trials(members), lambda few: trials(few)[:, None])
-        costs = capped(EVOLUTION_CAP, (yield _asked(trial.x, Wanted.SCREENED)))
+        costs = capped(EVOLUTION_CAP, (yield asked(trial.x, Wanted.SCREENED)))
         better = wins((costs, np.zeros(n)), (self._pool_costs, np.zeros(n)))
         pool = np.where(better[:, None], trial.unit, self._pool)
         costs = np.where(better, costs, self._pool_costs)
@@ -147,7 +116,7 @@ class StagedLeastSquares(Optimiser):
             starts = pool[chosen] if len(chosen) else pool[: self.settings.starts]
         else:
             starts = pool[[int(np.argmin(costs))]]
-        told = yield _asked(self.space.from_unit(starts), Wanted.COSTS)
+        told = yield asked(self.space.from_unit(starts), Wanted.COSTS)
         self._pool, self._pool_costs = pool, costs
         self._begin(starts, told)
 
@@ -160,13 +129,13 @@ class StagedLeastSquares(Optimiser):
             if not self._hopping:
                 self._ended_unit, self._ended_costs, self._hopping = descents.unit, self._costs, True
             unit = self._near_best()[None, :]
-            told = yield _asked(self.space.from_unit(unit), Wanted.COSTS)
+            told = yield asked(self.space.from_unit(unit), Wanted.COSTS)
             self._begin(unit, told, len(DIFFERENCES))
             return
         most = self.settings.trial_iterations if stages == 1 else self.settings.stage_iterations
         after = yield from iterate(self.space, descents, stages, most)
         x = self.space.from_unit(after.unit)
-        costs = yield _asked(x, Wanted.COSTS_AGAIN)
+        costs = yield asked(x, Wanted.COSTS_AGAIN)
         self._descents, self._costs, self._stages = after, costs, stages
         self._offer(x, costs)
 
@@ -182,11 +151,6 @@ class StagedLeastSquares(Optimiser):
         best = np.argsort(self._costs, kind="stable")[: self.settings.finalists]
         return self._descents.of(best).restarted().ended(~np.isfinite(self._costs[best]))
 
-    def _offer(self, x: FloatArray, costs: FloatArray) -> None:
-        winner = int(np.argmin(costs))
-        if costs[winner] < self._best.cost:
-            self._best = Best(x[winner].copy(), float(costs[winner]))
-
     def _near_best(self) -> FloatArray:
         """A feasible point (d,) near the best, or anywhere if there is none yet; unit coordinates."""
         space = self.space
@@ -196,11 +160,6 @@ class StagedLeastSquares(Optimiser):
         there = space.from_unit(np.clip(space.to_unit(self._best.x) + hop, 0.0, 1.0))
         inside = space.pull_back(self._best.x[None, :], there[None, :])[0]
         return np.clip(space.to_unit(inside), 0.0, 1.0)
-
-    def _origin(self) -> dict[str, Any]:
-        settings = asdict(self.settings)
-        del settings["generations"]  # more may be wanted of the search that resumes
-        return super()._origin() | {"settings": [str(value) for value in settings.values()]}
 
     def _kept(self) -> dict[str, Any]:
         return {
@@ -246,7 +205,3 @@ def capped(cap: float, residuals: FloatArray) -> FloatArray:
     finite = np.isfinite(residuals)
     size = np.minimum(np.abs(np.where(finite, residuals, 0.0)), cap)
     return np.where(np.all(finite, axis=1), np.sum(size**2, axis=1), np.inf)
-
-
-def _asked(x: FloatArray, wanted: Wanted) -> Trials:
-    return Trials(x, np.ones(len(x), bool), wanted)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import settle, whole
-from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Optimiser, Trials
+from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best
 from commonrail.calibration.optimisers.members import MOST_MEMBERS, Members
+from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
 from commonrail.calibration.optimisers.treatments import Treatment, treat
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.calibration.space import Space
@@ -63,7 +64,7 @@ class SuccessHistorySettings:
         )
 
 
-class SuccessHistoryEvolution(Optimiser):
+class SuccessHistoryEvolution(Stepwise):
     """L-SHADE of Tanabe and Fukunaga (2014): current-to-pbest/1/bin with an archive and a memory of F and CR.
 
     The population shrinks over `shrinking` generations and not over those that are wanted, so that a search that is
@@ -81,22 +82,12 @@ class SuccessHistoryEvolution(Optimiser):
     method, phase = "L-SHADE", "evolution"
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: SuccessHistorySettings | None = None) -> None:
-        super().__init__(space, rng)
         self.settings = settings or SuccessHistorySettings()
+        super().__init__(space, rng, self.settings)
         self._members = Members.none(space.dimension)
         self._archive = np.empty((0, space.dimension))
         self._memory = np.full((2, MEMORY), 0.5)  # F, CR; a CR below 0 has become 0 for good
         self._next = 0
-        self._trial, self._drawn = self._members.unit, np.empty((2, 0))
-
-    @property
-    def total(self) -> int:
-        """Generations wanted, the initial population included."""
-        return 1 + self.settings.generations
-
-    @property
-    def _ended(self) -> str:
-        return f"all {self.settings.generations} generations after the initial population are done"
 
     @property
     def best(self) -> Best:
@@ -113,22 +104,28 @@ class SuccessHistoryEvolution(Optimiser):
         """Costs (n,) of the members."""
         return self._members.costs.copy()
 
-    def _propose(self) -> Trials:
-        """Draws at first, then one trial for each member."""
+    def _step(self) -> Work:
+        """Draws at first, then one trial for each member: select, learn from the successes, and shrink."""
         if self.steps == 0:
             x = sample_feasible(self.space, self.settings.members, self._rng)
-            self._trial = np.clip(self.space.to_unit(x), 0.0, 1.0)
-            return Trials(x, np.ones(len(x), bool))
-        count = len(self._members.costs)
-        self._drawn = self._factors(count)
-        raw = self._mutants(np.arange(count), *self._drawn)
+            self._members = Members(np.clip(self.space.to_unit(x), 0.0, 1.0), (yield asked(x)))
+            return
+        unit, costs = self._members
+        drawn = self._factors(len(costs))
 
         def redraw(members: IntArray) -> FloatArray:
-            return self._mutants(members, *self._drawn[:, members])[:, None]
+            return self._mutants(members, *drawn[:, members])[:, None]
 
-        treated = treat(Treatment.REPAIR, self.space, self._members.unit, raw, redraw)
-        self._trial = treated.unit
-        return Trials(treated.x, treated.simulate)
+        trial = treat(Treatment.REPAIR, self.space, unit, self._mutants(np.arange(len(costs)), *drawn), redraw)
+        told = yield asked(trial.x)
+        better, wins = told < costs, np.isfinite(told) & (told <= costs)
+        before = np.where(np.isfinite(costs), costs, told.max(initial=0.0, where=better))
+        self._learn(drawn[:, better], (before - told)[better])
+        self._archive = np.vstack([self._archive, unit[better]])
+        self._members = self._shrunk(Members(np.where(wins[:, None], trial.unit, unit), np.where(wins, told, costs)))
+        most = round(ARCHIVE * len(self._members.costs))
+        if len(self._archive) > most:
+            self._archive = self._archive[np.sort(self._rng.permutation(len(self._archive))[:most])]
 
     def _factors(self, count: int) -> FloatArray:
         """F (Cauchy, in (0, 1]) and CR (Gauss, in [0, 1]) about random entries of the memory, (2, count)."""
@@ -159,28 +156,13 @@ class SuccessHistoryEvolution(Optimiser):
         kept[np.arange(k), rng.integers(0, mutants.shape[1], k)] = True
         return np.where(kept, mutants, unit[chosen])
 
-    def _take(self, trials: Trials, told: FloatArray) -> None:
-        """Select, learn from the successes, and shrink."""
-        if self.steps == 0:
-            self._members = Members(self._trial, told)
+    def _learn(self, successful: FloatArray, gains: FloatArray) -> None:
+        """Write the Lehmer means of the successful F and CR (2, k), weighted by their gains (k,), into the memory."""
+        if not len(gains):
             return
-        unit, costs = self._members
-        better, wins = told < costs, np.isfinite(told) & (told <= costs)
-        self._learn(better, np.where(np.isfinite(costs), costs, told.max(initial=0.0, where=better)) - told)
-        self._archive = np.vstack([self._archive, unit[better]])
-        members = Members(np.where(wins[:, None], self._trial, unit), np.where(wins, told, costs))
-        self._members = self._shrunk(members)
-        most = round(ARCHIVE * len(self._members.costs))
-        if len(self._archive) > most:
-            self._archive = self._archive[np.sort(self._rng.permutation(len(self._archive))[:most])]
-
-    def _learn(self, better: NDArray[np.bool_], gains: FloatArray) -> None:
-        """Write the Lehmer means of the successful F and CR, weighted by their gains, into the memory."""
-        if not better.any():
-            return
-        weights = np.maximum(gains[better], 1e-300)
+        weights = np.maximum(gains, 1e-300)
         weights = weights / np.sum(weights)
-        for row, drawn in enumerate(self._drawn[:, better]):
+        for row, drawn in enumerate(successful):
             ended = row == 1 and (self._memory[1, self._next] < 0.0 or not drawn.max() > 0.0)
             mean = -1.0 if ended else np.sum(weights * drawn * drawn) / np.sum(weights * drawn)
             self._memory[row, self._next] = mean
@@ -196,9 +178,6 @@ class SuccessHistoryEvolution(Optimiser):
             return members
         best = members.sorted()
         return Members(best.unit[:count], best.costs[:count])
-
-    def _origin(self) -> dict[str, Any]:
-        return super()._origin() | self._settings(self.settings)
 
     def _kept(self) -> dict[str, Any]:
         own = {"archive": self._archive.copy(), "memory": self._memory.copy(), "next": self._next}

@@ -1,0 +1,79 @@
+"""Figure of a contest of optimisers as SVG: ``python -m benchmarks.plot_optimisers RECORD.json FILE.svg``.
+
+The record is that of ``commonrail optimisers --out RECORD.json``.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("svg")
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from benchmarks.plot import STYLE
+from commonrail.bench.contest import Trace
+
+__all__ = ["draw_contest", "medians"]
+
+Row = dict[str, Any]
+
+
+def medians(rows: list[Row]) -> tuple[list[int], list[float]]:
+    """Evaluations at which any of the searches of one optimiser had done a step, and the median objective there.
+
+    From the number at which half of the searches have an objective, to the largest that half of them reach.
+    """
+    traces = [Trace(r["evaluations"], r["seconds"], [_known(j) for j in r["best"]], r["converged"]) for r in rows]
+    last = median(trace.evaluations[-1] for trace in traces)
+    grid = sorted({n for trace in traces for n in trace.evaluations if n <= last})
+    found = [(n, median(trace.after(n) for trace in traces)) for n in grid]
+    finite = [(n, j) for n, j in found if j < float("inf")]
+    return [n for n, _ in finite], [j for _, j in finite]
+
+
+def draw_contest(rows: list[Row]) -> Figure:
+    """Median objective above the best known, against evaluations, one panel for each problem."""
+    problems = list(dict.fromkeys(row["problem"] for row in rows))
+    figure, grid = plt.subplots(1, len(problems), squeeze=False, figsize=(4.6 * len(problems), 3.6))
+    for axes, problem in zip(grid[0], problems, strict=True):
+        _panel(axes, problem, [row for row in rows if row["problem"] == problem])
+    grid[0][0].legend(fontsize=7)
+    figure.suptitle("median of the seeds; one evaluation is one candidate at all operating points", fontsize=8)
+    return figure
+
+
+def _panel(axes: Axes, problem: str, rows: list[Row]) -> None:
+    known = min(min(map(_known, row["best"])) for row in rows)
+    for name in dict.fromkeys(row["optimiser"] for row in rows):
+        own = [row for row in rows if row["optimiser"] == name]
+        evaluations, objective = medians(own)
+        excess = [max(100.0 * (j / known - 1.0), 1e-3) for j in objective]
+        axes.step(evaluations, excess, where="post", label=f"{name} ({len(own)})")
+    axes.set(xscale="log", yscale="log", title=problem, xlabel="evaluations", ylabel="J above the best known, %")
+
+
+def _known(objective: float | None) -> float:
+    return float("inf") if objective is None else objective
+
+
+def main() -> None:
+    """Draw into a file."""
+    if len(sys.argv) != 3:
+        sys.exit("usage: python -m benchmarks.plot_optimisers RECORD.json FILE.svg")
+    rows = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))["searches"]
+    with plt.rc_context(STYLE):
+        figure = draw_contest(rows)
+        figure.tight_layout()
+        figure.savefig(sys.argv[2], metadata={"Date": None}, bbox_inches="tight")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,86 @@
+"""Optimisers whose steps are written as generators: questions are yielded, answers are sent in."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Generator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.optimisers.base import Best, Counts, Optimiser, Settings, Trials, Wanted
+from commonrail.calibration.space import Space
+
+__all__ = ["Stepwise", "Work", "asked"]
+
+FloatArray = NDArray[np.float64]
+Work = Generator[Trials, FloatArray, None]
+
+
+class Stepwise(Optimiser):
+    """An optimiser that keeps its best point and writes a step as one generator.
+
+    Parameters
+    ----------
+    space : Space
+    rng : numpy.random.Generator
+        Source of every draw.
+    settings : Settings
+    """
+
+    def __init__(self, space: Space, rng: np.random.Generator, settings: Settings) -> None:
+        super().__init__(space, rng)
+        self._stated = settings
+        self._best = Best(space.centre.copy(), np.inf)
+        self._work: Work | None = None
+
+    @property
+    def total(self) -> int:
+        """Steps wanted, the first one included."""
+        return 1 + self._stated.generations
+
+    @property
+    def _ended(self) -> str:
+        return f"all {self._stated.generations} steps after the first one are done"
+
+    @property
+    def best(self) -> Best:
+        """The best point whose cost is known; the centre of the space, at +inf, until one has succeeded."""
+        return self._best
+
+    @abstractmethod
+    def _step(self) -> Work:
+        """One step, from its first question to its end."""
+
+    def _propose(self) -> Trials:
+        """First question of a step."""
+        self._work = self._step()
+        return next(self._work)
+
+    def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
+        """Next question of the step, if it has one; what it has found is kept at its end."""
+        assert self._work is not None
+        try:
+            following = self._work.send(told)
+        except StopIteration:
+            self._work = following = None
+        if trials.wanted in (Wanted.RESIDUALS, Wanted.SCREENED):
+            failed = int((~np.isfinite(told).all(axis=1)).sum())
+            more = self.counts
+            self.counts = Counts(more.slots + len(told), more.simulated + len(told), more.failed + failed)
+        return following
+
+    def _offer(self, x: FloatArray, costs: FloatArray) -> None:
+        """Take the cheapest of points (n, d), SI, as the best if it is."""
+        winner = int(np.argmin(costs)) if len(costs) else -1
+        if winner >= 0 and costs[winner] < self._best.cost:
+            self._best = Best(x[winner].copy(), float(costs[winner]))
+
+    def _origin(self) -> dict[str, Any]:
+        return super()._origin() | self._settings(self._stated)
+
+
+def asked(x: FloatArray, wanted: Wanted = Wanted.COSTS) -> Trials:
+    """Question about points (n, d), SI, all of which are simulated."""
+    return Trials(x, np.ones(len(x), bool), wanted)
