@@ -121,16 +121,3 @@ def test_a_known_type_gives_starts_and_priors(family_file: Edit, tmp_path: Path)
     assert tmp_path / "known.toml" in family.files  # and so comes into the run folder
     others = [p for p in family.space.parameters if p.name != A]
     assert others == [p for p in alone.space.parameters if p.name != A]
-
-
-def test_starting_points_leave_the_parts_at_the_common_value(family_file: Edit) -> None:
-    from commonrail.calibration.sampling import sample_priors
-
-    family = load_family(family_file())
-    x = sample_priors(family.space, 30, np.random.default_rng(1))
-    distances = x[:, [p.name.startswith(f"{Z} of part") for p in family.space.parameters]]
-    assert distances.shape[1] == 2
-    # a point that breaks a constraint is pulled towards the centre, whose distances are within their bounds of 4
-    assert np.mean(distances == 0.0) > 0.5
-    which = family.space.names.index(Z)
-    assert np.ptp(x[:, which]) > 0.5 * (family.space.upper - family.space.lower)[which]

@@ -80,8 +80,6 @@ class Parameter:
         Knowledge of the parameter besides the data; its value lies within the bounds.
     signed : bool
         True for a quantity that may have either sign, such as the delay of a meter.
-    drawn : bool
-        False for a parameter that starting points drawn from the priors leave at its reference.
 
     Raises
     ------
@@ -102,7 +100,6 @@ class Parameter:
     scale: Scale = "linear"
     prior: Prior | None = field(default=None, metadata={"later": True})
     signed: bool = field(default=False, metadata={"later": True})
-    drawn: bool = field(default=True, metadata={"later": True})
 
     def __post_init__(self) -> None:
         if not all(map(isfinite, (self.reference, self.lower, self.upper))):

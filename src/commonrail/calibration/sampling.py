@@ -86,8 +86,7 @@ def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> FloatArra
 def sample_priors(space: Space, n: int, rng: np.random.Generator) -> FloatArray:
     """Draw points from the priors of the parameters, as a Latin hypercube; the first one is the reference.
 
-    A prior is cut at the bounds; a parameter without one is uniform on its scale; one that is not to be drawn stays at
-    its reference. A point that breaks a constraint is
+    A prior is cut at the bounds; a parameter without one is uniform on its scale. A point that breaks a constraint is
     pulled towards the centre of the space. Without any prior, but with constraints, draws are those of
     `sample_feasible`.
 
@@ -118,8 +117,6 @@ def sample_priors(space: Space, n: int, rng: np.random.Generator) -> FloatArray:
             if prior is not None:
                 low, high = (ndtr(prior.pull(float(bound[column]))) for bound in (space.lower, space.upper))
                 x[:, column] = prior.value + prior.sigma * ndtri(low + shares[:, column] * (high - low))
-        left = [not parameter.drawn for parameter in space.parameters]
-        x[:, left] = space.reference[left]
         x = np.clip(x, space.lower, space.upper)
         x = space.pull_back(np.tile(space.centre, (n, 1)), x)
     if space.satisfies(space.reference):

@@ -102,8 +102,7 @@ def joint_space(
 
     A common parameter has the bounds, start and prior that the first part with it states; one of a part has its part's
     own. A parameter that scatters is a common value and, for each part, its distance from it in standard deviations,
-    whose prior is the standard normal distribution. Starting points leave these distances at 0: screening and evolution
-    search the common values, and the descents set the parts apart.
+    whose prior is the standard normal distribution.
 
     Parameters
     ----------
@@ -159,4 +158,4 @@ def _of_part(parameter: Parameter, part: str, share: Share) -> Parameter:
         return replace(parameter, name=name, signed=True)
     source = f"normally distributed about the common value of {parameter.name}"
     normal = Prior(0.0, 1.0, source)
-    return Parameter(name, 0.0, -WIDEST, WIDEST, "1", mark="E", source=source, prior=normal, signed=True, drawn=False)
+    return Parameter(name, 0.0, -WIDEST, WIDEST, "1", mark="E", source=source, prior=normal, signed=True)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from commonrail.display.chart import BOTH, Figure, Panel, Series
+from commonrail.display.chart import MARKERS, Figure, Panel, Series
 from commonrail.display.table import Column, Table, tabulated
 from commonrail.display.text import duration, fixed, listed, quantity, significant
 from commonrail.family.result import TEXTS
 from commonrail.kinds.records import Record, Traces
 from commonrail.report.draw import drawings, figure_html
 from commonrail.report.figures import convergence_figure, figures_of
+from commonrail.report.fleet import short_names
 from commonrail.report.headline import baseline_lines, data_lines
 from commonrail.report.html import render
 from commonrail.report.tables import tables_of
@@ -117,14 +118,15 @@ def family_figures(record: Record) -> list[Figure]:
     for i, part in enumerate(record["parts"]):
         pulls = [_pulls(p).get(part["name"]) for p in apart]
         x = tuple(float(n) for n in range(len(apart)))
-        series.append(Series(f"part {part['name']}", "solid", x, tuple(pulls), BOTH, family=i))
-    panel = Panel("distance from the type, spreads", tuple(series), zero_line=True, categories=_short(apart))
+        series.append(Series(f"part {part['name']}", "solid", x, tuple(pulls), MARKERS, family=i))
+    panel = Panel(
+        "distance from the type, spreads",
+        tuple(series),
+        zero_line=True,
+        categories=tuple(short_names([p["name"] for p in apart])),
+    )
     caption = "Values of the parts less that of the type, in spreads of the next part; common parameters are left out."
     return [Figure("What sets the parts apart", caption, "parameter", (panel,))]
-
-
-def _short(parameters: Sequence[Record]) -> tuple[str, ...]:
-    return tuple(p["name"].partition(".")[2] for p in parameters)
 
 
 def _commands(record: Record, run: str) -> list[tuple[str, str]]:

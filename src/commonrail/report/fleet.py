@@ -14,7 +14,15 @@ from commonrail.kinds.records import Record
 from commonrail.report.draw import drawings
 from commonrail.report.html import render
 
-__all__ = ["fleet_figures", "fleet_html", "fleet_lines", "fleet_tables", "fleet_warnings", "write_fleet_report"]
+__all__ = [
+    "fleet_figures",
+    "fleet_html",
+    "fleet_lines",
+    "fleet_tables",
+    "fleet_warnings",
+    "short_names",
+    "write_fleet_report",
+]
 
 SHOWN = 100  # failures that the page lists
 # Keys of a spread, and what a table calls them.
@@ -198,7 +206,7 @@ def _position_figure(record: Record) -> Figure:
         "place between the bounds, %",
         (),
         boxes=(Boxes("calibrated", "best", boxes),),
-        categories=tuple(_short_names([p["name"] for p in parameters])),
+        categories=tuple(short_names([p["name"] for p in parameters])),
     )
     return Figure(
         "Calibrated parameters between their bounds",
@@ -213,7 +221,7 @@ def _box(position: Record) -> tuple[float, float, float, float, float]:
     return low, q1, median, q3, high
 
 
-def _short_names(names: Sequence[str]) -> list[str]:
+def short_names(names: Sequence[str]) -> list[str]:
     """Names without their room, where that tells them apart."""
     counts = Counter(name.rpartition(".")[2] for name in names)
     return [short if counts[short := name.rpartition(".")[2]] == 1 else name for name in names]
