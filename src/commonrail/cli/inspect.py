@@ -36,7 +36,7 @@ def inspect(
     ] = None,
     json: Json = False,
 ) -> None:
-    """List what a file holds and what it is taken for, before it is used.
+    """List what a data file holds and what it is taken for.
 
     A quantity map may be a table with a row for each point, or a matrix of rail pressures and energising times,
     either way round. Encoding, separators, decimal sign and axes are detected and reported.

@@ -93,7 +93,7 @@ def map_(
     threads: Threads = None,
     json: Json = False,
 ) -> None:
-    """Compute the quantity map of an injector and its inverse, the map of a control unit.
+    """Compute the quantity map of an injector and its inverse.
 
     Each cell of the inverse is simulated until it delivers its quantity within 0.01 mm3. Cells that cannot be
     reached, where several energising times deliver the quantity, or where the needle is ballistic are named.
