@@ -10,6 +10,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from commonrail.analysis.certainty.certify import Certainty, certify
+    from commonrail.analysis.certainty.likelihood import Likelihood
     from commonrail.analysis.identifiability import identify, identify_at
     from commonrail.analysis.seeds import SeedProgress, for_seeds
     from commonrail.analysis.truth import Truth
@@ -64,6 +66,7 @@ if TYPE_CHECKING:
     from commonrail.injector.variants import Variant
     from commonrail.kinds import QuantityData, RateData, Role
     from commonrail.kinds.maps.sister import Sister
+    from commonrail.kinds.noise import Noise
     from commonrail.observation.low_pass import LowPass
     from commonrail.observation.meter import Meter
     from commonrail.report.build import write_report
@@ -76,6 +79,8 @@ if TYPE_CHECKING:
 
 # Module that holds the public names; the imports above say the same to a type checker.
 _HOMES = {
+    "analysis.certainty.certify": "Certainty certify",
+    "analysis.certainty.likelihood": "Likelihood",
     "analysis.identifiability": "identify identify_at",
     "analysis.seeds": "SeedProgress for_seeds",
     "analysis.truth": "Truth",
@@ -116,6 +121,7 @@ _HOMES = {
     "injector.variants": "Variant",
     "kinds": "QuantityData RateData Role",
     "kinds.maps.sister": "Sister",
+    "kinds.noise": "Noise",
     "observation.low_pass": "LowPass",
     "observation.meter": "Meter",
     "report.build": "write_report",
@@ -132,6 +138,7 @@ __all__ = [
     "Bench",
     "Body",
     "Calibration",
+    "Certainty",
     "CommonrailError",
     "Comparison",
     "Condition",
@@ -148,9 +155,11 @@ __all__ = [
     "InjectorType",
     "InputError",
     "Loss",
+    "Likelihood",
     "LowPass",
     "Meter",
     "Method",
+    "Noise",
     "Objective",
     "OperatingPoint",
     "OutputError",
@@ -183,6 +192,7 @@ __all__ = [
     "bench_curve",
     "calibrate",
     "calibrate_into",
+    "certify",
     "check_study",
     "compare",
     "create_run_folder",

@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonrail.analysis.certainty.estimate import estimate
-from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.profile import profiles_of
 from commonrail.kinds.noise import Correlation, Law, Noise
 from tests.analysis.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood
@@ -43,16 +41,10 @@ def test_a_bound_ends_a_profile_at_a_wall() -> None:
 
 
 def test_a_profile_point_that_beats_the_optimum_is_told() -> None:
-    """Two valleys: the start leads into the shallower one, and the profile crosses the ridge."""
-    x = np.linspace(-1.0, 1.0, 50)
-
-    def residuals(points: Floats) -> Floats:
-        a = points[:, :1]
-        bend = 0.3 * np.sin(6.0 * (a - 5.0))
-        return np.asarray(0.05 * (a - 5.0) + bend + (points[:, 1:2] - 3.0) * x)
-
-    own = likelihood([np.zeros(50)], [np.column_stack([x, x])], [replace(STATED, sigma=0.2)])
-    bent = Likelihood(own.space, own.blocks, residuals)
-    found = estimate(bent, np.array([[0.66, 0.3]]))
-    assert found.point[0] > 5.5  # the shallower valley
-    assert profiles_of(found, [0], rounds=8).better is not None
+    found = fitted(likelihood([curve(3)], [design()], [STATED]))
+    assert profiles_of(found, [0]).better is None
+    unit = found.unit + 3.0 * np.sqrt(np.diag(found.covariance.noise)) * [1.0, 0.0, 0.0]
+    errors = found.likelihood.residuals(found.likelihood.space.from_unit(unit[None]))[0]
+    better = profiles_of(replace(found, unit=unit, errors=errors), [0]).better
+    assert better is not None
+    assert abs(better[0] - found.unit[0]) < abs(unit[0] - found.unit[0])
