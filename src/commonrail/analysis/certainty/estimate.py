@@ -160,12 +160,19 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
     if not np.isfinite(first).all():
         raise SimulationError("The best values cannot be simulated, so nothing can be said of their certainty.")
     own = likelihood.estimated(first, [0.0] * len(likelihood.blocks), correlated=False)
-    turns = SHORT if likelihood.space.dimension <= FEW else LONG
-    ends = climb(own, starts, turns=turns, tolerance=1e-2 if turns == SHORT else 1e-3)
-    best = int(np.argmin(ends.cost))
-    agreeing = int(np.count_nonzero(ends.cost - ends.cost[best] < AGREED * _variance(own, ends.errors[best])))
-    unit, errors = ends.unit[best], ends.errors[best]
+    short = likelihood.space.dimension <= FEW
+    turns, tolerance = (SHORT, 1e-2) if short else (LONG, 1e-3)
+    ends = climb(own, starts, turns=turns, tolerance=tolerance)
     simulated = own.simulated
+    if len(starts) > 1:  # the first noise is that of a start, which is no measure of how near an end is
+        best = int(np.argmin(ends.cost))
+        own = likelihood.estimated(ends.errors[best], [0.0] * len(likelihood.blocks), correlated=False)
+        near = np.flatnonzero(np.isfinite(ends.cost))
+        ends = climb(own, ends.unit[near], errors=ends.errors[near], turns=turns, tolerance=tolerance)
+        simulated += own.simulated
+    best = int(np.argmin(ends.cost))
+    agreeing = int(np.count_nonzero(ends.cost - ends.cost[best] < AGREED))
+    unit, errors = ends.unit[best], ends.errors[best]
     for last in range(rounds):
         slopes = own.jacobian(unit[None], central=False, base=errors[None])[0]
         known = covariance_of(own, slopes, errors, np.zeros((0, own.size)), pulls_of(own, unit))
@@ -176,11 +183,6 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
     found = _at(own, unit, errors)
     simulated += own.simulated + likelihood.simulated - before
     return replace(found, starts=len(starts), agreeing=agreeing, simulated=simulated)
-
-
-def _variance(likelihood: Likelihood, errors: Floats) -> float:
-    """Mean square of innovations: the first noise is that of a start, not that of the end."""
-    return float(np.mean(likelihood.whiten(errors) ** 2))
 
 
 def pulls_of(likelihood: Likelihood, unit: Floats) -> Floats:
