@@ -167,8 +167,8 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
     if len(starts) > 1:  # the first noise is that of a start, which is no measure of how near an end is
         best = int(np.argmin(ends.cost))
         own = likelihood.estimated(ends.errors[best], [0.0] * len(likelihood.blocks), correlated=False)
-        near = np.flatnonzero(np.isfinite(ends.cost))
-        ends = climb(own, ends.unit[near], errors=ends.errors[near], turns=turns, tolerance=tolerance)
+        sound = np.isfinite(ends.cost)
+        ends = climb(own, ends.unit[sound], errors=ends.errors[sound], turns=turns, tolerance=tolerance)
         simulated += own.simulated
     best = int(np.argmin(ends.cost))
     agreeing = int(np.count_nonzero(ends.cost - ends.cost[best] < AGREED))
@@ -220,5 +220,5 @@ def _promised(likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Floa
     pulls = pulls_of(likelihood, unit)
     force = -tangents @ (weights * innovations)
     force -= pulls.T @ likelihood.priors.residuals(likelihood.space.from_unit(unit[None]))[0]
-    metric = np.linalg.pinv(covariance.inverse, hermitian=True)
+    metric: Floats = np.asarray(np.linalg.pinv(covariance.inverse, hermitian=True), float)
     return promised_fall(Walls.of(likelihood.space), unit, metric, force)

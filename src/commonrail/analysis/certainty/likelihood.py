@@ -32,9 +32,9 @@ Floats = NDArray[np.float64]
 # Distance of the candidates of a central difference, in positions between the bounds: above the ripple of a PWM drive,
 # below the curvature, as `neighbourhood.STEP`.
 STEP = 5e-3
-# Of a one-sided difference on the way to the optimum: valleys of many parameters bend within 1e-3, and a PWM drive's
-# ripple is that wide.
-FORWARD, FORWARD_PWM = 1e-4, 1e-3
+# Of a one-sided difference on the way to the optimum: valleys of many parameters bend within 1e-3; the ripple of a PWM
+# drive is that wide, and that of quantities, whose injections end between two steps.
+FORWARD, FORWARD_ROUGH = 1e-4, 1e-3
 
 
 class Likelihood:
@@ -111,7 +111,8 @@ class Likelihood:
             return np.asarray(objective.residuals(points)[:, : len(weights)] / np.sqrt(weights))
 
         nuisances = nuisances_of(objective, np.sqrt(weights))
-        forward = FORWARD_PWM if study.injector.variant.drive is Drive.PWM else FORWARD
+        rough = study.injector.variant.drive is Drive.PWM or not all(block.ordered for block in blocks)
+        forward = FORWARD_ROUGH if rough else FORWARD
         return cls(study.space, with_shots(blocks, objective.data), residuals, nuisances, forward=forward)
 
     @property
@@ -161,7 +162,7 @@ class Likelihood:
     def residuals(self, points: Floats) -> Floats:
         """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted."""
         found = self._residuals(points)
-        broken = ~np.isfinite(found).all(axis=1)
+        broken: NDArray[np.bool_] = np.asarray(~np.isfinite(found).all(axis=1))
         self.simulated += len(points)
         self.failed += int(np.count_nonzero(broken))
         return np.where(broken[:, None], np.nan, found)
