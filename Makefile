@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-generic test-busy test-lowest coverage lint verify fuzz soak attack fleet disk bench clean
+.PHONY: help demo test test-generic test-busy test-lowest line-coverage coverage lint verify fuzz soak attack fleet disk bench clean
 
 # Two processes; one that has nothing left to do takes over tests of the other, so that fixtures are seldom made twice.
 TESTS := -m pytest -q -n 2 --dist worksteal tests
@@ -40,9 +40,12 @@ test-lowest: ## run the tests with the lowest versions that pyproject.toml admit
 	$(LOWEST)/bin/python -m pip install -q -c $(LOWEST)/lowest.txt -e '.[dev]'
 	$(LOWEST)/bin/python $(TESTS)
 
-coverage: $(VENV)/.dev ## run the physics as plain Python and measure what the tests reach of it (at least 95 %)
+line-coverage: $(VENV)/.dev ## run the physics as plain Python and measure what the tests reach of it (at least 95 %)
 	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest -q $(PHYSICS_TESTS)
 	$(BIN)/coverage report
+
+coverage: $(VENV)/.dev ## fit 400 virtual benches of each kind and count the stated intervals that hold the truth (an hour)
+	$(BIN)/python -m tools.coverage
 
 lint: $(VENV)/.dev ## format, lint, types, direction of imports
 	$(BIN)/ruff check
@@ -50,7 +53,7 @@ lint: $(VENV)/.dev ## format, lint, types, direction of imports
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
-verify: $(VENV)/.dev coverage fuzz soak attack fleet disk ## check the claims: the verification study, the slow tests and all trials below
+verify: $(VENV)/.dev line-coverage fuzz soak attack fleet disk ## check the claims: the verification study, the slow tests and all trials below
 	$(BIN)/commonrail verify
 	$(BIN)/python -m pytest -q tests -m slow
 

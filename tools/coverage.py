@@ -1,21 +1,21 @@
 """Coverage of the stated intervals on virtual benches whose truth the fit never sees.
 
-    python -m tools.coverage                    # 400 benches of every bed; a table, and a judgement of each figure
-    python -m tools.coverage white delay -n 60  # some beds, fewer benches
+    python -m tools.coverage                       # 400 benches of every bed; a table, and what misses its promise
+    python -m tools.coverage white "delay 2 us" -n 60
 
-A bench is the lanes' own simulation of a hidden truth with noise of a fixed seed, fitted by what `commonrail certainty`
-uses. Coverage is the percentage of 95 % intervals that hold the truth; width is the half-width over 1.96 standard
-deviations of the estimates over all benches (1 is honest and efficient).
+A bench is the fast engine's own simulation of a hidden truth, with noise of a fixed seed, fitted as `commonrail
+certainty` does. Coverage is the percentage of 95 % intervals that hold the truth; width is the half-width over 1.96
+standard deviations of the estimates over all benches (1 is honest and efficient). "Wrong" is the percentage of the
+parameters called pinned whose truth lies farther away than the verdict says, "alarms" that of the benches whose
+residuals are found to be no noise.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -23,64 +23,34 @@ from numpy.typing import NDArray
 
 import commonrail as cr
 from commonrail.analysis.certainty.estimate import Estimate, estimate, library, starts_from
+from commonrail.analysis.certainty.lack_of_fit import lack_of_fit
 from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
 from commonrail.injector.variants import Drive
 from commonrail.kinds import DataSet
-from commonrail.kinds.noise import NOISE, Noise
+from commonrail.kinds.noise import NOISE, Correlation, Noise
 from commonrail.kinds.simulator import Simulator
 
 Floats = NDArray[np.float64]
+Draw = Callable[[np.random.Generator, int], Floats]
 
 STEP = 1.5e-6  # [s]
 INTERVAL, END = 3e-6, 1.56e-3  # of the samples [s]
 CURVE = cr.OperatingPoint(160e6, 700e-6, horizon=END)
 MAP = [cr.OperatingPoint(p * 1e6, t * 1e-6) for p in (60, 100, 160) for t in (300, 500, 700, 1000)]
 SIGMA = 0.3e-6  # standard deviation of a sample [m³/s]
-ABSOLUTE, RELATIVE = 0.05e-9, 0.0005  # tolerance of a quantity [m³]
-THREE = {
-    "nozzle.discharge_maximum": 0.8,
-    "control_chamber.a_hole_diameter": 0.262e-3,
-    "plunger_needle.k7": 6.0e7,
-}
+TOLERANCE = 0.05e-9  # of a quantity: the standard deviation of its error [m³]
+THREE = {"nozzle.discharge_maximum": 0.8, "control_chamber.a_hole_diameter": 0.262e-3, "plunger_needle.k7": 6.0e7}
 SEVEN = {f"plunger_needle.k{i}": cr.PAPER_OPTIMUM[f"plunger_needle.k{i}"] for i in range(1, 8)}
 ORDER = "k7 < k2 < k3 < k5 < k4 < k1 < k6".replace("k", "plunger_needle.k")
+FRICTION = {"plunger_needle.friction": 5.0, "plunger_needle.viscous": 2.0}  # [N], [N s/m] of each guide
+TEMPERATURE, KELVIN = 313.15, 3.0  # of the fuel: middle and standard deviation of what a bench draws [K]
 MEMBERS = 1024  # of the library that starts are chosen from, simulated once for all benches
 
 
-@dataclass(frozen=True)
-class Bed:
-    """Benches of one kind.
-
-    Attributes
-    ----------
-    truth : mapping of str to float
-        Free parameters and their hidden values [SI].
-    noise : function of Generator and n
-        Errors of the samples of a curve, in standard deviations.
-    curve, quantities : bool
-        Data of the bench.
-    outliers : float
-        Share of a map's quantities whose error is eight times as large.
-    stated : Noise
-        What the study says of the curve's noise.
-    starts : int
-    spread : float
-        Bounds about the truth, as a share of it.
-    constraints : tuple of str
-    hidden : mapping of str to float
-        Standard deviations of what the truth draws and the study does not fit.
-    """
-
-    truth: Mapping[str, float] = field(default_factory=lambda: THREE)
-    noise: Callable[[np.random.Generator, int], Floats] = lambda rng, n: rng.standard_normal(n)
-    curve: bool = True
-    quantities: bool = False
-    outliers: float = 0.0
-    stated: Noise = NOISE
-    starts: int = 4
-    spread: float = 0.3
-    constraints: tuple[str, ...] = ()
-    hidden: Mapping[str, float] = field(default_factory=dict)
+def white(rng: np.random.Generator, n: int) -> Floats:
+    """Independent samples."""
+    return rng.standard_normal(n)
 
 
 def autoregressive(rng: np.random.Generator, n: int) -> Floats:
@@ -96,13 +66,115 @@ def with_outliers(rng: np.random.Generator, n: int) -> Floats:
     return rng.standard_normal(n) * np.where(rng.random(n) < 0.1, 8.0, 1.0)
 
 
+@dataclass(frozen=True)
+class Bed:
+    """Benches of one kind.
+
+    Attributes
+    ----------
+    promise : Promise
+    truth : mapping of str to float
+        Free parameters and their hidden values [SI].
+    noise : function of Generator and n
+        Errors of the samples of a curve, in standard deviations.
+    curve, quantities : bool
+        Data of the bench.
+    stated : Noise
+        Statement of the study on the curve's noise.
+    starts : int
+    spread : (float, float)
+        Bounds below and above the truth, as shares of it.
+    constraints : tuple of str
+    delay : float
+        Delay of the meter that the fit lacks [s].
+    delay_deviation : float
+        Standard deviation of a delay that each bench draws [s].
+    temperature : bool
+        The fuel temperature is free, with a prior that each bench draws its own from.
+    hidden : mapping of str to float
+        Values that each bench draws as |normal| with this standard deviation and the model lacks.
+    """
+
+    promise: Promise
+    truth: Mapping[str, float] = field(default_factory=lambda: THREE)
+    noise: Draw = white
+    curve: bool = True
+    quantities: bool = False
+    stated: Noise = NOISE
+    starts: int = 4
+    spread: tuple[float, float] = (0.3, 0.3)
+    constraints: tuple[str, ...] = ()
+    delay: float = 0.0
+    delay_deviation: float = 0.0
+    temperature: bool = False
+    hidden: Mapping[str, float] = field(default_factory=dict)
+
+
+class Promise(NamedTuple):
+    """Ranges in percent that the figures of a bed are to lie in; None where nothing is promised.
+
+    Attributes
+    ----------
+    every : (float, float) or None
+        Coverage over all printed intervals.
+    each : (float, float) or None
+        Coverage of each parameter.
+    width : (float, float) or None
+    wrong : float or None
+        Largest share of parameters wrongly called pinned.
+    alarms : (float, float) or None
+        Share of benches whose residuals are found to be no noise.
+    """
+
+    every: tuple[float, float] | None = None
+    each: tuple[float, float] | None = None
+    width: tuple[float, float] | None = None
+    wrong: float | None = None
+    alarms: tuple[float, float] | None = None
+
+
+HONEST = Promise((93, 97), (90, 99), (0.9, 1.2), 7, (0, 3))
+DELAYED = Promise(every=(92, 97), wrong=7)
+LACKING = Promise(wrong=7)
+
+
+def _delay(deviation: float, noise: Draw = white) -> Bed:
+    return Bed(DELAYED, noise=noise, stated=Noise(uncertain={"delay": deviation}), delay_deviation=deviation)
+
+
 BEDS: dict[str, Bed] = {
-    "white": Bed(),
-    "autoregressive": Bed(noise=autoregressive),
-    "outliers": Bed(noise=with_outliers),
-    "curve and map": Bed(quantities=True),
-    "map": Bed(curve=False, quantities=True),
+    "white": Bed(HONEST),
+    "autoregressive": Bed(HONEST, noise=autoregressive),
+    "outliers": Bed(HONEST, noise=with_outliers),
+    "curve and map": Bed(HONEST, quantities=True),
+    "map": Bed(HONEST, curve=False, quantities=True),
+    "temperature free": Bed(HONEST, temperature=True),
+    "delay 0.2 us": _delay(0.2e-6),
+    "delay 0.5 us": _delay(0.5e-6),
+    "delay 2 us": _delay(2e-6),
+    "delay 0.5 us, autoregressive": _delay(0.5e-6, autoregressive),
+    "seven in order": Bed(Promise(every=(90, 98), wrong=7), SEVEN, starts=8, spread=(0.9, 0.9), constraints=(ORDER,)),
+    "unstated delay 5 us, known white": Bed(
+        Promise(alarms=(90, 100)), stated=Noise(correlation=Correlation.WHITE), delay=5e-6
+    ),
+    "unstated delay 5 us, autoregressive": Bed(Promise(alarms=(90, 100)), noise=autoregressive, delay=5e-6),
+    "friction, stated as uncertain": Bed(LACKING, stated=Noise(uncertain=FRICTION), hidden=FRICTION),
+    "friction that nobody has stated": Bed(Promise(), hidden=FRICTION),
+    "friction and delay 1 us, stated": Bed(
+        LACKING,
+        noise=autoregressive,
+        stated=Noise(uncertain={"delay": 1e-6, **FRICTION}),
+        delay_deviation=1e-6,
+        hidden=FRICTION,
+    ),
 }
+
+
+class Bench(NamedTuple):
+    """Study of one bench, and the hidden values [SI] of its free parameters."""
+
+    study: cr.Study
+    truth: Floats
 
 
 class Benches:
@@ -117,126 +189,173 @@ class Benches:
         self.bed = bed
         injector = cr.load_injector("virtual-lino-2016")
         self.injector = replace(injector, variant=injector.variant._replace(drive=Drive.REGULATED))
-        self.names = tuple(bed.truth)
-        self.truth = np.array(list(bed.truth.values()))
-        self.space = cr.Space(
-            [
-                cr.Parameter(n, v, v * (1 - bed.spread), v * (1 + bed.spread), "1", mark="E", source="virtual")
-                for n, v in bed.truth.items()
-            ],
-            bed.constraints,
-        )
+        low, high = bed.spread
+        parameters = [
+            cr.Parameter(n, v, v * (1 - low), v * (1 + high), "1", mark="E", source="virtual")
+            for n, v in bed.truth.items()
+        ]
+        if bed.temperature:
+            prior = cr.Prior(TEMPERATURE, KELVIN, "virtual")
+            bounds = TEMPERATURE, TEMPERATURE - 6 * KELVIN, TEMPERATURE + 6 * KELVIN
+            parameters.append(cr.Parameter("fuel.temperature", *bounds, "K", mark="E", source="virtual", prior=prior))
+        self.space = cr.Space(parameters, bed.constraints)
         self.bounds = np.arange(0.0, END + 0.5 * INTERVAL, INTERVAL)
-        self._clean: dict[str, Floats] = {}
-        self.library = library(Likelihood.of(self.study(0), 1), MEMBERS, seed=5)
+        self.first = Likelihood.of(self.bench(0).study, 1)
+        self.library = library(self.first, MEMBERS, seed=5)
 
-    def data(self, seed: int) -> list[DataSet]:
-        """Data of a bench."""
-        rng = np.random.default_rng(1000 + seed)
-        found: list[DataSet] = []
-        if self.bed.curve:
-            rate = self.rate() + SIGMA * self.bed.noise(rng, len(self.bounds) - 1)
-            found.append(
-                cr.RateData("curve", cr.Role.FIT, CURVE, self.bounds, rate, 1.0, "", "all", noise=self.bed.stated)
-            )
-        if self.bed.quantities:
-            quantity = self.quantity()
-            factor = np.where(rng.random(len(quantity)) < self.bed.outliers, 8.0, 1.0)
-            noisy = quantity + (ABSOLUTE + RELATIVE * quantity) * factor * rng.standard_normal(len(quantity))
-            dead = np.zeros(len(noisy), bool)
-            found.append(cr.QuantityData("map", cr.Role.FIT, MAP, noisy, ABSOLUTE, RELATIVE, dead, 1.0, "", "all"))
-        return found
+    def bench(self, seed: int) -> Bench:
+        """Bench of a seed; the fit knows its data and the bounds."""
+        bed, rng = self.bed, np.random.default_rng(1000 + seed)
+        truth = list(bed.truth.values())
+        if bed.temperature:
+            truth.append(TEMPERATURE + KELVIN * rng.standard_normal())
+        hidden = {name: deviation * abs(rng.standard_normal()) for name, deviation in bed.hidden.items()}
+        delay = bed.delay + bed.delay_deviation * rng.standard_normal()
+        values = dict(zip(self.space.names, truth, strict=True)) | hidden
+        data: list[DataSet] = []
+        if bed.curve:
+            meter = cr.Meter("bench", {"delay": delay}) if delay else None
+            rate = self._seen(self._curve(np.zeros(len(self.bounds) - 1), meter), values)
+            rate = rate + SIGMA * bed.noise(rng, len(rate))
+            data.append(self._curve(rate).with_noise(bed.stated))
+        if bed.quantities:
+            quantity = self._seen(self._map(np.zeros(len(MAP))), values)
+            data.append(self._map(quantity + TOLERANCE * rng.standard_normal(len(quantity))))
+        return Bench(cr.Study("bench", self.injector, tuple(data), self.space, cr.Method(), 1, STEP), np.array(truth))
 
-    def rate(self) -> Floats:
-        """Rates of the truth [m³/s]."""
-        if "rate" not in self._clean:
-            empty = cr.RateData("", cr.Role.FIT, CURVE, self.bounds, np.zeros(len(self.bounds) - 1), 1.0, "", "all")
-            self._clean["rate"] = empty.simulated(Simulator(self.injector, self.names, STEP, 1), self.truth[None])[0]
-        return self._clean["rate"]
+    def _curve(self, rate: Floats, meter: cr.Meter | None = None) -> cr.RateData:
+        return cr.RateData("curve", cr.Role.FIT, CURVE, self.bounds, rate, 1.0, "", "virtual", meter=meter)
 
-    def quantity(self) -> Floats:
-        """Quantities of the truth [m³]."""
-        if "quantity" not in self._clean:
-            batch = cr.simulate_batch(self.injector, MAP, self.names, self.truth[None], time_step=STEP, threads=1)
-            self._clean["quantity"] = batch.injected_volume[0]
-        return self._clean["quantity"]
+    def _map(self, quantity: Floats) -> cr.QuantityData:
+        dead = np.zeros(len(quantity), bool)
+        return cr.QuantityData("map", cr.Role.FIT, MAP, quantity, TOLERANCE, 0.0, dead, 1.0, "", "virtual")
 
-    def study(self, seed: int) -> cr.Study:
-        """Study of a bench, which knows nothing of its truth but the middle of the bounds."""
-        return cr.Study("bench", self.injector, tuple(self.data(seed)), self.space, cr.Method(), 1, STEP)
+    def _seen(self, data: DataSet, values: Mapping[str, float]) -> Floats:
+        """Values of a truth as the bench shows them."""
+        simulator = Simulator(self.injector, tuple(values), STEP, 1)
+        return data.simulated(simulator, np.array([list(values.values())]))[0]
 
-    def fit(self, seed: int) -> Estimate:
-        """Estimate of a bench."""
-        likelihood = Likelihood.of(self.study(seed), 1)
+    def fit(self, bench: Bench) -> Estimate:
+        """Estimate of a bench, from members of the library."""
+        own = Likelihood.of(bench.study, 1)
+        apart = [a.at_zero - b.at_zero for a, b in zip(own.blocks, self.first.blocks, strict=True)]
         unit, errors = self.library
-        return estimate(likelihood, starts_from(likelihood, (unit, errors + self._moved(likelihood)), self.bed.starts))
-
-    def _moved(self, likelihood: Likelihood) -> Floats:
-        """Difference (n,) between residuals of this bench and those of the first, whose library it is."""
-        first = Likelihood.of(self.study(0), 1)
-        return np.concatenate([a.at_zero - b.at_zero for a, b in zip(likelihood.blocks, first.blocks, strict=True)])
+        return estimate(own, starts_from(own, (unit, errors + np.concatenate(apart)), self.bed.starts))
 
 
 class Row(NamedTuple):
-    """Figures of a bed."""
+    """Figures of a bed: coverage of each parameter and of all, widths, half-widths in percent of the value, share of
+    intervals printed, pinned parameters, wrong ones among them, alarms, simulations and processor time of a fit."""
 
-    coverage: list[float]
+    benches: int
+    each: Floats
     every: float
-    widths: list[float]
-    halves: list[float]
+    widths: Floats
+    halves: Floats
+    printed: float
+    pinned: float
+    wrong: float
+    alarms: float
     simulations: float
     seconds: float
 
 
-def row(bed: Bed, many: int, say: Callable[[str], None] = lambda _: None) -> Row:
+def row(bed: Bed, many: int) -> Row:
     """Figures of the first benches of a bed."""
     benches = Benches(bed)
-    found, inside, half, sims = [], [], [], []
-    benches.fit(0)
-    start = time.process_time()
+    found, inside, half, printed, pinned, right, alarms, cost = ([] for _ in range(8))
     for seed in range(many):
-        one = benches.fit(seed)
+        bench = benches.bench(seed)
+        begin = time.process_time()
+        one = benches.fit(bench)
+        cost.append((one.simulated, time.process_time() - begin))
         low, high = one.interval()
-        found.append(one.point)
-        inside.append((low <= benches.truth) & (benches.truth <= high))
-        half.append(0.5 * (high - low))
-        sims.append(one.simulated)
-    seconds = (time.process_time() - start) / many
-    spread = np.std(found, axis=0, ddof=1)
-    mean = np.mean(half, axis=0)
+        tests = lack_of_fit(one)
+        judged = verdicts_of(one, low, high, withdrawal(one, tests))
+        found.append(one.point - bench.truth)
+        inside.append((low <= bench.truth) & (bench.truth <= high))
+        half.append(0.5 * (high - low) / bench.truth)
+        printed.append(np.full(len(low), one.settled) & np.isfinite(high))
+        pinned.append([j.verdict is Verdict.PINNED for j in judged])
+        right.append(np.abs(one.point - bench.truth) <= [j.half for j in judged])
+        alarms.append(any(test.found for test in tests))
+    held, shown, called = np.array(inside), np.array(printed), np.array(pinned)
+    relative = np.std(found, axis=0, ddof=1) / benches.bench(0).truth
+    mean = np.array([np.mean(h[s]) if s.any() else np.nan for h, s in zip(np.array(half).T, shown.T, strict=True)])
+    simulations, seconds = np.mean(cost, axis=0)
     return Row(
-        (100 * np.mean(inside, axis=0)).tolist(),
-        float(100 * np.mean(inside)),
-        (mean / (1.96 * spread)).tolist(),
-        (100 * mean / benches.truth).tolist(),
-        float(np.mean(sims)),
-        seconds,
+        many,
+        np.array([_percent(h[s]) for h, s in zip(held.T, shown.T, strict=True)]),
+        _percent(held[shown]),
+        mean / (1.96 * relative),
+        100.0 * mean,
+        _percent(shown),
+        _percent(called),
+        100.0 - _percent(np.array(right)[called]) if called.any() else 0.0,
+        _percent(np.array(alarms)),
+        float(simulations),
+        float(seconds),
     )
 
 
-def line(name: str, found: Row) -> str:
+def _percent(flags: Floats) -> float:
+    return float(100.0 * np.mean(flags)) if np.size(flags) else float("nan")
+
+
+def misses(found: Row, promise: Promise) -> list[str]:
+    """Promises that the figures of a bed do not keep, in words."""
+
+    def outside(values: Floats | float, limits: tuple[float, float] | None) -> bool:
+        return limits is not None and not bool(
+            np.all((np.array(values) >= limits[0]) & (np.array(values) <= limits[1]))
+        )
+
+    return [
+        f"{what} outside {limits[0]:g} to {limits[1]:g}"
+        for what, values, limits in (
+            ("coverage", found.every, promise.every),
+            ("coverage of a parameter", found.each, promise.each),
+            ("width", found.widths, promise.width),
+            ("wrongly pinned", found.wrong, None if promise.wrong is None else (0.0, promise.wrong)),
+            ("alarms", found.alarms, promise.alarms),
+        )
+        if limits is not None and outside(values, limits)
+    ]
+
+
+HEAD = """\
+| bed | benches | coverage of each, % | all, % | width | half-width, % | printed, % | pinned, % | wrong, % | \
+alarms, % | simulations, s a fit |
+|---|---|---|---|---|---|---|---|---|---|---|"""
+
+
+def line(name: str, r: Row) -> str:
     """Figures of a bed as a line of the table."""
-    each = " ".join(f"{c:.0f}" for c in found.coverage)
-    widths = " ".join(f"{w:.2f}" for w in found.widths)
-    halves = " ".join(f"{h:.3g}" for h in found.halves)
+    each, widths = (" ".join(f"{v:{form}}" for v in values) for values, form in ((r.each, ".0f"), (r.widths, ".2f")))
+    halves = " ".join(f"{v:.2g}" for v in r.halves)
+    error = np.sqrt(r.every * (100.0 - r.every) / r.benches)
     return (
-        f"| {name} | {each} | {found.every:.1f} | {widths} | {halves} | {found.simulations:.0f}, {found.seconds:.3f} |"
+        f"| {name} | {r.benches} | {each} | {r.every:.1f} ± {error:.1f} | {widths} | {halves} | {r.printed:.0f} | "
+        f"{r.pinned:.0f} | {r.wrong:.1f} | {r.alarms:.1f} | {r.simulations:.0f}, {r.seconds:.2f} |"
     )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("bed", nargs="*", metavar="BED", help=f"of {', '.join(BEDS)}")
-    parser.add_argument("-n", type=int, default=400)
-    parser.add_argument("--json", type=Path)
+    """Print the table; return 1 if a promise is not kept."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bed", nargs="*", metavar="BED", help=f"of {', '.join(BEDS)}; all by default")
+    parser.add_argument("-n", type=int, default=400, help="benches of each bed [default: 400]")
     own = parser.parse_args(arguments)
+    if unknown := [name for name in own.bed if name not in BEDS]:
+        parser.error(f"there is no bed {unknown[0]}")
+    print(HEAD)
+    missed = 0
     for name in own.bed or BEDS:
         found = row(BEDS[name], own.n)
-        print(line(name, found), flush=True)
-        if own.json:
-            own.json.write_text(json.dumps(found._asdict()))
-    return 0
+        lacking = misses(found, BEDS[name].promise)
+        missed += bool(lacking)
+        print(line(name, found), *(f"\n    {name}: {words}" for words in lacking), flush=True)
+    return int(missed > 0)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from commonrail.analysis.certainty.certify import Certainty, certify
+    from commonrail.analysis.certainty.likelihood import Likelihood
     from commonrail.analysis.identifiability import identify, identify_at
     from commonrail.analysis.seeds import SeedProgress, for_seeds
     from commonrail.analysis.sensitivity.result import Sensitivity
@@ -80,6 +82,7 @@ if TYPE_CHECKING:
     from commonrail.injector.variants import Variant
     from commonrail.kinds import QuantityData, RateData, ReturnData, Role
     from commonrail.kinds.maps.sister import Sister
+    from commonrail.kinds.noise import Noise
     from commonrail.observation.low_pass import LowPass
     from commonrail.observation.meter import Meter
     from commonrail.observation.metered import Metered, metered
@@ -93,6 +96,8 @@ if TYPE_CHECKING:
 
 # Module that holds the public names; the imports above say the same to a type checker.
 _HOMES = {
+    "analysis.certainty.certify": "Certainty certify",
+    "analysis.certainty.likelihood": "Likelihood",
     "analysis.identifiability": "identify identify_at",
     "analysis.seeds": "SeedProgress for_seeds",
     "analysis.sensitivity.result": "Sensitivity",
@@ -142,6 +147,7 @@ _HOMES = {
     "injector.variants": "Variant",
     "kinds": "QuantityData RateData ReturnData Role",
     "kinds.maps.sister": "Sister",
+    "kinds.noise": "Noise",
     "observation.low_pass": "LowPass",
     "observation.meter": "Meter",
     "observation.metered": "Metered metered",
@@ -159,6 +165,7 @@ __all__ = [
     "Bench",
     "Body",
     "Calibration",
+    "Certainty",
     "CommonrailError",
     "Comparison",
     "Condition",
@@ -178,10 +185,12 @@ __all__ = [
     "InputError",
     "Limit",
     "Loss",
+    "Likelihood",
     "LowPass",
     "Meter",
     "Metered",
     "Method",
+    "Noise",
     "Objective",
     "Normal",
     "OperatingPoint",
@@ -224,6 +233,7 @@ __all__ = [
     "bench_curve",
     "calibrate",
     "calibrate_into",
+    "certify",
     "check_study",
     "compare",
     "create_run_folder",

@@ -46,7 +46,7 @@ def test_a_map_without_dead_times_does_not_speak_of_them() -> None:
 
 def test_parameters_are_grouped_by_what_the_data_say() -> None:
     lines = parameter_lines(rate_record()["parameters"])
-    assert lines[0] == "Pinned down: plunger_needle.k1, plunger_needle.k4 and plunger_needle.k7."
+    assert lines[0] == "Pinned: plunger_needle.k1, plunger_needle.k4 and plunger_needle.k7."
     assert lines[-1].startswith("At a bound: plunger_needle.k1 and plunger_needle.k6.")
 
 

@@ -123,9 +123,8 @@ def _sensitivity(found: Record) -> list[str]:
     names = [p["name"] for p in found["parameters"]]
     lines = []
     for one in found["sensitivity"]:
-        text = to_text(one["change"], one["unit"], 3).removesuffix("1").strip() if one["unit"] != "1" else "1 %"
         moves = list(zip(names, map(number, one["percent"]), strict=True))
-        lines.append(f"{text} of {one['quantity']} would move {_moves(moves)}.")
+        lines.append(f"{one['text']} would move {_moves(moves)}.")
     return lines
 
 

@@ -97,7 +97,7 @@ def test_a_discrepancy_of_one_length_is_that_of_generalised_least_squares() -> N
     k = 0.01 * np.exp(-0.5 * ((t[:, None] - t) / 0.2) ** 2)
     plus = np.linalg.inv(x.T @ x) @ x.T
     expected = plus @ (0.04 * np.eye(n) + k) @ plus.T / 9.9**2
-    np.testing.assert_allclose(found.covariance.total, expected, rtol=1e-6)
+    np.testing.assert_allclose(found.covariance.total, expected, rtol=1e-3)  # bumps half a length apart
 
 
 def test_a_parameter_that_nothing_holds_has_no_interval() -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls, constrained_step
 
-__all__ = ["Ascent", "climb"]
+__all__ = ["Ascent", "climb", "promised_fall"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -37,14 +37,11 @@ class Ascent(NamedTuple):
         −2 ln of likelihood and priors, without constants; +inf where the start failed.
     errors : (k, n)
         Residuals there.
-    gain : (k,)
-        Fall of the cost that the last linear model promises, along free directions.
     """
 
     unit: Floats
     cost: Floats
     errors: Floats
-    gain: Floats
 
 
 class _Climber:
@@ -129,11 +126,7 @@ class _Climber:
         """Fall of the cost by an undamped step within the walls."""
         found = np.empty(len(which))
         for i, k in enumerate(which):
-            spread = np.diag(metric[i]).max() * 1e-10 + 1e-300
-            own = metric[i] + spread * np.eye(len(force[i]))
-            least = np.minimum(self.walls.floor - self.walls.rows @ self.unit[k], 0.0)
-            z = constrained_step(own, np.linalg.solve(own, force[i]), self.walls.rows, least)
-            found[i] = 2.0 * force[i] @ z - z @ own @ z
+            found[i] = promised_fall(self.walls, self.unit[k], metric[i], force[i])
         return found
 
     def _bend(self, which: Indices, damped: Floats, weighted: Floats, tangents: Floats, step: Floats) -> Floats:
@@ -215,7 +208,24 @@ def climb(
         if not climber.live.any():
             break
         climber.turn(tolerance)
-    return Ascent(climber.unit, climber.cost, climber.errors, climber.gain)
+    return Ascent(climber.unit, climber.cost, climber.errors)
+
+
+def promised_fall(walls: Walls, unit: Floats, metric: Floats, force: Floats) -> float:
+    """Fall of the cost 2 force·z − z·metric z by the best step z within the walls.
+
+    Parameters
+    ----------
+    walls : Walls
+    unit : (d,)
+        Position that the step begins at.
+    metric : (d, d)
+    force : (d,)
+    """
+    own = metric + (np.diag(metric).max() * 1e-10 + 1e-300) * np.eye(len(force))
+    least = np.minimum(walls.floor - walls.rows @ unit, 0.0)
+    z = constrained_step(own, np.linalg.solve(own, force), walls.rows, least)
+    return float(2.0 * force @ z - z @ own @ z)
 
 
 def _hold(metric: Floats, force: Floats, held: Indices) -> None:

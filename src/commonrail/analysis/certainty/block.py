@@ -103,16 +103,33 @@ class Block:
         """Number of values."""
         return int(self.rows.stop - self.rows.start)
 
-    def discrepancy(self) -> Floats | None:
-        """Covariance (n, n) of what the model cannot do; None where none is stated."""
-        sd, length = self.noise.discrepancy, self.noise.length
-        if not sd:
-            return None
-        if not length:
-            return np.asarray(sd**2 * np.eye(self.size))
-        scale = np.array([length, self.noise.pressure_length])
-        apart = (self.places[:, None] - self.places[None]) / scale
-        return np.asarray(sd**2 * np.exp(-0.5 * np.sum(apart**2, axis=-1)))
+    def courses(self, deviation: float, length: float, pressure_length: float = math.inf) -> Floats:
+        """Courses (k, n) with independent unit weights that add up to a discrepancy with a correlation in between.
+
+        Along a course in time they are bumps half a length apart, whose sum has a Gaussian correlation; a map has the
+        roots of its covariance. Without a length there are none: white discrepancy is part of the noise.
+
+        Parameters
+        ----------
+        deviation : float
+            Standard deviation, in the unit of the residuals.
+        length, pressure_length : float
+            Distances over which it is correlated [s], [Pa].
+        """
+        if not (deviation and length):
+            return np.zeros((0, self.size))
+        if self.ordered:
+            times = self.places[:, 0]
+            centres = np.arange(times.min() - 2.0 * length, times.max() + 2.0 * length, 0.5 * length)
+            height = deviation * math.sqrt(0.5 * math.sqrt(2.0 / math.pi))
+            return np.asarray(height * np.exp(-(((times - centres[:, None]) / length) ** 2)))
+        apart = (self.places[:, None] - self.places[None]) / np.array([length, pressure_length])
+        values, vectors = np.linalg.eigh(np.exp(-0.5 * np.sum(apart**2, axis=-1)))
+        return np.asarray((deviation * vectors * np.sqrt(np.maximum(values, 0.0))).T)
+
+    def stated_courses(self) -> Floats:
+        """Courses of the discrepancy that the study states."""
+        return self.courses(self.noise.discrepancy, self.noise.length, self.noise.pressure_length)
 
 
 def block_of(data: DataSet, start: int) -> Block:

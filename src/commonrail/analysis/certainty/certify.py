@@ -201,8 +201,9 @@ def _intervals(found: Estimate, profiled: Mapping[str, Profile], level: float) -
     local = _local_label(found)
     labels = [local] * len(low)
     scale = np.abs(found.likelihood.scaled(found.unit))
-    beyond = np.diag(found.covariance.total - found.covariance.noise)
-    wider = student(found.covariance.freedom, level) ** 2 * np.where(np.isfinite(beyond), beyond, 0.0) * scale**2
+    nuisances, discrepancy = found.covariance.nuisances, found.covariance.discrepancy
+    beyond = np.sum(nuisances**2, axis=0) + np.diag(discrepancy)
+    wider = student(found.covariance.freedom, level) ** 2 * beyond * scale**2
     for i, name in enumerate(found.likelihood.names):
         profile = profiled.get(name)
         if profile is None or not (profile.low.finished and profile.high.finished):

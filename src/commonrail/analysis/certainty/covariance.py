@@ -103,7 +103,7 @@ def covariance_of(likelihood: Likelihood, slopes: Floats, errors: Floats, shifts
     with np.errstate(divide="ignore"):
         alone = 1.0 / np.sqrt(np.diag(bread))
     moved = moved_by(likelihood, inverse, tangents, innovations, likelihood.whiten(shifts))
-    held = _discrepancy(likelihood, inverse, tangents)
+    held = _discrepancy(likelihood, inverse, tangents, innovations)
     return Covariance(inverse, noise, moved, held, shares / np.maximum(variance, 1e-300), freedom, alone, used, ratios)
 
 
@@ -165,15 +165,16 @@ def _sloped(likelihood: Likelihood, tangents: Floats, innovations: Floats) -> Fl
     return found
 
 
-def _discrepancy(likelihood: Likelihood, inverse: Floats, tangents: Floats) -> Floats:
+def _discrepancy(likelihood: Likelihood, inverse: Floats, tangents: Floats, innovations: Floats) -> Floats:
     """Covariance (d, d) of the estimates by stated discrepancies."""
     total = np.zeros_like(inverse)
     for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
-        covariance = block.discrepancy()
-        if covariance is not None:
-            seen = noise.whiten(noise.whiten(covariance).T)
-            own = tangents[:, block.rows]
-            total += inverse @ (own @ seen @ own.T) @ inverse
+        courses = block.stated_courses()
+        if len(courses):
+            shifts = np.zeros((len(courses), likelihood.size))
+            shifts[:, block.rows] = noise.whiten(courses)
+            moves = moved_by(likelihood, inverse, tangents, innovations, shifts)
+            total += moves.T @ moves
     return total
 
 

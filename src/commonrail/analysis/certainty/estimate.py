@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.ascent import climb
+from commonrail.analysis.certainty.ascent import climb, promised_fall
 from commonrail.analysis.certainty.covariance import Covariance, covariance_of, half_widths, moved_by
 from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.analysis.certainty.steps import Walls
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.errors import SimulationError
 
@@ -25,6 +26,7 @@ ROUNDS = 3  # of noise given residuals
 AGREED = 0.5  # of 2 ln L within which ends of the search agree
 LEAST_AGREEING = 3  # ends, the best among them
 SETTLED = 0.01  # fall of −2 ln L that the last linear model may still promise
+FEW, SHORT, LONG = 4, 25, 60  # parameters, and steps of an ascent with so few and with more
 CLOSEST = 40  # members of a library that are compared as starts
 
 
@@ -73,11 +75,11 @@ class Estimate:
         """True if the search has ended: no gain is left, and enough of several starts agree."""
         return self.gain < SETTLED and (self.starts == 1 or self.agreeing >= min(LEAST_AGREEING, self.starts))
 
-    def moved(self, shift: Floats) -> Floats:
-        """Changes (d,) of the values [SI] by a change (n,) of the residuals."""
+    def moved(self, shifts: Floats) -> Floats:
+        """Changes (k, d) of the values [SI] by changes (k, n) of the residuals."""
         own = self.likelihood
         tangents, innovations = own.whiten(self.slopes), own.whiten(self.errors)
-        move = moved_by(own, self.covariance.inverse, tangents, innovations, own.whiten(shift[None]))[0]
+        move = moved_by(own, self.covariance.inverse, tangents, innovations, own.whiten(shifts))
         return np.asarray(move * own.scaled(self.unit))
 
     def half_widths(self, level: float = 0.95) -> Floats:
@@ -158,26 +160,29 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
     if not np.isfinite(first).all():
         raise SimulationError("The best values cannot be simulated, so nothing can be said of their certainty.")
     own = likelihood.estimated(first, [0.0] * len(likelihood.blocks), correlated=False)
-    ends = climb(own, starts)
-    best = int(np.argmin(ends.cost))
-    agreeing = int(np.count_nonzero(ends.cost - ends.cost[best] < AGREED * _variance(own, ends.errors[best])))
-    unit, errors, gain = ends.unit[best], ends.errors[best], float(ends.gain[best])
+    short = likelihood.space.dimension <= FEW
+    turns, tolerance = (SHORT, 1e-2) if short else (LONG, 1e-3)
+    ends = climb(own, starts, turns=turns, tolerance=tolerance)
     simulated = own.simulated
+    if len(starts) > 1:  # the first noise is that of a start, which is no measure of how near an end is
+        best = int(np.argmin(ends.cost))
+        own = likelihood.estimated(ends.errors[best], [0.0] * len(likelihood.blocks), correlated=False)
+        sound = np.isfinite(ends.cost)
+        ends = climb(own, ends.unit[sound], errors=ends.errors[sound], turns=turns, tolerance=tolerance)
+        simulated += own.simulated
+    best = int(np.argmin(ends.cost))
+    agreeing = int(np.count_nonzero(ends.cost - ends.cost[best] < AGREED))
+    unit, errors = ends.unit[best], ends.errors[best]
     for last in range(rounds):
         slopes = own.jacobian(unit[None], central=False, base=errors[None])[0]
         known = covariance_of(own, slopes, errors, np.zeros((0, own.size)), pulls_of(own, unit))
         simulated += own.simulated
         own = likelihood.estimated(errors, known.used.tolist(), known.root.T @ slopes)
         near = climb(own, unit[None], errors=errors[None], turns=10, tolerance=0.1 if last < rounds - 1 else 1e-3)
-        unit, errors, gain = near.unit[0], near.errors[0], float(near.gain[0])
-    found = _at(own, unit, errors, gain)
+        unit, errors = near.unit[0], near.errors[0]
+    found = _at(own, unit, errors)
     simulated += own.simulated + likelihood.simulated - before
     return replace(found, starts=len(starts), agreeing=agreeing, simulated=simulated)
-
-
-def _variance(likelihood: Likelihood, errors: Floats) -> float:
-    """Mean square of innovations: the first noise is that of a start, not that of the end."""
-    return float(np.mean(likelihood.whiten(errors) ** 2))
 
 
 def pulls_of(likelihood: Likelihood, unit: Floats) -> Floats:
@@ -189,7 +194,7 @@ def pulls_of(likelihood: Likelihood, unit: Floats) -> Floats:
     return found
 
 
-def _at(likelihood: Likelihood, unit: Floats, errors: Floats, gain: float) -> Estimate:
+def _at(likelihood: Likelihood, unit: Floats, errors: Floats) -> Estimate:
     """Estimate at an end of the search."""
     point = likelihood.space.from_unit(unit)
     slopes = likelihood.jacobian(unit[None])[0]
@@ -199,4 +204,21 @@ def _at(likelihood: Likelihood, unit: Floats, errors: Floats, gain: float) -> Es
     covariance = covariance_of(likelihood, slopes, errors, shifts, pulls_of(likelihood, unit))
     innovations = likelihood.whiten(errors)
     cost = float(likelihood.block_costs(innovations).sum() + likelihood.priors.costs(point[None])[0])
+    gain = _promised(likelihood, unit, slopes, errors, covariance)
     return Estimate(likelihood, unit, point, cost, errors, slopes, shifts, covariance, 1, 1, gain, 0)
+
+
+def _promised(likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Floats, covariance: Covariance) -> float:
+    """Fall of the cost that a linear model about a position still promises, within bounds and constraints."""
+    innovations, tangents = likelihood.whiten(errors), likelihood.whiten(slopes)
+    weights = np.concatenate(
+        [
+            noise.density.weight(innovations[b.rows])
+            for b, noise in zip(likelihood.blocks, likelihood.noises, strict=True)
+        ]
+    )
+    pulls = pulls_of(likelihood, unit)
+    force = -tangents @ (weights * innovations)
+    force -= pulls.T @ likelihood.priors.residuals(likelihood.space.from_unit(unit[None]))[0]
+    metric: Floats = np.asarray(np.linalg.pinv(covariance.inverse, hermitian=True), float)
+    return promised_fall(Walls.of(likelihood.space), unit, metric, force)

@@ -20,6 +20,7 @@ from commonrail.calibration.objective import Objective
 from commonrail.calibration.prior import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
+from commonrail.choices import Drive
 from commonrail.errors import StudyError
 from commonrail.kinds import Role, of_role
 from commonrail.observation.quantities import known_quantity
@@ -31,7 +32,9 @@ Floats = NDArray[np.float64]
 # Distance of the candidates of a central difference, in positions between the bounds: above the ripple of a PWM drive,
 # below the curvature, as `neighbourhood.STEP`.
 STEP = 5e-3
-FORWARD = 1e-3  # of a one-sided difference on the way to the optimum
+# Of a one-sided difference on the way to the optimum: valleys of many parameters bend within 1e-3; the ripple of a PWM
+# drive is that wide, and that of quantities, whose injections end between two steps.
+FORWARD, FORWARD_ROUGH = 1e-4, 1e-3
 
 
 class Likelihood:
@@ -49,6 +52,8 @@ class Likelihood:
         Residuals (m, n) of points [SI], simulated − measured, in the units of the blocks; NaN where a simulation fails.
     nuisances : sequence of Nuisance
         What is uncertain and not fitted.
+    forward : float
+        Step of one-sided differences, in positions between the bounds.
 
     Attributes
     ----------
@@ -64,10 +69,12 @@ class Likelihood:
         blocks: Sequence[Block],
         residuals: Callable[[Floats], Floats],
         nuisances: Sequence[Nuisance] = (),
+        *,
+        forward: float = FORWARD,
     ) -> None:
         self.space, self.blocks, self.nuisances = space, tuple(blocks), tuple(nuisances)
         self.priors = Priors.of(space.parameters)
-        self._residuals = residuals
+        self._residuals, self._forward = residuals, forward
         self.noises: tuple[FittedNoise, ...] = ()
         self.simulated = self.failed = 0
 
@@ -103,9 +110,10 @@ class Likelihood:
         def residuals(points: Floats) -> Floats:
             return np.asarray(objective.residuals(points)[:, : len(weights)] / np.sqrt(weights))
 
-        return cls(
-            study.space, with_shots(blocks, objective.data), residuals, nuisances_of(objective, np.sqrt(weights))
-        )
+        nuisances = nuisances_of(objective, np.sqrt(weights))
+        rough = study.injector.variant.drive is Drive.PWM or not all(block.ordered for block in blocks)
+        forward = FORWARD_ROUGH if rough else FORWARD
+        return cls(study.space, with_shots(blocks, objective.data), residuals, nuisances, forward=forward)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -124,7 +132,7 @@ class Likelihood:
 
     def with_noises(self, noises: Sequence[FittedNoise]) -> Likelihood:
         """The same likelihood with other noise; it counts simulations of its own."""
-        other = Likelihood(self.space, self.blocks, self._residuals, self.nuisances)
+        other = Likelihood(self.space, self.blocks, self._residuals, self.nuisances, forward=self._forward)
         other.noises = tuple(noises)
         return other
 
@@ -154,7 +162,7 @@ class Likelihood:
     def residuals(self, points: Floats) -> Floats:
         """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted."""
         found = self._residuals(points)
-        broken = ~np.all(np.isfinite(found), axis=1)
+        broken: NDArray[np.bool_] = np.asarray(~np.isfinite(found).all(axis=1))
         self.simulated += len(points)
         self.failed += int(np.count_nonzero(broken))
         return np.where(broken[:, None], np.nan, found)
@@ -193,7 +201,7 @@ class Likelihood:
 
     def log_posterior(self, points: Floats) -> Floats:
         """Sum (m,) of `log_likelihood` and `log_prior`; points beyond bounds and constraints are not simulated."""
-        found: Floats = self.log_prior(points)
+        found = np.array(self.log_prior(points))
         inside = np.flatnonzero(np.isfinite(found))
         if len(inside):
             found[inside] += self.log_likelihood(points[inside])
@@ -212,7 +220,7 @@ class Likelihood:
         base : (k, n), optional
         """
         k, d = unit.shape
-        step = STEP if central else FORWARD
+        step = STEP if central else self._forward
         sign = np.where(unit > 0.5, -1.0, 1.0)[:, None, :] * np.eye(d)
         ahead = np.clip(unit[:, None] + step * sign, 0.0, 1.0)
         behind = np.clip(unit[:, None] - step * sign, 0.0, 1.0) if central else np.repeat(unit[:, None], d, axis=1)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.lack_of_fit import LackOfFit
+from commonrail.analysis.certainty.sensitivity import Assumed, unstated
 from commonrail.analysis.certainty.steps import Walls
 from commonrail.display.text import listed, significant
 from commonrail.units import to_text
@@ -23,6 +24,7 @@ Floats = NDArray[np.float64]
 LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
 NAMED = 0.5  # correlation from which another parameter is named
 MOST_NAMED = 3
+NOTICED = 1.1  # half width with what is assumed over that without, from which both are told
 MOSTLY = 0.5  # share of the variance from which an uncertain quantity is blamed
 
 
@@ -47,20 +49,27 @@ class Judged(NamedTuple):
         Verdict with its figure.
     cure : str
         Measurement or statement that would improve it; empty for a pinned parameter.
+    half : float
+        Half width [SI] that the verdict rests on: that of the interval, and of the delay, the gain and the discrepancy
+        that are assumed where the study states none.
     """
 
     verdict: Verdict
     sentence: str
     cure: str
+    half: float
 
 
 class _Case(NamedTuple):
-    """Parameter that is judged: column, half width over value, the same where all others are known, and its words."""
+    """Parameter that is judged: its column, half width [SI], the same over the value, and that where all others are
+    known; by what quantity of the bench most of it is, and that quantity's standard deviation; figure in words."""
 
     column: int
+    half: float
     share: float
     alone: float
-    interval: str
+    blamed: tuple[str, str] | None
+    figure: str
 
 
 def withdrawal(estimate: Estimate, tests: Sequence[LackOfFit]) -> str:
@@ -89,14 +98,22 @@ def verdicts_of(
     level : float
         Of the intervals.
     """
-    scale = np.abs(estimate.likelihood.scaled(estimate.unit))
-    quantile = student(estimate.covariance.freedom, level)
+    own = estimate.likelihood
+    scale, quantile = np.abs(own.scaled(estimate.unit)), student(estimate.covariance.freedom, level)
     alone = quantile * estimate.covariance.alone * scale
+    assumed = unstated(estimate)
+    moves = np.vstack([np.zeros((1, len(scale))), *(move for _, move in assumed)])
+    added = quantile * np.sqrt(np.sum(moves**2, axis=0))
+    words = listed([one.text for one, _ in assumed])
     found = []
     for i, value in enumerate(np.abs(estimate.point).tolist()):
-        half = 0.5 * float(high[i] - low[i])
-        share = half / value if value > 0.0 else np.inf
-        case = _Case(i, share, float(alone[i]) / value if value > 0.0 else np.inf, _percent(share))
+        interval = 0.5 * float(high[i] - low[i])
+        half = float(np.hypot(interval, added[i]))
+        figure = _percent(half, value)
+        if assumed and half > NOTICED * interval:
+            figure += f", by noise alone {_percent(interval, value)}; {words} assumed"
+        shares = [h / value if value > 0.0 else np.inf for h in (half, float(alone[i]))]
+        case = _Case(i, half, shares[0], shares[1], _blamed(estimate, assumed, i), figure)
         found.append(_judged(estimate, case, reason, limit))
     return found
 
@@ -106,30 +123,32 @@ def _judged(estimate: Estimate, case: _Case, reason: str, limit: float) -> Judge
     parameter, value = own.space.parameters[case.column], float(estimate.point[case.column])
     if parameter.is_at_bound(value):
         cure = "widen the bound if the part allows it, or read the value as something the model lacks"
-        return Judged(Verdict.AT_BOUND, f"at a bound ({case.interval} without it)", cure)
+        return Judged(Verdict.AT_BOUND, f"at a bound ({case.figure} without it)", cure, case.half)
     if wall := _constraint(estimate, case.column):
         cure = "measure what tells its members apart, or check the constraint"
-        return Judged(Verdict.CONSTRAINED, f'held by the constraint "{wall}" ({case.interval} without it)', cure)
+        return Judged(Verdict.CONSTRAINED, f'held by the constraint "{wall}" ({case.figure})', cure, case.half)
     if case.share <= limit:
         if reason:
             cure = "search with more starts" if "settled" in reason else "describe the meter, or state a discrepancy"
-            return Judged(Verdict.WITHDRAWN, f"{case.interval} withdrawn: {reason}", cure)
-        return Judged(Verdict.PINNED, f"pinned to {case.interval}", "")
-    if blamed := _blamed(estimate, case.column):
-        name, deviation = blamed
-        cure = f"measure the {name} better than to {deviation}"
-        return Judged(Verdict.COMBINED, f"only in combination with the {name} ({case.interval})", cure)
+            return Judged(Verdict.WITHDRAWN, f"{case.figure}; withdrawn, because {reason}", cure, case.half)
+        return Judged(Verdict.PINNED, f"pinned to {case.figure}", "", case.half)
+    if case.blamed is not None:
+        name, deviation = case.blamed
+        cure = f"know the {name} better than to {deviation}, and state it in the noise of the data"
+        return Judged(Verdict.COMBINED, f"only in combination with the {name} ({case.figure})", cure, case.half)
     if case.alone <= limit:
         others = _partners(estimate, case.column)
         words = f" with {listed(others)}" if others else ""
         cure = "measure at another rail pressure or energising time, or state a prior of one of them"
-        return Judged(Verdict.COMBINED, f"only in combination{words} ({case.interval})", cure)
-    cure = "measure it on the part, or where it acts more; what is fitted now stands for nothing"
-    return Judged(Verdict.UNSEEN, f"not seen by these data ({case.interval})", cure)
+        return Judged(Verdict.COMBINED, f"only in combination{words} ({case.figure})", cure, case.half)
+    cure = "measure it on the part, or where it acts more; the fitted value stands for nothing"
+    return Judged(Verdict.UNSEEN, f"not seen by these data ({case.figure})", cure, case.half)
 
 
-def _percent(share: float) -> str:
-    return f"± {significant(100.0 * share, 2)} %" if np.isfinite(share) else "no interval"
+def _percent(half: float, value: float) -> str:
+    if not np.isfinite(half):
+        return "no interval"
+    return f"± {significant(100.0 * half / value, 2)} %" if value > 0.0 else f"± {significant(half, 2)}"
 
 
 def _constraint(estimate: Estimate, column: int) -> str:
@@ -151,13 +170,16 @@ def _row_text(row: Floats, names: Sequence[str]) -> str:
     return f"between {listed([names[i] for i in np.flatnonzero(row).tolist()])}"
 
 
-def _blamed(estimate: Estimate, column: int) -> tuple[str, str] | None:
-    """Uncertain quantity that makes most of a parameter's variance, and its standard deviation in words."""
-    total = float(estimate.covariance.total[column, column])
-    for nuisance, move in zip(estimate.likelihood.nuisances, estimate.covariance.nuisances, strict=True):
-        if np.isfinite(total) and move[column] ** 2 > MOSTLY * total:
-            return nuisance.name, to_text(nuisance.deviation, nuisance.unit, 2)
-    return None
+def _blamed(estimate: Estimate, assumed: Sequence[tuple[Assumed, Floats]], column: int) -> tuple[str, str] | None:
+    """Quantity of the bench that makes most of a parameter's variance, and its standard deviation in words."""
+    own, scale = estimate.likelihood, float(estimate.likelihood.scaled(estimate.unit)[column])
+    moves = [
+        (move[column] ** 2 * scale**2, nuisance.name, to_text(nuisance.deviation, nuisance.unit, 2))
+        for nuisance, move in zip(own.nuisances, estimate.covariance.nuisances, strict=True)
+    ] + [(float(np.sum(move[:, column] ** 2)), one.owner, one.size) for one, move in assumed]
+    total = float(estimate.covariance.total[column, column]) * scale**2
+    total += sum(float(np.sum(move[:, column] ** 2)) for _, move in assumed)
+    return next(((name, size) for part, name, size in moves if np.isfinite(total) and part > MOSTLY * total), None)
 
 
 def _partners(estimate: Estimate, column: int) -> list[str]:

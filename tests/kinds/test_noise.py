@@ -1,0 +1,58 @@
+"""Noise models of data sets: what a study may state, and what it is told where it makes no sense."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import commonrail as cr
+from commonrail.errors import ConfigurationError, InputError
+from commonrail.files.scaffold import write_new
+from commonrail.kinds.noise import Correlation, Law, Noise
+from tests.map_study import map_study
+
+
+def read(folder: Path, noise: str) -> cr.Study:
+    write_new(folder / "own")
+    study = folder / "own" / "study.toml"
+    text = study.read_text(encoding="utf-8")
+    study.write_text(text.replace('kind = "rate"', f'noise = {{ {noise} }}\nkind = "rate"'), encoding="utf-8")
+    return cr.load_study(study)
+
+
+def test_a_study_states_the_noise_of_a_curve(tmp_path: Path) -> None:
+    noise = 'law = "student-t", sigma = "0.3 mm3/ms", uncertain = { delay = "1 us", gain = "0.5 %" }'
+    found = read(tmp_path, noise).data[0].noise
+    assert (found.law, found.correlation, found.sigma) == (Law.STUDENT, Correlation.AUTO, pytest.approx(3e-7))
+    assert found.deviations == pytest.approx({"delay": 1e-6, "gain": 0.005})
+
+
+def test_a_map_states_its_noise_in_tolerances(tmp_path: Path) -> None:
+    rows = "rail_pressure [MPa],energising_time [us],quantity [mm3]\n80,500,20\n160,700,60\n"
+    (tmp_path / "map.csv").write_text(rows, encoding="utf-8")
+    (tmp_path / "study.toml").write_text(map_study("noise = { sigma = 0.5 }"), encoding="utf-8")
+    assert cr.load_study(tmp_path / "study.toml").data[0].noise.sigma == 0.5
+
+
+@pytest.mark.parametrize(
+    ("noise", "words"),
+    [
+        ('sigma = "0.3 MPa"', "noise.sigma"),
+        ('law = "cauchy"', "noise.law"),
+        ('uncertain = { dealy = "1 us" }', "delay"),
+        ('uncertain = { delay = "1 MPa" }', "standard deviation of delay"),
+        ('uncertain = { fuel_temperature = "40 degC" }', "state the difference"),
+        ('sigma = "0.3 mm3/ms", shots = "a"', "keep one of them"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_with_its_place(tmp_path: Path, noise: str, words: str) -> None:
+    with pytest.raises((InputError, ConfigurationError), match=words) as error:
+        read(tmp_path, noise)
+    assert "data[1]" in str(error.value)
+
+
+@pytest.mark.parametrize("settings", [{"sigma": 0.0}, {"discrepancy": -1.0}, {"length": float("inf")}])
+def test_numbers_out_of_range_are_refused(settings: dict[str, float]) -> None:
+    with pytest.raises(ConfigurationError, match="of the noise"):
+        Noise(**settings)  # type: ignore[arg-type]
