@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from commonrail.analysis.certainty.certify import Certainty, certify
     from commonrail.analysis.certainty.likelihood import Likelihood
+    from commonrail.analysis.design.candidates import Candidate
+    from commonrail.analysis.design.criteria import Criterion
+    from commonrail.analysis.design.next import DesignSettings, Plan, next_measurements
     from commonrail.analysis.identifiability import identify, identify_at
     from commonrail.analysis.seeds import SeedProgress, for_seeds
     from commonrail.analysis.sensitivity.result import Sensitivity
@@ -98,6 +101,9 @@ if TYPE_CHECKING:
 _HOMES = {
     "analysis.certainty.certify": "Certainty certify",
     "analysis.certainty.likelihood": "Likelihood",
+    "analysis.design.candidates": "Candidate",
+    "analysis.design.criteria": "Criterion",
+    "analysis.design.next": "DesignSettings Plan next_measurements",
     "analysis.identifiability": "identify identify_at",
     "analysis.seeds": "SeedProgress for_seeds",
     "analysis.sensitivity.result": "Sensitivity",
@@ -165,6 +171,7 @@ __all__ = [
     "Bench",
     "Body",
     "Calibration",
+    "Candidate",
     "Certainty",
     "CommonrailError",
     "Comparison",
@@ -172,6 +179,8 @@ __all__ = [
     "ConfigurationError",
     "Correlation",
     "Counts",
+    "Criterion",
+    "DesignSettings",
     "DifferentialEvolution",
     "Dimension",
     "Energising",
@@ -196,6 +205,7 @@ __all__ = [
     "OperatingPoint",
     "OutputError",
     "PAPER_OPTIMUM",
+    "Plan",
     "Parameter",
     "Prior",
     "Progress",
@@ -253,6 +263,7 @@ __all__ = [
     "load_truth",
     "load_type",
     "metered",
+    "next_measurements",
     "parameter_quantities",
     "parameters_within",
     "percent_bounds",

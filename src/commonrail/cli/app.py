@@ -22,6 +22,7 @@ from commonrail.cli.guard import guarded, show_traceback
 from commonrail.cli.inspect import inspect
 from commonrail.cli.map import map_
 from commonrail.cli.new import new
+from commonrail.cli.next import next_
 from commonrail.cli.optimisers import optimisers
 from commonrail.cli.report import report
 from commonrail.cli.reproduce import reproduce
@@ -55,6 +56,7 @@ _VERBS = (
     runs,
     validate,
     certainty,
+    next_,
     compare,
     fleet,
     family,

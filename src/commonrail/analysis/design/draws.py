@@ -1,0 +1,65 @@
+"""Draws of the parameters that the data leave open, so that a plan does not depend on one point estimate."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.estimate import Estimate, pulls_of
+from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.analysis.certainty.steps import Walls
+
+__all__ = ["BOUNDED", "information_of", "laplace_draws", "slope_weights"]
+
+Floats = NDArray[np.float64]
+
+# Information on a position that is known to lie between its bounds and no more: a uniform distribution has the
+# variance 1/12.
+BOUNDED = 12.0
+
+
+def information_of(likelihood: Likelihood, slopes: Floats, weights: Floats, unit: Floats) -> Floats:
+    """Information (d, d) of data, priors and bounds on the positions.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        With its noise.
+    slopes : (d, n)
+        Derivatives of the residuals.
+    weights : (n,)
+        Of the innovations, see `slope_weights`.
+    unit : (d,)
+    """
+    tangents, pulls = likelihood.whiten(slopes), pulls_of(likelihood, unit)
+    return np.asarray((tangents * weights) @ tangents.T + pulls.T @ pulls + BOUNDED * np.eye(len(unit)))
+
+
+def slope_weights(estimate: Estimate) -> Floats:
+    """Information of an innovation (n,) of each value's law over that of the Gaussian one."""
+    own, found = estimate.likelihood, np.ones(estimate.likelihood.size)
+    innovations = own.whiten(estimate.errors)
+    for block, noise in zip(own.blocks, own.noises, strict=True):
+        found[block.rows] = max(float(noise.density.slope(innovations[block.rows]).mean()), 0.05)
+    return found
+
+
+def laplace_draws(estimate: Estimate, many: int, seed: int) -> Floats:
+    """Positions (s, d): the most likely ones, then draws of the normal distribution that the curvature there gives.
+
+    Draws beyond bounds and constraints are pulled back to them.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    many : int
+    seed : int
+    """
+    own, unit = estimate.likelihood, estimate.unit
+    information = information_of(own, estimate.slopes, slope_weights(estimate), unit)
+    moves = estimate.covariance.nuisances
+    covariance = np.linalg.inv(information) + np.where(np.isfinite(moves), moves, 0.0).T @ moves
+    normal = np.random.default_rng(seed).standard_normal((many - 1, len(unit)))
+    drawn = unit + normal @ np.linalg.cholesky(covariance).T
+    inside = Walls.of(own.space).within(np.repeat(unit[None], many - 1, axis=0), drawn)
+    return np.vstack([unit, inside])

@@ -1,0 +1,65 @@
+"""Tables and sentences of a measuring plan."""
+
+from __future__ import annotations
+
+from commonrail.analysis.design.candidates import place_of
+from commonrail.analysis.design.criteria import Criterion
+from commonrail.analysis.design.next import Measurement, Plan
+from commonrail.display.table import Table, tabulated
+from commonrail.display.text import fixed, significant
+
+__all__ = ["plan_lines", "plan_tables"]
+
+_AIMS = {
+    Criterion.V: "root mean square of the standard deviations of predictions",
+    Criterion.D: "geometric mean of the standard errors of the parameters along the axes of their region",
+    Criterion.A: "root mean square of the relative standard errors of the parameters",
+}
+
+
+def plan_tables(plan: Plan) -> list[Table]:
+    """Measurements in order, and standard errors before and after them."""
+    rows = list(enumerate(plan.measurements, 1))
+    note = (
+        f"Factor: {_AIMS[plan.settings.criterion]}, with this measurement and those above it, over that before; "
+        f"averaged over {plan.settings.draws} draws of the parameters."
+    )
+    first = tabulated(
+        "Next measurements",
+        rows,
+        [
+            ("kind", lambda row: row[1].candidate.kind),
+            ("p [MPa]", lambda row: fixed(place_of(row[1].candidate.point)[0], 1, 1e-6)),
+            ("dwell [us]", lambda row: _dwell(row[1])),
+            ("ET [us]", lambda row: fixed(place_of(row[1].candidate.point)[1], 0, 1e6)),
+            ("cost", lambda row: significant(row[1].candidate.cost, 3)),
+            ("expected [mm3]", lambda row: significant(row[1].value, 3, 1e9)),
+            ("± [mm3]", lambda row: significant(row[1].deviation, 2, 1e9)),
+            ("factor", lambda row: fixed(row[1].factor, 3)),
+        ],
+        note,
+    )
+    second = tabulated(
+        "Standard errors at the best values",
+        list(plan.before.items()),
+        [
+            ("parameter", lambda item: item[0]),
+            ("now", lambda item: significant(item[1], 3)),
+            ("with the plan", lambda item: significant(plan.after[item[0]], 3)),
+            ("ratio", lambda item: fixed(plan.after[item[0]] / item[1], 3)),
+        ],
+        "In SI units; what is known by bounds alone counts as a uniform distribution.",
+    )
+    return [first, second]
+
+
+def plan_lines(plan: Plan) -> list[str]:
+    """Cost, number of candidates, and what the plan takes for granted."""
+    lines = [f"cost {plan.cost:g}; chosen from {plan.candidates} candidates"]
+    if plan.failed:
+        lines.append(f"{plan.failed} pairs of a candidate and a draw could not be simulated; they count as no news.")
+    return lines + list(plan.notes)
+
+
+def _dwell(one: Measurement) -> str:
+    return fixed(place_of(one.candidate.point)[2], 0, 1e6) if len(one.candidate.point.pulses) > 1 else "–"
