@@ -9,7 +9,7 @@ from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
 
-__all__ = ["BOUNDED", "information_of", "laplace_draws", "slope_weights"]
+__all__ = ["BOUNDED", "laplace_draws", "prior_information", "slope_weights"]
 
 Floats = NDArray[np.float64]
 
@@ -18,21 +18,10 @@ Floats = NDArray[np.float64]
 BOUNDED = 12.0
 
 
-def information_of(likelihood: Likelihood, slopes: Floats, weights: Floats, unit: Floats) -> Floats:
-    """Information (d, d) of data, priors and bounds on the positions.
-
-    Parameters
-    ----------
-    likelihood : Likelihood
-        With its noise.
-    slopes : (d, n)
-        Derivatives of the residuals.
-    weights : (n,)
-        Of the innovations, see `slope_weights`.
-    unit : (d,)
-    """
-    tangents, pulls = likelihood.whiten(slopes), pulls_of(likelihood, unit)
-    return np.asarray((tangents * weights) @ tangents.T + pulls.T @ pulls + BOUNDED * np.eye(len(unit)))
+def prior_information(likelihood: Likelihood, unit: Floats) -> Floats:
+    """Information (d, d) of priors and bounds on the positions, at a position (d,)."""
+    pulls = pulls_of(likelihood, unit)
+    return np.asarray(pulls.T @ pulls + BOUNDED * np.eye(len(unit)))
 
 
 def slope_weights(estimate: Estimate) -> Floats:
@@ -56,7 +45,8 @@ def laplace_draws(estimate: Estimate, many: int, seed: int) -> Floats:
     seed : int
     """
     own, unit = estimate.likelihood, estimate.unit
-    information = information_of(own, estimate.slopes, slope_weights(estimate), unit)
+    tangents = own.whiten(estimate.slopes)
+    information = (tangents * slope_weights(estimate)) @ tangents.T + prior_information(own, unit)
     moves = estimate.covariance.nuisances
     covariance = np.linalg.inv(information) + np.where(np.isfinite(moves), moves, 0.0).T @ moves
     normal = np.random.default_rng(seed).standard_normal((many - 1, len(unit)))

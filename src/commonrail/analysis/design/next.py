@@ -15,13 +15,14 @@ from commonrail.analysis.certainty.estimate import Estimate, estimate
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.design.candidates import KINDS, MOST_CANDIDATES, Candidate, grid, place_of, usual_axes
 from commonrail.analysis.design.criteria import Criterion, Problem
-from commonrail.analysis.design.draws import information_of, laplace_draws, slope_weights
-from commonrail.analysis.design.responses import Response, responses_of
+from commonrail.analysis.design.draws import laplace_draws
+from commonrail.analysis.design.problem import problem_of
+from commonrail.analysis.design.responses import Responder, Response
 from commonrail.analysis.design.selection import Rules, select, too_close
 from commonrail.arguments import chosen, instance, number, thread_count, whole
 from commonrail.calibration.study import Study
 from commonrail.errors import ConfigurationError, nearest
-from commonrail.kinds import DataSet, QuantityData, Role, of_role
+from commonrail.kinds import DataSet, QuantityData, Role, in_order, of_role
 from commonrail.kinds.simulator import Simulator
 
 __all__ = ["DesignSettings", "Measurement", "Plan", "next_measurements", "usual_candidates"]
@@ -193,15 +194,16 @@ def next_measurements(
     begin = own.space.to_unit(np.array([best[name] for name in own.names]))[None]
     note("fitting the noise of the data ...")
     found = estimate(own, begin)
-    data = of_role(study.data, Role.FIT)
+    data = in_order(of_role(study.data, Role.FIT))
     noises, notes = _trusted(found, data)
     unit = laplace_draws(found, settings.draws, settings.seed)
     note(f"simulating {len(wanted)} candidates at {len(unit)} draws of the parameters ...")
     simulator = Simulator(study.injector, own.names, study.time_step, thread_count(threads), same_bits=study.same_bits)
     by_kind = {one.kind: noise for one, noise in reversed(list(zip(data, noises, strict=True)))}
-    responses = responses_of(wanted, data, by_kind, simulator, own.space, unit)
+    uncertain = tuple(one.name for one in own.nuisances)
+    responses = Responder(simulator, own.space, unit, uncertain).of(wanted, data, by_kind)
     likelihood = found.likelihood.with_noises(noises)
-    problem = _problem(likelihood, found, unit, responses, settings, columns)
+    problem = problem_of(found, likelihood, data, unit, responses, (settings.criterion, columns))
     plan = select(problem, _rules(wanted, data, settings))
     if not plan:
         raise ConfigurationError(
@@ -246,43 +248,6 @@ def _has_discrepancy(block: Block) -> bool:
     return bool(block.noise.discrepancy and block.noise.length)
 
 
-def _problem(
-    likelihood: Likelihood,
-    found: Estimate,
-    unit: Floats,
-    responses: Sequence[Response],
-    settings: DesignSettings,
-    columns: Sequence[int],
-) -> Problem:
-    weights, slopes = slope_weights(found), likelihood.jacobian(unit)
-    information = [information_of(likelihood, j, weights, at) for j, at in zip(slopes, unit, strict=True)]
-    most, d = max(one.rows.shape[1] for one in responses), unit.shape[1]
-    rows = np.zeros((len(unit), len(responses), most, d))
-    for i, one in enumerate(responses):
-        rows[:, i, : one.rows.shape[1]] = one.rows
-    return Problem(
-        settings.criterion, np.array(information), rows, _aims(likelihood, found, responses, settings, columns)
-    )
-
-
-def _aims(
-    likelihood: Likelihood,
-    found: Estimate,
-    responses: Sequence[Response],
-    settings: DesignSettings,
-    columns: Sequence[int],
-) -> Floats:
-    """Rows (s, k, d): predictions in tolerances, or named parameters relative to their values."""
-    if settings.criterion is not Criterion.V:
-        relative = likelihood.scaled(found.unit) / np.maximum(np.abs(found.point), 1e-300)
-        aims = (np.eye(len(found.unit)) * relative)[list(columns)]
-        return np.repeat(aims[None], len(responses[0].rows), axis=0)
-    maps = [one.plain for one in responses if math.isfinite(one.scale)]
-    if maps:
-        return np.stack(maps, axis=1)
-    return np.concatenate([one.rows for one in responses], axis=1)
-
-
 def _rules(wanted: Sequence[Candidate], data: Sequence[DataSet], settings: DesignSettings) -> Rules:
     places = np.array([place_of(one.point) for one in wanted])
     least = np.array([*settings.apart, settings.apart[1]])
@@ -311,12 +276,13 @@ def _plan(
     measurements = []
     for k, i in enumerate(plan):
         one = responses[i]
-        spread = math.sqrt(float(one.plain[0] @ prior @ one.plain[0])) * one.scale
+        d = one.plain.shape[1]
+        spread = math.sqrt(float(one.plain[0] @ prior[:d, :d] @ one.plain[0])) * one.scale
         factor = math.exp(problem.score(plan[: k + 1]) - first)
         measurements.append(Measurement(one.candidate, one.value, spread, factor))
     scale = likelihood.scaled(found.unit)
     errors = [
-        dict(zip(likelihood.names, (np.sqrt(np.diag(v)) * scale).tolist(), strict=True))
+        dict(zip(likelihood.names, (np.sqrt(np.diag(v)[: len(scale)]) * scale).tolist(), strict=True))
         for v in (prior, problem.covariance(plan)[0])
     ]
     cost = sum(one.candidate.cost for one in measurements)

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.block import FittedNoise
+from commonrail.analysis.certainty.block import FittedNoise, block_of
 from commonrail.analysis.design.candidates import Candidate, planned
+from commonrail.analysis.design.shared import bench_loads, decorrelated
 from commonrail.calibration.space import Space
 from commonrail.kinds import DataSet, QuantityData, RateData
 from commonrail.kinds.simulator import Simulator
 
-__all__ = ["STEP", "Response", "responses_of", "slopes_of"]
+__all__ = ["STEP", "Responder", "Response", "slopes_of"]
 
 Floats = NDArray[np.float64]
 
@@ -32,8 +33,9 @@ class Response(NamedTuple):
         Quantity at the most likely values [m³]; NaN where that is not the kind's value or the simulation failed.
     scale : float
         Unit of the rows, for a quantity: tolerance [m³]; NaN for a curve.
-    rows : (s, r, d)
-        Derivatives of the whitened values with respect to the positions; zero at draws that fail.
+    rows : (s, r, d + m)
+        Derivatives of the whitened values with respect to the positions, then their changes for one standard deviation
+        of each uncertain quantity of the bench; zero at draws that fail.
     plain : (s, d)
         Derivatives of a quantity in tolerances; zero for a curve.
     failed : int
@@ -68,78 +70,85 @@ def slopes_of(values: Callable[[Floats], Floats], space: Space, unit: Floats) ->
     return np.asarray((found[0] - found[1]) / width[..., None])
 
 
-def responses_of(
-    candidates: Sequence[Candidate],
-    data: Sequence[DataSet],
-    noises: dict[str, FittedNoise],
-    simulator: Simulator,
-    space: Space,
-    unit: Floats,
-) -> list[Response]:
-    """Responses of candidates, in order.
+class Responder(NamedTuple):
+    """Simulation of candidates.
 
-    Parameters
+    Attributes
     ----------
-    candidates : sequence of Candidate
-    data : sequence of DataSet
-        That there are.
-    noises : mapping of str to FittedNoise
-        Noise of a measurement of each kind.
     simulator : Simulator
         Of the parameters of the space.
     space : Space
     unit : (s, d)
         Draws, the most likely positions first.
+    uncertain : tuple of str
+        Names of the uncertain quantities of the bench.
     """
-    found: dict[int, Response] = {}
-    for kind in dict.fromkeys(one.kind for one in candidates):
-        which = [i for i, one in enumerate(candidates) if one.kind == kind]
-        own = [candidates[i] for i in which]
-        sets, noise = planned(kind, [one.point for one in own], data), noises[kind]
-        if isinstance(sets[0], QuantityData):
-            made = _of_map(own, sets[0], noise, simulator, space, unit)
-        else:
-            made = [_of_curve(c, one, noise, simulator, space, unit) for c, one in zip(own, sets, strict=True)]
-        found |= dict(zip(which, made, strict=True))
-    return [found[i] for i in range(len(candidates))]
 
+    simulator: Simulator
+    space: Space
+    unit: Floats
+    uncertain: tuple[str, ...] = ()
 
-def _of_map(
-    own: Sequence[Candidate],
-    data: QuantityData,
-    noise: FittedNoise,
-    simulator: Simulator,
-    space: Space,
-    unit: Floats,
-) -> list[Response]:
-    best = data.simulated(simulator, space.from_unit(unit[:1]))[0]
-    data = replace(data, quantity=np.maximum(np.where(np.isfinite(best), best, 0.0), 0.0))
-    tolerance = data.absolute + data.relative * data.quantity
-    slopes = slopes_of(lambda points: data.residuals(data.simulated(simulator, points)), space, unit)
-    sound = np.asarray(np.isfinite(slopes).all(axis=1) & np.isfinite(best))  # (s, n)
-    plain = np.where(sound[:, None], slopes, 0.0)
-    return [
-        Response(
-            one,
-            float(best[i]),
-            float(tolerance[i]),
-            plain[:, None, :, i] / noise.scale,
-            plain[..., i],
-            int(np.count_nonzero(~sound[:, i])),
-        )
-        for i, one in enumerate(own)
-    ]
+    @property
+    def best(self) -> Floats:
+        """Most likely values (1, d) [SI]."""
+        return self.space.from_unit(self.unit[:1])
 
+    def of(
+        self, candidates: Sequence[Candidate], data: Sequence[DataSet], noises: Mapping[str, FittedNoise]
+    ) -> list[Response]:
+        """Responses of candidates, in order.
 
-def _of_curve(
-    own: Candidate, data: DataSet, noise: FittedNoise, simulator: Simulator, space: Space, unit: Floats
-) -> Response:
-    slopes = slopes_of(lambda points: data.residuals(data.simulated(simulator, points)), space, unit)
-    sound: NDArray[np.bool_] = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
-    tangents = noise.whiten(np.where(sound[:, None, None], slopes, 0.0))
-    # the rows of R of a QR decomposition tell as much as all samples
-    rows = np.array([np.linalg.qr(one.T, mode="r") for one in tangents])
-    best = data.simulated(simulator, space.from_unit(unit[:1]))[0]
-    value = float(np.sum(best * data.widths)) if isinstance(data, RateData) else float("nan")
-    failed = int(np.count_nonzero(~sound))
-    return Response(own, value, float("nan"), rows, np.zeros((len(unit), unit.shape[1])), failed)
+        Parameters
+        ----------
+        candidates : sequence of Candidate
+        data : sequence of DataSet
+            That there are.
+        noises : mapping of str to FittedNoise
+            Noise of a measurement of each kind.
+        """
+        found: dict[int, Response] = {}
+        for kind in dict.fromkeys(one.kind for one in candidates):
+            which = [i for i, one in enumerate(candidates) if one.kind == kind]
+            own = [candidates[i] for i in which]
+            sets = planned(kind, [one.point for one in own], data)
+            if isinstance(sets[0], QuantityData):
+                made = self._of_map(own, sets[0], noises[kind])
+            else:
+                made = [self._of_curve(c, one, noises[kind]) for c, one in zip(own, sets, strict=True)]
+            found |= dict(zip(which, made, strict=True))
+        return [found[i] for i in range(len(candidates))]
+
+    def _slopes(self, data: DataSet) -> Floats:
+        return slopes_of(lambda points: data.residuals(data.simulated(self.simulator, points)), self.space, self.unit)
+
+    def _with_loads(self, data: DataSet, slopes: Floats) -> Floats:
+        """Derivatives (s, d + m, n), those of the uncertain quantities below the others."""
+        loads = bench_loads(data, self.simulator, self.best[0], self.uncertain)
+        return np.concatenate([slopes, np.repeat(loads[None], len(slopes), axis=0)], axis=1)
+
+    def _of_map(self, own: Sequence[Candidate], data: QuantityData, noise: FittedNoise) -> list[Response]:
+        best = data.simulated(self.simulator, self.best)[0]
+        data = replace(data, quantity=np.maximum(np.where(np.isfinite(best), best, 0.0), 0.0))
+        tolerance = data.absolute + data.relative * data.quantity
+        slopes = self._slopes(data)
+        sound = np.asarray(np.isfinite(slopes).all(axis=1) & np.isfinite(best))  # (s, n)
+        plain = np.where(sound[:, None], slopes, 0.0)
+        rows = np.where(sound[:, None], self._with_loads(data, plain), 0.0) / noise.scale
+        failed = np.count_nonzero(~sound, axis=0)
+        return [
+            Response(one, float(best[i]), float(tolerance[i]), rows[:, None, :, i], plain[..., i], int(failed[i]))
+            for i, one in enumerate(own)
+        ]
+
+    def _of_curve(self, own: Candidate, data: DataSet, noise: FittedNoise) -> Response:
+        slopes = self._slopes(data)
+        sound: NDArray[np.bool_] = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
+        both = self._with_loads(data, np.where(sound[:, None, None], slopes, 0.0))
+        tangents = decorrelated(noise.whiten(np.where(sound[:, None, None], both, 0.0)), block_of(data, 0), noise)
+        # the rows of R of a QR decomposition tell as much as all samples
+        rows = np.array([np.linalg.qr(one.T, mode="r") for one in tangents])
+        best = data.simulated(self.simulator, self.best)[0]
+        value = float(np.sum(best * data.widths)) if isinstance(data, RateData) else float("nan")
+        failed = int(np.count_nonzero(~sound))
+        return Response(own, value, float("nan"), rows, np.zeros(self.unit.shape), failed)
