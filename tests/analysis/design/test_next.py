@@ -95,6 +95,20 @@ def test_a_discrepancy_that_all_points_share_is_averaged_by_no_number_of_them(st
     assert found.after["control_chamber.a_hole_diameter"] > 1.2 * plan.after["control_chamber.a_hole_diameter"]
 
 
+def test_a_discrepancy_of_each_point_acts_on_planned_points_as_on_those_that_there_are(
+    study: cr.Study, plan: cr.Plan
+) -> None:
+    """Uncorrelated from point to point, it is noise on all of them: errors grow by √(1 + 5²), their ratio stays."""
+    noise = cr.Noise(sigma=1.0, law=Law.GAUSSIAN, discrepancy=5.0, length=1e-6, pressure_length=1e3)
+    shared = replace(study, data=(study.data[0].with_noise(noise),))
+    chosen = [one.candidate for one in plan.measurements]
+    found = cr.next_measurements(shared, BEST, chosen, replace(SETTINGS, criterion=cr.Criterion.D), threads=1)
+    name = "control_chamber.a_hole_diameter"
+    bounds = 12.0 / (50e-6) ** 2  # information of a uniform distribution, which the discrepancy does not act on
+    for larger, smaller in ((found.before[name], plan.before[name]), (found.after[name], plan.after[name])):
+        assert larger**-2 - bounds == pytest.approx((smaller**-2 - bounds) / 26.0, rel=0.01)
+
+
 def test_the_loads_of_a_discrepancy_add_up_to_its_covariance() -> None:
     made, planned = np.array([[3e-4, 40e6], [5e-4, 80e6]]), np.array([[3.5e-4, 40e6], [9e-4, 160e6]])
     noise = cr.Noise(discrepancy=2.0, length=1e-4, pressure_length=50e6)
