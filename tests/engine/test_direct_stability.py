@@ -34,7 +34,7 @@ def test_the_limit_is_the_largest_eigenvalue_of_both_masses(direct: Injector) ->
 @pytest.mark.parametrize("name", direct_stability.SHORTENS[:4])
 def test_what_shortens_the_step_does(direct: Injector, name: str) -> None:
     medium, stiff = medium_of(direct, 20e6), direct.with_values({name: 1e9})
-    assert longest(stiff.variant, stiff.values, medium) < 0.5 * longest(direct.variant, direct.values, medium)
+    assert longest(stiff.variant, stiff.values, medium) < 0.6 * longest(direct.variant, direct.values, medium)
 
 
 @pytest.mark.parametrize("name", direct_stability.LENGTHENS)

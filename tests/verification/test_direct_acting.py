@@ -9,12 +9,14 @@ import pytest
 
 from commonrail.choices import Actuation, Boundary, Drive
 from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.plan import coefficients_at
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
 from commonrail.files.injector_file import load_injector
 from commonrail.injector.definition import Injector
+from commonrail.injector.direct_step import make_room
 from commonrail.injector.variants import Variant
 
 # Peak and hold: up to 11 A in 280 us, down to 2.5 A, off at 600 us.
@@ -43,8 +45,17 @@ def test_what_the_rail_gives_is_injected_or_stored(direct: Injector) -> None:
     assert abs(simulate(direct, POINT).balance) < 1e-10
 
 
+def test_a_rising_needle_moves_fuel_and_makes_no_room(direct: Injector) -> None:
+    c = coefficients_at(direct, POINT, 1e-6)
+    closed, *risen = (make_room(c, lift) for lift in (0.0, 10e-6, 70e-6))
+    for lift, room in zip((10e-6, 70e-6), risen, strict=True):
+        assert room.store + room.sac == pytest.approx(closed.store + closed.sac, rel=1e-14)
+        area = 0.25 * math.pi * direct.values["needle_seat.diameter"] ** 2
+        assert room.sac - closed.sac == pytest.approx(area * lift, rel=1e-9)
+
+
 def test_steady_flow_is_that_of_seat_gap_and_holes_in_series(direct: Injector) -> None:
-    wide = {"feed_pipe.diameter": 10e-3, "accumulation.volume": 5e-6, "feed_pipe.friction_factor": 0.0}
+    wide = {"feed_pipe.diameter": 10e-3, "feed_pipe.friction_factor": 0.0, "nozzle.discharge_growth": 0.0}
     injector = direct.with_values(wide)
     held = Trace((0.0, 280e-6, 6e-3), (0.0, 11.0, 11.0))
     s = simulate(injector, OperatingPoint(20e6, 6e-3, 0.1e6, 0.1e6, drive=held, horizon=6e-3), time_step=1e-6)

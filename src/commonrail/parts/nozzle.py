@@ -20,6 +20,7 @@ CATALOGUE_PRESSURE = 10e6
 
 _KNOT, _SHAPE = "lift of knot", "relative change of c_d(z) of Eq. (9) at knot"
 _USUAL_KNOT, _USUAL_SHAPE = (2e-6, 2e-3), (-0.6, 0.6)  # [m], [1]: see `furniture.Q`
+_USUAL_GROWTH = (-8e-9, 8e-9)  # [1/Pa]: 0.2 from 10 to 35 MPa, the range of direct-acting injectors
 
 
 class Parameters(NamedTuple):
@@ -38,7 +39,7 @@ class Parameters(NamedTuple):
         float, Q("1", "Reynolds number at which viscous and inertial loss are equal", Domain.POSITIVE, 10.0)
     ]
     discharge_growth: Annotated[
-        float, Q("1/Pa", "growth of c_d(zM) with rail pressure above 10 MPa", Domain.ANY, 0.0, usual=(-3e-9, 3e-9))
+        float, Q("1/Pa", "growth of c_d(zM) with rail pressure above 10 MPa", Domain.ANY, 0.0, usual=_USUAL_GROWTH)
     ]
     knot_1: Annotated[float, Q("m", f"{_KNOT} 1", Domain.NON_NEGATIVE, 40e-6, usual=_USUAL_KNOT)]
     knot_2: Annotated[float, Q("m", f"{_KNOT} 2 (0: none)", Domain.NON_NEGATIVE, 90e-6, usual=_USUAL_KNOT)]

@@ -1,0 +1,76 @@
+"""NRMSE and mass error of the calibrated injector on every trace of the case, with a trivial model beside it.
+
+Usage: python cases/kr/scores.py RUN, where RUN is a folder of `commonrail calibrate cases/kr/study.toml`; without RUN
+the injector that ships with the case is judged. NRMSE is the rms error of a trace over its largest measured rate. The
+trivial model predicts a trace by that of 20 MPa with the same energising time, scaled by the ratio of the largest rates
+at 2000 us.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import commonrail as cr
+from commonrail.kinds.simulator import Simulator
+
+Floats = NDArray[np.float64]
+HERE = Path(__file__).parent
+
+
+def judged(rate: Floats, data: cr.RateData) -> tuple[float, float]:
+    """NRMSE and error of the injected mass of a rate, both in percent."""
+    rms = float(np.sqrt(np.mean((rate - data.rate) ** 2)) / data.rate.max())
+    mass = float(np.sum(rate * data.widths) / np.sum(data.rate * data.widths)) - 1.0
+    return 100.0 * rms, 100.0 * mass
+
+
+def place(data: cr.RateData) -> tuple[int, int]:
+    """Rail pressure [MPa] and energising time [us] of a trace."""
+    point = data.point
+    return round(point.at_start(point.rail_pressure) * 1e-6), round(point.pulses[0].duration * 1e6)
+
+
+def trivial(data: cr.RateData, known: dict[tuple[int, int], cr.RateData]) -> Floats | None:
+    """Trace of 20 MPa with the same energising time, scaled; None at 20 MPa itself."""
+    pressure, time = place(data)
+    other = known[20, time]
+    if pressure == 20:
+        return None
+    ratio = known[pressure, 2000].rate.max() / known[20, 2000].rate.max()
+    middles = [0.5 * (one.bounds[1:] + one.bounds[:-1]) for one in (data, other)]
+    return np.asarray(ratio * np.interp(middles[0], middles[1], other.rate))
+
+
+def main(run: str | None) -> None:
+    """Print the table.
+
+    Parameters
+    ----------
+    run : str or None
+        Run folder.
+    """
+    study = cr.load_study(HERE / "study.toml")
+    calibrated = (HERE if run is None else Path(run)) / "calibrated.toml"
+    injector, meters = cr.load_injector(calibrated), cr.load_meters(calibrated)
+    simulator = Simulator(injector, (), study.time_step)
+    curves = [d.with_meter(meters[0]) for d in study.data if isinstance(d, cr.RateData)]
+    known, table = {place(d): d for d in curves}, []
+    print("trace               role         NRMSE    mass     trivial model")
+    for d in sorted(curves, key=place):
+        found, plain = judged(d.score(simulator).rate, d), trivial(d, known)
+        table.append((d.role, place(d)[1], *found))
+        beside = "" if plain is None else "{:6.2f} % {:+6.2f} %".format(*judged(plain, d))
+        print(f"{d.name:19s} {d.role.value:10s} {found[0]:6.2f} % {found[1]:+6.2f} %   {beside}")
+    for role in (cr.Role.FIT, cr.Role.VALIDATION):
+        nrmse = np.array([row[2] for row in table if row[0] is role])
+        print(f"{role.value}: median NRMSE {np.median(nrmse):.2f} %, largest {nrmse.max():.2f} %")
+    mass = np.array([abs(row[3]) for row in table if row[1] >= 500])
+    print(f"mass, 500 us and longer: median {np.median(mass):.2f} %, largest {mass.max():.2f} %")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else None)
