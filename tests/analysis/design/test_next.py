@@ -140,6 +140,12 @@ def test_a_kind_without_data_is_refused_with_what_there_is(study: cr.Study) -> N
         cr.next_measurements(study, BEST, [cr.Candidate("rate", study.data[0].points[0])], SETTINGS, threads=1)
 
 
+def test_a_criterion_may_be_a_word() -> None:
+    assert cr.DesignSettings(criterion="d").criterion is cr.Criterion.D  # type: ignore[arg-type]
+    with pytest.raises(ConfigurationError, match="criterion"):
+        cr.DesignSettings(criterion="w")  # type: ignore[arg-type]
+
+
 def test_the_usual_axes_stay_within_the_data(study: cr.Study) -> None:
     pressures, times = usual_axes(study.data)
     assert pressures.min() == 40e6

@@ -19,7 +19,7 @@ from commonrail.analysis.design.draws import laplace_draws
 from commonrail.analysis.design.problem import problem_of
 from commonrail.analysis.design.responses import Responder, Response
 from commonrail.analysis.design.selection import Rules, select, too_close
-from commonrail.arguments import chosen, instance, number, thread_count, whole
+from commonrail.arguments import chosen, instance, number, settle, thread_count, whole
 from commonrail.calibration.study import Study
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.kinds import DataSet, QuantityData, Role, in_order, of_role
@@ -74,7 +74,7 @@ class DesignSettings:
         whole(self.points, "points", 1)
         whole(self.draws, "draws", 1)
         whole(self.seed, "seed")
-        chosen(self.criterion, Criterion, "criterion")
+        settle(self, criterion=chosen(self.criterion, Criterion, "criterion"))
         for what, value in (("budget", self.budget), ("pressure_cost", self.pressure_cost), *_distances(self.apart)):
             if not value >= 0.0:
                 raise ConfigurationError(f"The {what} of a plan must be zero or greater, not {value:g}.")
