@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from commonrail.analysis.certainty.certify import Certainty, certify
     from commonrail.analysis.certainty.likelihood import Likelihood
     from commonrail.analysis.identifiability import identify, identify_at
+    from commonrail.analysis.posterior.sample import Posterior, sample_posterior
+    from commonrail.analysis.prediction.predict import Prediction, predict
     from commonrail.analysis.seeds import SeedProgress, for_seeds
     from commonrail.analysis.sensitivity.result import Sensitivity
     from commonrail.analysis.sensitivity.run import sensitivity
@@ -99,6 +101,8 @@ _HOMES = {
     "analysis.certainty.certify": "Certainty certify",
     "analysis.certainty.likelihood": "Likelihood",
     "analysis.identifiability": "identify identify_at",
+    "analysis.posterior.sample": "Posterior sample_posterior",
+    "analysis.prediction.predict": "Prediction predict",
     "analysis.seeds": "SeedProgress for_seeds",
     "analysis.sensitivity.result": "Sensitivity",
     "analysis.sensitivity.run": "sensitivity",
@@ -197,6 +201,8 @@ __all__ = [
     "OutputError",
     "PAPER_OPTIMUM",
     "Parameter",
+    "Posterior",
+    "Prediction",
     "Prior",
     "Progress",
     "QuantityData",
@@ -256,10 +262,12 @@ __all__ = [
     "parameter_quantities",
     "parameters_within",
     "percent_bounds",
+    "predict",
     "read_run",
     "reproduce",
     "resume",
     "sample_feasible",
+    "sample_posterior",
     "sensitivity",
     "simulate",
     "simulate_batch",

@@ -23,6 +23,7 @@ from commonrail.cli.inspect import inspect
 from commonrail.cli.map import map_
 from commonrail.cli.new import new
 from commonrail.cli.optimisers import optimisers
+from commonrail.cli.predict import predict
 from commonrail.cli.report import report
 from commonrail.cli.reproduce import reproduce
 from commonrail.cli.resume import resume
@@ -55,6 +56,7 @@ _VERBS = (
     runs,
     validate,
     certainty,
+    predict,
     compare,
     fleet,
     family,

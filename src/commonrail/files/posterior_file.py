@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from commonrail.analysis.posterior.sample import Posterior
 from commonrail.arguments import file_path, instance
+from commonrail.errors import InputError
 from commonrail.files.atomic import replacing
+from commonrail.files.sums import check_sum
 
-__all__ = ["POSTERIOR", "write_posterior"]
+__all__ = ["POSTERIOR", "read_posterior", "write_posterior"]
 
 POSTERIOR = "posterior.npz"
 
@@ -53,3 +58,34 @@ def write_posterior(folder: str | Path, found: Posterior) -> Path:
     with replacing(folder / POSTERIOR, "wb") as stream:
         np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
     return folder / POSTERIOR
+
+
+def read_posterior(folder: str | Path, names: Sequence[str]) -> NDArray[np.float64]:
+    """Draws (n, d) [SI] of a run folder, for parameters of these names.
+
+    Parameters
+    ----------
+    folder : str or Path
+    names : sequence of str
+
+    Raises
+    ------
+    InputError
+        If there are none, they are of other parameters, or their chains did not agree.
+    """
+    path = file_path(folder, "folder") / POSTERIOR
+    if not path.is_file():
+        raise InputError(f"{path}: there are no draws; run commonrail certainty RUN --posterior first.")
+    check_sum(path)
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            found, own, refused = kept["points"], [str(name) for name in kept["names"]], str(kept["refused"])
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
+        raise InputError(f"{path}: this is no file of draws ({error}); run commonrail certainty again.") from error
+    if own != list(names):
+        raise InputError(
+            f"{path}: the draws are of other parameters than the study has; run commonrail certainty again."
+        )
+    if refused:
+        raise InputError(f"{path}: the draws cannot be used: {refused}; allow more draws in commonrail certainty.")
+    return np.asarray(found.reshape(-1, len(own)), float)

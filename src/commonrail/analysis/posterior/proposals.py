@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate
 
-__all__ = ["Surrogate", "local_surrogate"]
+__all__ = ["Surrogate", "bounded", "local_surrogate"]
 
 Floats = NDArray[np.float64]
 
@@ -61,9 +61,14 @@ class Surrogate:
 
 def local_surrogate(estimate: Estimate) -> Surrogate:
     """Distribution of the linear approximation, no wider than the bounds."""
+    return Surrogate(estimate.unit, bounded(estimate))
+
+
+def bounded(estimate: Estimate) -> Floats:
+    """Covariance (d, d) of the positions, of which none is known worse than to lie between the bounds."""
     total = np.array(estimate.covariance.total)
     loose = ~np.isfinite(np.diag(total))
     total[loose, :] = total[:, loose] = 0.0
     total[loose, loose] = WIDEST**2
     shrink = np.minimum(1.0, WIDEST / np.sqrt(np.maximum(np.diag(total), 1e-300)))
-    return Surrogate(estimate.unit, total * np.outer(shrink, shrink))
+    return np.asarray(total * np.outer(shrink, shrink))
