@@ -15,6 +15,8 @@ from commonrail.calibration.space import Parameter, Space
 from commonrail.calibration.study import Method, Study
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.kinds import DataSet, QuantityData, RateData, Role
@@ -168,3 +170,21 @@ def test_a_density_of_the_meter_is_refused_for_masses() -> None:
         a_map(Meter("bench", {"density": 830.0}), mass_density=830.0)
     with pytest.raises(ConfigurationError, match="measured by mass"):
         replace(a_curve(), mass_density=830.0, meter=Meter("bench", {"temperature": 313.0}))
+
+
+@pytest.mark.parametrize("meter", [None, Meter("bench", {"cutoff": "60 kHz"}, "cascade")])
+def test_a_candidate_whose_step_is_too_long_has_no_samples_and_never_wins(
+    regulated: Injector, meter: Meter | None
+) -> None:
+    stiff = "plunger_needle.k4"
+    data, many = a_curve(meter), regulated.values[stiff] * np.geomspace(1.0, 40.0, 64)[:, None]
+    statuses = simulate_batch(regulated, data.points, [stiff], many, time_step=STEP).status[:, 0]
+    first = statuses.tolist().index(Status.STEP_UNSTABLE)  # just beyond the limit: its samples are plausible
+    values = many[[first - 1, first]]
+    assert statuses[first - 1] == Status.STILL_INJECTING
+    samples = data.simulated(Simulator(regulated, (stiff,), STEP, 1), values)
+    assert np.isfinite(samples[0]).all()
+    assert np.isnan(samples[1]).all()
+    costs = Objective(regulated, (stiff,), [data], STEP, 1).costs(values).costs
+    assert np.isfinite(costs[0])
+    assert np.isinf(costs[1])

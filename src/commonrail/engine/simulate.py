@@ -23,8 +23,9 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared
 from commonrail.engine.population import admissible, candidate_matrix, read_candidates
 from commonrail.engine.solution import Batch, Solution
-from commonrail.engine.stability import longest_step, too_long
-from commonrail.engine.status import OK, STILL_INJECTING, Status, which_failed
+from commonrail.engine.stability import longest_step
+from commonrail.engine.status import Status, which_failed
+from commonrail.engine.statuses import statuses_of
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
@@ -32,8 +33,6 @@ from commonrail.injector.variants import Variant
 from commonrail.units import to_text
 
 Floats = NDArray[np.float64]
-
-BACKFLOW = 1e-7  # largest mass that a SAC takes back from the cylinder [kg]; more is an injector that has run empty
 
 ROUNDING = 1e-6  # relative difference from a whole number of steps that counts as rounding
 
@@ -150,7 +149,7 @@ def simulate(
         point.start + time_step * float(outcome.closing[0, 0]),
         point.start + time_step * float(outcome.first_closing[0, 0]),
         float(how.prepared.densities[0, 0]),
-        Status(int(_status((), theta, how, outcome)[0, 0])),
+        Status(int(statuses_of((), theta, how.prepared, outcome)[0, 0])),
         engine.value,
         relative_balance(injector, point, states, time_step),
         longest_step(injector, theta[0], how.prepared.medium, reached),
@@ -306,7 +305,7 @@ def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:
     varies = FUEL_TEMPERATURE in names
     densities = plan.reference_densities(injector, points, names, candidates) if varies else prepared.densities
     outcome, _ = _run(theta, how, densities)
-    status = _status(names, theta, how, outcome)
+    status = statuses_of(names, theta, prepared, outcome)
     status[~inside] = Status.OUTSIDE_DOMAIN
 
     failed = which_failed(status)
@@ -334,27 +333,6 @@ def _joined(parts: Sequence[Batch]) -> Batch:
     """One batch of several."""
     names = [f.name for f in fields(Batch)]
     return Batch(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
-
-
-def _status(names: Sequence[str], theta: Floats, how: _How, outcome: Outcome) -> NDArray[np.int64]:
-    """Status (candidates, points)."""
-    prepared = how.prepared
-
-    def table(figures: Floats) -> Floats:
-        return plan.by_candidate(figures, len(theta), len(prepared.points))
-
-    status = np.full((len(theta), len(prepared.points)), OK)
-    status[table(outcome.closed_at_end) == 0.0] = STILL_INJECTING
-    bad = table(outcome.sound) == 0.0
-    if bad.any():
-        finite = np.isfinite(table(outcome.injected))
-        status[bad] = np.where(finite[bad], Status.RAN_AWAY, Status.NOT_FINITE)
-    status[table(outcome.injected) < -BACKFLOW] = Status.NOT_FINITE
-    # whatever came out: beyond the limit, at the greatest lift that was reached, a plausible figure may be far off
-    lifts = np.nan_to_num(table(outcome.greatest_lift)).max(axis=1)
-    status[too_long(prepared.injector, names, theta, prepared.medium, prepared.dt, lifts)] = Status.STEP_UNSTABLE
-    status[table(outcome.closed_at_start) == 0.0] = Status.NOT_CLOSED_AT_START
-    return status
 
 
 __all__ = ["Engine", "simulate", "simulate_batch", "usable_threads"]
