@@ -1,4 +1,4 @@
-"""The verb draws from the posterior of a run, and refuses to tell intervals of chains that do not agree."""
+"""The verb draws from the posterior of a run, and refuses intervals of chains that do not agree."""
 
 from __future__ import annotations
 
