@@ -14,6 +14,7 @@ VERBS = {
     "simulate",
     "calibrate",
     "tolerance",
+    "certainty",
     "validate",
     "compare",
     "fleet",

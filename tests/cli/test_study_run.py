@@ -26,7 +26,7 @@ def shown(monkeypatch: pytest.MonkeyPatch, terminal: bool) -> str:
     monkeypatch.setattr(progress, "stderr_console", lambda: console)
     with progress.Bar("[b]A study") as bar:
         for state in STATES:
-            bar.show(study_run._stage(state))
+            bar.show(study_run.stage_of(state))
     return stream.getvalue()
 
 

@@ -17,7 +17,7 @@ Edit = Callable[..., Path]
 
 WINDOW = 'window = ["0 us", "1600 us"] # samples that count\n'
 FILE = 'file = "data/evi.csv" # columns time [us] and rate [mm3/ms] (or mg/ms)\n'
-RAIL = 'rail_pressure = "160 MPa" # or { file = "data/rail.csv", column = "pressure" } for a measured course\n'
+RAIL = 'rail_pressure = "160 MPa" # or { file = "data/rail.csv", column = "pressure" } for a measured time series\n'
 ENERGISING = 'energising_time = "700 us" # from time 0; or energisings = [{ start = "0 us", duration = "700 us" }]\n'
 OWN = 'file = "own.csv"\n'
 # Ten samples, 10 us apart, the rate counting up from 1.

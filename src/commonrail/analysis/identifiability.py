@@ -48,7 +48,7 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
     Standard errors and verdicts are those of the likelihood near the best values, see `certify`; effects are those of
-    `identify_at`.
+    `identify_at`. With `same_bits` all are those of `identify_at`; `commonrail certainty` adds the others on demand.
     """
     study = calibration.study
     fitted = of_role(study.data, Role.FIT)
@@ -61,6 +61,7 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     if found.influence:
         optima = [Optimum(around(study.space, best), found.influence), *_others(calibration, objective)]
         found.bands = bands_of(study.data, objective.simulator, optima)
+    if found.influence and not study.same_bits:  # LAPACK, which the likelihood uses, has other bits elsewhere
         found.certainty = certify(study, calibration.best, threads=threads).record()
         for one in found.certainty["parameters"]:
             found[one["name"]] |= {key: one[key] for key in ("standard_error", "verdict")}

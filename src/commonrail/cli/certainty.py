@@ -38,7 +38,7 @@ def certainty(
     threads: Threads = None,
     json: Json = False,
 ) -> None:
-    """State how certain the parameters of a run are: intervals, profiles, verdicts.
+    """Compute intervals and verdicts of parameters.
 
     The likelihood takes each data set with its own noise model, the key `noise` of its block in the study. The result
     is written to RUN/result.json under "certainty", and to its report. No interval is taken from a posterior whose

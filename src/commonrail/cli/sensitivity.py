@@ -86,7 +86,7 @@ def sensitivity(
     threads: Threads = None,
     json: Json = False,
 ) -> None:
-    """Rank parameters by their effect on J, quantities and delays.
+    """Rank parameters by their effect.
 
     A study or a run adds its objective J; operating points add features at each pair of rail pressure and energising
     time. Without --out nothing is written.

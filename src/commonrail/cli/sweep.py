@@ -72,7 +72,7 @@ def sweep(
     threads: Threads = None,
     json: Json = False,
 ) -> None:
-    """Sweep one to three variables, or the dwell of two injections.
+    """Sweep variables, or the dwell of injections.
 
     Two injections whose needle does not close in between are fused, and reported as such. With --hold the
     energising time of the second injection is found that delivers a quantity at each rail pressure and dwell.

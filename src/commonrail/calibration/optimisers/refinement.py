@@ -59,6 +59,7 @@ class Refinement(Optimiser):
     """
 
     method, phase = "least-squares refinement", "refinement"
+    later = frozenset({"ends"})
 
     def __init__(self, space: Space, seed: int, settings: RefinementSettings, before: Optimiser) -> None:
         population, costs = before.population, before.costs

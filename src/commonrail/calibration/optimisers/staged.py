@@ -48,6 +48,7 @@ class StagedLeastSquares(Stepwise):
     """
 
     method, phase = "staged least squares", "staged least squares"
+    later = frozenset({"ended_unit", "ended_costs", "hopping"})
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: StagedSettings | None = None) -> None:
         self.settings = settings or StagedSettings()
