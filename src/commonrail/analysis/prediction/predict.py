@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,15 @@ class Prediction:
         }
 
 
+class _Fit(NamedTuple):
+    """Fit that predictions are made with: best values (d,), and draws (m, d) from the posterior if they are wanted."""
+
+    simulator: Simulator
+    estimate: Estimate
+    point: Floats
+    draws: Floats | None
+
+
 def predict(
     study: Study,
     best: Mapping[str, float],
@@ -108,6 +117,7 @@ def predict(
     found = _floored(estimate(own, own.space.to_unit(point)[None]), of_role(study.data, Role.FIT))
     scatter = _scatter(found, of_role(study.data, Role.FIT))
     simulator = Simulator(study.injector, study.space.names, study.time_step, threads, same_bits=study.same_bits)
+    fit = _Fit(simulator, found, point, draws)
     bands = []
     for data in sets:
         if data.kind not in scatter:
@@ -115,7 +125,7 @@ def predict(
                 f'{study.title}: no data of the kind "{data.kind}" are fitted, so nothing is known of the scatter of '
                 f"{data.name}; fit some, or predict another kind."
             )
-        bands.append(_band(data, simulator, found, point, scatter[data.kind], draws, shares, not wanted))
+        bands.append(_band(data, fit, scatter[data.kind], shares, not wanted))
     label = "draws from the posterior" if draws is not None else "Laplace: linear about the best values"
     return Prediction(bands, shares, f"{label}; noise and discrepancy included", scatter)
 
@@ -169,26 +179,18 @@ def _asked(study: Study, points: Sequence[OperatingPoint]) -> QuantityData:
     )
 
 
-def _band(
-    data: DataSet,
-    simulator: Simulator,
-    found: Estimate,
-    point: Floats,
-    scatter: Scatter,
-    draws: Floats | None,
-    levels: tuple[float, ...],
-    measured: bool,
-) -> Band:
-    place = around(found.likelihood.space, point)
-    if draws is not None:
-        rows = np.vstack([point, draws])
-        drawn = data.simulated(simulator, rows)
+def _band(data: DataSet, fit: _Fit, scatter: Scatter, levels: tuple[float, ...], measured: bool) -> Band:
+    """Band of one data set."""
+    if fit.draws is not None:
+        drawn = data.simulated(fit.simulator, np.vstack([fit.point, fit.draws]))
         deviations = scatter.deviations(data, drawn[0])
         return Band(data, drawn[0], band_from_draws(drawn[1:], deviations, scatter.freedom, levels), measured)
-    values = data.simulated(simulator, place.values)
+    place = around(fit.estimate.likelihood.space, fit.point)
+    values = data.simulated(fit.simulator, place.values)
     if not np.isfinite(values[0]).any():
         raise SimulationError(f"{data.name} cannot be simulated with the best values, so it has no band.")
-    slopes = place.slopes(values)
     deviations = scatter.deviations(data, values[0])
-    edges = band_from_slopes(values[0], slopes, bounded(found), deviations, scatter.freedom, levels)
+    edges = band_from_slopes(
+        values[0], place.slopes(values), bounded(fit.estimate), deviations, scatter.freedom, levels
+    )
     return Band(data, values[0], edges, measured)
