@@ -57,7 +57,9 @@ def predict(
     threads: Threads = None,
     json: Json = False,
 ) -> None:
-    """Predict quantities at operating points, or all data of the study, with 50 % and 90 % bands.
+    """Predict quantities, with bands for measured values.
+
+    At operating points, or at all data of the study; bands of 50 % and 90 %.
 
     A band holds what the parameters may be, and how far measured values lie from the best prediction: the tolerance
     of a map, or the residual level of the fit where that is larger. Without operating points the measured values
