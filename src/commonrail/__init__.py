@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from commonrail.analysis.design.criteria import Criterion
     from commonrail.analysis.design.next import DesignSettings, Plan, next_measurements
     from commonrail.analysis.identifiability import identify, identify_at
+    from commonrail.analysis.posterior.sample import Posterior, sample_posterior
+    from commonrail.analysis.prediction.predict import Prediction, predict
     from commonrail.analysis.seeds import SeedProgress, for_seeds
     from commonrail.analysis.sensitivity.result import Sensitivity
     from commonrail.analysis.sensitivity.run import sensitivity
@@ -105,6 +107,8 @@ _HOMES = {
     "analysis.design.criteria": "Criterion",
     "analysis.design.next": "DesignSettings Plan next_measurements",
     "analysis.identifiability": "identify identify_at",
+    "analysis.posterior.sample": "Posterior sample_posterior",
+    "analysis.prediction.predict": "Prediction predict",
     "analysis.seeds": "SeedProgress for_seeds",
     "analysis.sensitivity.result": "Sensitivity",
     "analysis.sensitivity.run": "sensitivity",
@@ -207,6 +211,8 @@ __all__ = [
     "PAPER_OPTIMUM",
     "Plan",
     "Parameter",
+    "Posterior",
+    "Prediction",
     "Prior",
     "Progress",
     "QuantityData",
@@ -267,10 +273,12 @@ __all__ = [
     "parameter_quantities",
     "parameters_within",
     "percent_bounds",
+    "predict",
     "read_run",
     "reproduce",
     "resume",
     "sample_feasible",
+    "sample_posterior",
     "sensitivity",
     "simulate",
     "simulate_batch",

@@ -15,6 +15,7 @@ VERBS = {
     "calibrate",
     "tolerance",
     "certainty",
+    "predict",
     "validate",
     "compare",
     "fleet",

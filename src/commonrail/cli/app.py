@@ -24,6 +24,7 @@ from commonrail.cli.map import map_
 from commonrail.cli.new import new
 from commonrail.cli.next import next_
 from commonrail.cli.optimisers import optimisers
+from commonrail.cli.predict import predict
 from commonrail.cli.report import report
 from commonrail.cli.reproduce import reproduce
 from commonrail.cli.resume import resume
@@ -57,6 +58,7 @@ _VERBS = (
     validate,
     certainty,
     next_,
+    predict,
     compare,
     fleet,
     family,

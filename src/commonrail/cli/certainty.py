@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.options import Json, Threads
+
+if TYPE_CHECKING:
+    from commonrail.analysis.certainty.certify import Certainty
 
 __all__ = ["certainty"]
 
@@ -27,17 +30,24 @@ def certainty(
     limit: Annotated[
         float, typer.Option(min=0.1, max=99.0, help="Half width of an interval up to which a parameter is pinned [%].")
     ] = 10.0,
+    posterior: Annotated[
+        bool, typer.Option("--posterior", help="Draw from the posterior too, into RUN/posterior.npz.")
+    ] = False,
+    most: Annotated[int, typer.Option(min=1000, help="Largest number of draws of the posterior.")] = 100_000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the draws of the posterior.")] = 0,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
     """Compute intervals and verdicts of parameters.
 
     The likelihood takes each data set with its own noise model, the key `noise` of its block in the study. The result
-    is written to RUN/result.json under "certainty", and to its report.
+    is written to RUN/result.json under "certainty", and to its report. No interval is taken from a posterior whose
+    chains do not agree.
 
     \b
     Example:
       commonrail certainty runs/first
+      commonrail certainty runs/first --posterior
       commonrail certainty runs/first --profile plunger_needle.k7 --combination "plunger_needle.k2 + plunger_needle.k3"
     """
     from commonrail.analysis.certainty.certify import certify
@@ -56,7 +66,10 @@ def certainty(
         limit=0.01 * limit,
         note=say,
     )
-    record = keep_certainty(run, found.record())
+    kept = found.record()
+    if posterior:
+        kept["posterior"] = _posterior(run, found, seed, most)
+    record = keep_certainty(run, kept)
     report = write_report(run)
     if json:
         print_json({"kind": "certainty", "run": str(run), "report": str(report), "certainty": record["certainty"]})
@@ -66,3 +79,14 @@ def certainty(
     for line in certainty_lines(record):
         typer.echo(line)
     typer.echo(f"report: {report}")
+
+
+def _posterior(run: Path, found: Certainty, seed: int, most: int) -> dict[str, Any]:
+    """Record of the posterior, whose draws are written to the run folder."""
+    from commonrail.analysis.posterior.record import posterior_record
+    from commonrail.analysis.posterior.sample import sample_posterior
+    from commonrail.files.posterior_file import write_posterior
+
+    drawn = sample_posterior(found.estimate, seed=seed, most=most, note=say)
+    write_posterior(run, drawn)
+    return posterior_record(drawn, found.level)

@@ -14,6 +14,7 @@ from commonrail.calibration.study import Study
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import dump_injector
+from commonrail.files.posterior_file import POSTERIOR
 from commonrail.files.record_file import read_record, write_record
 from commonrail.files.study_file import load_study
 from commonrail.files.sums import summed
@@ -171,7 +172,7 @@ def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str
     folder : str or Path
         Run folder.
     certainty : mapping
-        Of `Certainty.record`.
+        Of `Certainty.record`; with a key "posterior" if posterior.npz was written.
 
     Raises
     ------
@@ -186,7 +187,10 @@ def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str
     known = {one["name"]: one for one in certainty["parameters"]}
     for parameter in record["parameters"]:
         parameter.update({key: known[parameter["name"]][key] for key in ("standard_error", "verdict")})
-    with summed(folder, RESULT, CALIBRATED, TRACES):
+    if "posterior" not in certainty:  # that of a former certainty has other noise
+        with writing(folder / POSTERIOR):
+            (folder / POSTERIOR).unlink(missing_ok=True)
+    with summed(folder, RESULT, CALIBRATED, TRACES, POSTERIOR):
         write_record(folder / RESULT, record)
     return record
 

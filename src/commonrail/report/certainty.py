@@ -23,6 +23,8 @@ def certainty_tables(record: Record) -> list[Table]:
     tables = [_parameters(found, units)]
     if found.get("combinations"):
         tables.append(_combinations(found))
+    if found.get("posterior"):
+        tables.append(_posterior(found["posterior"], units))
     return [*tables, _noise(found["noise"])]
 
 
@@ -70,6 +72,28 @@ def _combinations(found: Record) -> Table:
         Part(("value", "±"), lambda c: (significant(c["value"], 4), significant(c["half_width"], 3))),
     )
     return table_of("Combinations", found["combinations"], parts, "By the curvature of the likelihood.", 1)
+
+
+def _posterior(drawn: Record, units: Record) -> Table:
+    level = fixed(drawn["level"], 0, 100.0)
+    parts = (
+        Part(("parameter",), lambda p: (p["name"],)),
+        Part(
+            ("median", f"{level} % interval"),
+            lambda p: (
+                MISSING if number(p["median"]) is None else quantity(p["median"], units[p["name"]], DIGITS),
+                _interval(p, units[p["name"]]),
+            ),
+        ),
+        Part(("R-hat", "effective draws"), lambda p: (fixed(p["r_hat"], 3), fixed(p["effective"], 0))),
+    )
+    note = (
+        f"{drawn['chains']} chains of {drawn['steps']} steps, {drawn['simulated']} simulations, {drawn['failed']} of "
+        f"them failed; {fixed(drawn['accepted'], 0, 100.0)} % of the proposals accepted. Within bounds and constraints."
+    )
+    if drawn["refused"]:
+        note = f"Refused: {drawn['refused']}. {note}"
+    return table_of("Posterior", drawn["parameters"], parts, note, 1)
 
 
 def _noise(noise: Sequence[Record]) -> Table:

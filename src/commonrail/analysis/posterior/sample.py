@@ -1,0 +1,259 @@
+"""Draws from the posterior of a fit by ensembles of walkers (emcee), and the refusal to use them before they agree.
+
+Several ensembles that know nothing of each other start from an over-dispersed distribution about the most likely
+values. A step is differential evolution among the walkers of an ensemble (ter Braak 2006) or an independent proposal
+from a t distribution, which is refined once. All walkers of a half step are simulated in one batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.analysis.posterior.convergence import effective_size, r_hat
+from commonrail.analysis.posterior.density import PosteriorDensity
+from commonrail.analysis.posterior.proposals import Surrogate, local_surrogate
+from commonrail.arguments import whole
+from commonrail.errors import ConfigurationError, SimulationError
+
+__all__ = ["LARGEST_R_HAT", "LEAST_SIZE", "MOST", "Posterior", "sample_posterior"]
+
+Floats = NDArray[np.float64]
+
+LARGEST_R_HAT, LEAST_SIZE = 1.05, 400.0  # beyond which nothing is said from the draws
+MOST = 100_000  # simulations
+ENSEMBLES = 4
+OVERDISPERSED = 1.5  # spread of the starts over that of the linear approximation
+_ROUND = 50  # steps
+_DISCARDED = 0.25  # share of the steps after the refinement
+_TRIES = 100
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Draws from a posterior.
+
+    Attributes
+    ----------
+    estimate : Estimate
+        Most likely values that the chains started about, with the noise.
+    unit : (chains, steps, d)
+        Positions between the bounds.
+    log_density : (chains, steps)
+        Without its constant.
+    r_hat, effective : (d,)
+        Of each parameter, see `convergence`.
+    accepted : float
+        Share of proposals.
+    simulated, failed : int
+        Simulations, and those that failed: their density is zero.
+    seed : int
+    """
+
+    estimate: Estimate
+    unit: Floats
+    log_density: Floats
+    r_hat: Floats
+    effective: Floats
+    accepted: float
+    simulated: int
+    failed: int
+    seed: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return self.estimate.likelihood.names
+
+    @property
+    def converged(self) -> bool:
+        """True if intervals and bands may be taken from the draws."""
+        return not self.refusal
+
+    @property
+    def refusal(self) -> str:
+        """Reason why nothing may be said from the draws; empty if there is none."""
+        worst, fewest = int(np.argmax(self.r_hat)), int(np.argmin(self.effective))
+        reasons = []
+        if not self.r_hat[worst] <= LARGEST_R_HAT:
+            reasons.append(f"R-hat of {self.names[worst]} is {self.r_hat[worst]:.3g}, above {LARGEST_R_HAT:g}")
+        if not self.effective[fewest] >= LEAST_SIZE:
+            size = f"{self.effective[fewest]:.0f}"
+            reasons.append(f"the draws of {self.names[fewest]} are worth {size}, fewer than {LEAST_SIZE:.0f}")
+        return " and ".join(reasons)
+
+    def points(self, most: int | None = None) -> Floats:
+        """Draws (n, d) [SI], or as many of them, evenly spaced along the chains.
+
+        Raises
+        ------
+        SimulationError
+            If the chains do not agree.
+        """
+        self.require()
+        flat = self.unit.reshape(-1, self.unit.shape[-1])
+        if most is not None and most < len(flat):
+            flat = flat[np.linspace(0, len(flat) - 1, most).round().astype(int)]
+        return np.asarray(self.estimate.likelihood.space.from_unit(flat))
+
+    def interval(self, level: float = 0.95) -> tuple[Floats, Floats]:
+        """Ends (d,) [SI] of the central intervals.
+
+        Raises
+        ------
+        SimulationError
+            If the chains do not agree.
+        """
+        low, high = np.quantile(self.points(), [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
+        return low, high
+
+    def require(self) -> None:
+        """Raise a `SimulationError` if the chains do not agree."""
+        if self.refusal:
+            raise SimulationError(
+                f"The posterior cannot be used: {self.refusal}, after {self.simulated} simulations; allow more draws, "
+                "or fix or state priors of parameters that the data do not see."
+            )
+
+
+def sample_posterior(
+    estimate: Estimate, *, seed: int = 0, most: int = MOST, note: Callable[[str], None] = lambda _: None
+) -> Posterior:
+    """Draw from the posterior until the chains agree, or `most` is reached.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    seed : int
+        Equal seeds give equal draws, for any number of threads.
+    most : int
+        Largest number of density evaluations; those beyond bounds and constraints count too.
+    note : function of str
+        Called with the state of the chains.
+
+    Raises
+    ------
+    ConfigurationError
+        If the library emcee is not installed, or an argument is of another kind.
+    SimulationError
+        If no starts can be simulated.
+    """
+    seed, most = whole(seed, "seed", 0), whole(most, "most", 1)
+    density = PosteriorDensity(estimate)
+    ensembles = _Ensembles(density, local_surrogate(estimate), seed)
+    ensembles.run(2 * _ROUND)
+    ensembles.refine()
+    found = None
+    while found is None or not (found.converged or ensembles.evaluated + ensembles.next_round > most):
+        ensembles.run(ensembles.steps or _ROUND)
+        unit, logs = ensembles.draws(_DISCARDED)
+        found = Posterior(
+            estimate,
+            unit,
+            logs,
+            np.array([r_hat(unit[..., i]) for i in range(unit.shape[-1])]),
+            np.array([effective_size(unit[..., i]) for i in range(unit.shape[-1])]),
+            ensembles.accepted,
+            density.likelihood.simulated,
+            density.likelihood.failed,
+            seed,
+        )
+        note(
+            f"posterior: {found.simulated} simulations, R-hat {found.r_hat.max():.3f}, "
+            f"effective size {found.effective.min():.0f} ..."
+        )
+    return found
+
+
+class _Ensembles:
+    """Independent ensembles of walkers."""
+
+    def __init__(self, density: PosteriorDensity, surrogate: Surrogate, seed: int) -> None:
+        self.density = density
+        dimension = len(surrogate.centre)
+        self.walkers = 2 * max(dimension + 1, 4)
+        seeds = np.random.SeedSequence(seed).generate_state(ENSEMBLES)
+        self.states: list[Any] = []
+        for own in seeds:
+            random = np.random.RandomState(own)
+            start = _start(density, surrogate, self.walkers, random)
+            self.states.append(_emcee().State(start, random_state=random.get_state()))
+        self.evaluated = 0
+        self._begin(surrogate)
+
+    def _begin(self, surrogate: Surrogate) -> None:
+        emcee = _emcee()
+        dimension = len(surrogate.centre)
+        self.samplers = []
+        for state in self.states:
+            moves = [
+                (emcee.moves.DEMove(), 0.5),
+                (emcee.moves.DEMove(gamma0=1.0), 0.1),
+                (emcee.moves.MHMove(surrogate.propose, ndim=dimension), 0.4),
+            ]
+            sampler = emcee.EnsembleSampler(self.walkers, dimension, self.density, moves=moves, vectorize=True)
+            sampler.random_state = state.random_state
+            self.samplers.append(sampler)
+
+    @property
+    def steps(self) -> int:
+        """Steps since the proposals were refined."""
+        return int(self.samplers[0].iteration)
+
+    @property
+    def next_round(self) -> int:
+        """Evaluations of the next round: the chains are doubled."""
+        return int(self.steps * ENSEMBLES * self.walkers)
+
+    @property
+    def accepted(self) -> float:
+        """Share of proposals."""
+        return float(np.mean([sampler.acceptance_fraction for sampler in self.samplers]))
+
+    def run(self, steps: int) -> None:
+        """Advance all ensembles."""
+        for i, sampler in enumerate(self.samplers):
+            self.states[i] = sampler.run_mcmc(self.states[i], steps)
+        self.evaluated += steps * ENSEMBLES * self.walkers
+
+    def refine(self) -> None:
+        """Forget the chains so far but for their ends, and propose from their later half."""
+        unit, _ = self.draws(0.5)
+        flat = unit.reshape(-1, unit.shape[-1])
+        self._begin(Surrogate(flat.mean(axis=0), np.atleast_2d(np.cov(flat.T))))
+
+    def draws(self, discarded: float) -> tuple[Floats, Floats]:
+        """Positions (chains, steps, d) and logarithms of their density (chains, steps)."""
+        first = int(discarded * self.steps)
+        unit = np.concatenate([sampler.get_chain(discard=first) for sampler in self.samplers], axis=1)
+        logs = np.concatenate([sampler.get_log_prob(discard=first) for sampler in self.samplers], axis=1)
+        return unit.swapaxes(0, 1), logs.T
+
+
+def _start(density: PosteriorDensity, surrogate: Surrogate, many: int, random: Any) -> Floats:
+    """Over-dispersed positions (many, d) of finite density; narrower where few of them have one."""
+    found = np.empty((0, len(surrogate.centre)))
+    wider = OVERDISPERSED
+    for _ in range(_TRIES):
+        unit = surrogate.draw(many, random, wider)
+        found = np.vstack([found, unit[np.isfinite(density(unit))]])[:many]
+        if len(found) == many:
+            return found
+        wider *= 0.9
+    raise SimulationError("No start of a chain can be simulated near the best values; check bounds and constraints.")
+
+
+def _emcee() -> Any:
+    """Library emcee."""
+    try:
+        import emcee
+    except ImportError as error:
+        raise ConfigurationError(
+            'A posterior needs the library emcee, which is not installed: pip install "commonrail[posterior]".'
+        ) from error
+    return emcee

@@ -1,0 +1,1 @@
+"""Predictions of a fit with bands: at its data, and at operating points that were not measured."""

@@ -1,0 +1,124 @@
+"""commonrail predict: what a calibrated model predicts, with bands that measured values should lie in."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.options import Json, Threads
+from commonrail.cli.output import check_file
+from commonrail.errors import InputError
+from commonrail.units import parse
+
+if TYPE_CHECKING:
+    from commonrail.calibration.study import Study
+    from commonrail.engine.operating_point import OperatingPoint
+
+__all__ = ["predict"]
+
+MOST_DRAWS = 400  # of a posterior that are simulated
+
+
+class Bands(StrEnum):
+    """Source of what the parameters may be."""
+
+    LAPLACE = "laplace"
+    """Linear about the best values."""
+
+    POSTERIOR = "posterior"
+    """Draws of `commonrail certainty --posterior`."""
+
+
+def predict(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
+    *,
+    rail_pressure: Annotated[
+        str | None, typer.Option(help="Rail pressures, e.g. 40:160:20MPa. [default: the data of the study]")
+    ] = None,
+    energising_time: Annotated[
+        str | None, typer.Option(help="Energising times, e.g. 200,400,1000us; each with each rail pressure.")
+    ] = None,
+    from_: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="FILE.csv", help="Operating points: columns rail_pressure, energising_time."),
+    ] = None,
+    cylinder_pressure: Annotated[
+        str | None, typer.Option(help="Cylinder pressure, e.g. 5MPa. [default: that of the first data set]")
+    ] = None,
+    return_pressure: Annotated[
+        str | None, typer.Option(help="Pressure at the end of the return line. [default: that of the first data set]")
+    ] = None,
+    bands: Annotated[Bands, typer.Option(help="What the parameters may be.")] = Bands.LAPLACE,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="File for predictions and bands.")] = None,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Predict quantities, with bands for measured values.
+
+    At operating points, or at all data of the study; bands of 50 % and 90 %.
+
+    A band holds what the parameters may be, and how far measured values lie from the best prediction: the tolerance
+    of a map, or the residual level of the fit where that is larger. Without operating points the measured values
+    inside the bands are counted, those of the validation apart.
+
+    \b
+    Examples:
+      commonrail predict runs/first
+      commonrail predict runs/first --rail-pressure 40:160:20MPa --energising-time 200:1400:100us --out bands.csv
+    """
+    from commonrail.analysis.prediction.predict import predict as run_prediction
+    from commonrail.files.posterior_file import read_posterior
+    from commonrail.files.prediction_file import write_bands
+    from commonrail.files.run_folder import read_fit
+    from commonrail.report.prediction import coverage_table, points_table
+
+    check_file(out, "--out")
+    study, best = read_fit(run)
+    points = _points(study, (rail_pressure, energising_time, from_), (cylinder_pressure, return_pressure))
+    draws = None
+    if bands is Bands.POSTERIOR:
+        kept = read_posterior(run, study.space.names)
+        draws = kept[:: max(len(kept) // MOST_DRAWS, 1)]
+    say(SIMULATING)
+    found = run_prediction(study, best, points, draws=draws, threads=threads)
+    if out is not None:
+        write_bands(out, found)
+    record = found.record()
+    if json:
+        print_json({"kind": "prediction", "run": str(run), "file": str(out) if out else None, **record})
+        return
+    print_table(points_table(record) if points else coverage_table(record))
+    if out is not None:
+        say(f"wrote {out}")
+
+
+def _points(
+    study: Study, wanted: tuple[str | None, str | None, Path | None], pressures: tuple[str | None, str | None]
+) -> list[OperatingPoint]:
+    """Operating points that are asked for; none for the data of the study."""
+    from commonrail.cli.axes import read_axis
+    from commonrail.engine.operating_point import OperatingPoint
+    from commonrail.files.prediction_file import read_points
+
+    rails, times, file = wanted
+    if file is not None and (rails or times):
+        raise InputError("--from: give either a file of operating points or --rail-pressure and --energising-time.")
+    if (rails is None) is not (times is None):
+        raise InputError("Give both --rail-pressure and --energising-time, or neither for the data of the study.")
+    if file is not None:
+        pairs = read_points(file)
+    elif rails is not None and times is not None:
+        axis = read_axis(times, "s", "--energising-time").tolist()
+        pairs = [(p, t) for p in read_axis(rails, "Pa", "--rail-pressure").tolist() for t in axis]
+    else:
+        return []
+    _, cylinder, back = study.data[0].points[0].initial_pressures()
+    if pressures[0] is not None:
+        cylinder = parse(pressures[0], "Pa", "--cylinder-pressure")
+    if pressures[1] is not None:
+        back = parse(pressures[1], "Pa", "--return-pressure")
+    return [OperatingPoint(p, t, cylinder, back) for p, t in pairs]

@@ -1,0 +1,91 @@
+"""Draws of a posterior in a run folder: posterior.npz, arrays with names, and where they come from."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.posterior.sample import Posterior
+from commonrail.arguments import file_path, instance
+from commonrail.errors import InputError
+from commonrail.files.atomic import replacing
+from commonrail.files.sums import check_sum
+
+__all__ = ["POSTERIOR", "read_posterior", "write_posterior"]
+
+POSTERIOR = "posterior.npz"
+
+
+def write_posterior(folder: str | Path, found: Posterior) -> Path:
+    """Write posterior.npz of a run folder, and return its path.
+
+    Arrays: ``points`` (chains, steps, d) [SI] in the order of ``names`` with ``units``, ``log_density`` (chains, steps)
+    without its constant, ``r_hat`` and ``effective`` (d,), ``refused`` (text, empty if the draws may be used),
+    ``seed``, ``version`` of the program, ``study_sha256`` of study.toml.
+
+    Parameters
+    ----------
+    folder : str or Path
+    found : Posterior
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    folder = file_path(folder, "folder")
+    instance(found, Posterior, "posterior")
+    own = found.estimate.likelihood
+    study = folder / "study.toml"
+    arrays = {
+        "points": own.space.from_unit(found.unit),
+        "log_density": found.log_density,
+        "names": np.array(own.names),
+        "units": np.array(own.units),
+        "r_hat": found.r_hat,
+        "effective": found.effective,
+        "refused": np.array(found.refusal),
+        "seed": np.array(found.seed),
+        "version": np.array(version("commonrail")),
+        "study_sha256": np.array(hashlib.sha256(study.read_bytes()).hexdigest() if study.is_file() else ""),
+    }
+    with replacing(folder / POSTERIOR, "wb") as stream:
+        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+    return folder / POSTERIOR
+
+
+def read_posterior(folder: str | Path, names: Sequence[str]) -> NDArray[np.float64]:
+    """Draws (n, d) [SI] of a run folder, for parameters of these names.
+
+    Parameters
+    ----------
+    folder : str or Path
+    names : sequence of str
+
+    Raises
+    ------
+    InputError
+        If there are none, they are of other parameters, or their chains did not agree.
+    """
+    path = file_path(folder, "folder") / POSTERIOR
+    if not path.is_file():
+        raise InputError(f"{path}: there are no draws; run commonrail certainty RUN --posterior first.")
+    check_sum(path)
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            found, own, refused = kept["points"], [str(name) for name in kept["names"]], str(kept["refused"])
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
+        raise InputError(f"{path}: this is no file of draws ({error}); run commonrail certainty again.") from error
+    if own != list(names):
+        raise InputError(
+            f"{path}: the draws are of other parameters than the study has; run commonrail certainty again."
+        )
+    if refused:
+        raise InputError(f"{path}: the draws cannot be used: {refused}; allow more draws in commonrail certainty.")
+    return np.asarray(found.reshape(-1, len(own)), float)

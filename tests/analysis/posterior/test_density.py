@@ -1,0 +1,55 @@
+"""Posterior density against closed forms: scales and uncertain quantities that are integrated out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from commonrail.analysis.certainty.nuisance import Nuisance
+from commonrail.analysis.posterior.density import PosteriorDensity
+from commonrail.kinds.noise import Law, Noise
+from tests.analysis.certainty.linear import TRUTH, design, fitted, likelihood
+
+SIGMA = 0.5
+A = design(60)
+Y = A @ TRUTH + SIGMA * np.random.default_rng(1).standard_normal(60)
+
+
+def differences(noise: Noise, nuisances: list[Nuisance] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms of the density of three places relative to the first, and their values."""
+    found = fitted(likelihood([Y], [A], [noise], nuisances or ()))
+    unit = found.unit + np.array([[0.0, 0.0, 0.0], [0.02, 0.0, -0.01], [-0.01, 0.03, 0.0]])
+    logs = PosteriorDensity(found)(unit)
+    return logs - logs[0], found.likelihood.space.from_unit(unit)
+
+
+def test_a_stated_scale_gives_the_normal_density() -> None:
+    logs, points = differences(Noise(law=Law.GAUSSIAN, sigma=SIGMA, correlation="white"))  # type: ignore[arg-type]
+    squares = np.sum((points @ A.T - Y) ** 2, axis=1)
+    np.testing.assert_allclose(logs, -0.5 * (squares - squares[0]) / SIGMA**2, rtol=1e-9, atol=1e-9)
+
+
+def test_an_estimated_scale_is_integrated_out() -> None:
+    """∫ σ⁻ⁿ exp(−S/2σ²) dσ/σ ∝ S^(−n/2)."""
+    logs, points = differences(Noise(law=Law.GAUSSIAN, correlation="white"))  # type: ignore[arg-type]
+    squares = np.sum((points @ A.T - Y) ** 2, axis=1)
+    np.testing.assert_allclose(logs, -30.0 * np.log(squares / squares[0]), rtol=1e-9, atol=1e-9)
+
+
+def test_an_uncertain_quantity_is_integrated_out() -> None:
+    """Normal density with the covariance σ² I + g gᵀ."""
+    course = 0.4 * np.sin(np.arange(60) / 7.0)
+    nuisance = Nuisance("gain of bench", "gain", 0.01, "1", lambda _: course)
+    noise = Noise(law=Law.GAUSSIAN, sigma=SIGMA, correlation="white")  # type: ignore[arg-type]
+    logs, points = differences(noise, [nuisance])
+    inverse = np.linalg.inv(SIGMA**2 * np.eye(60) + np.outer(course, course))
+    errors = points @ A.T - Y
+    squares = np.einsum("mi,ij,mj->m", errors, inverse, errors)
+    np.testing.assert_allclose(logs, -0.5 * (squares - squares[0]), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("beyond", [-0.01, 1.01])
+def test_beyond_a_bound_there_is_no_density_and_no_simulation(beyond: float) -> None:
+    density = PosteriorDensity(fitted(likelihood([Y], [A])))
+    assert density(np.array([[beyond, 0.5, 0.5]]))[0] == -np.inf
+    assert density.likelihood.simulated == 0

@@ -1,0 +1,69 @@
+"""Posterior against closed forms: a Gaussian, one cut by a bound, and one with an uncertain quantity."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from commonrail.analysis.posterior.sample import Posterior, sample_posterior
+from commonrail.errors import SimulationError
+from commonrail.kinds.noise import Law, Noise
+from tests.analysis.certainty.linear import TRUTH, design, fitted, likelihood
+
+SIGMA = 0.5
+
+
+def posterior(truth: np.ndarray = TRUTH, seed: int = 3, most: int = 100_000, sigma: float = SIGMA) -> Posterior:
+    a = design(60)
+    y = a @ truth + sigma * np.random.default_rng(1).standard_normal(60)
+    noise = Noise(law=Law.GAUSSIAN, sigma=sigma, correlation="white")  # type: ignore[arg-type]
+    return sample_posterior(fitted(likelihood([y], [a], [noise])), seed=seed, most=most)
+
+
+@pytest.fixture(scope="module")
+def found() -> Posterior:
+    return posterior()
+
+
+def test_draws_have_the_mean_and_covariance_of_the_closed_form(found: Posterior) -> None:
+    a = design(60)
+    y = a @ TRUTH + SIGMA * np.random.default_rng(1).standard_normal(60)
+    covariance = SIGMA**2 * np.linalg.inv(a.T @ a)
+    mean = covariance @ a.T @ y / SIGMA**2
+    points, deviations = found.points(), np.sqrt(np.diag(covariance))
+    assert found.converged
+    # 4 standard errors of a mean of the effective number of draws; as much for a standard deviation (1/sqrt(2 n))
+    off = np.abs(points.mean(axis=0) - mean) / deviations
+    assert (off < 4.0 / np.sqrt(found.effective)).all()
+    np.testing.assert_allclose(points.std(axis=0), deviations, rtol=4.0 / np.sqrt(2.0 * found.effective.min()))
+    low, high = found.interval(0.9)
+    np.testing.assert_allclose(high - low, 2.0 * 1.645 * deviations, rtol=0.12)
+
+
+def test_a_bound_cuts_the_posterior(found: Posterior) -> None:
+    """Most likely value near the bound 0.1: half of a normal distribution."""
+    cut = posterior(np.array([0.1, 3.0, 5.0]))
+    points = cut.points()
+    assert points[:, 0].min() >= 0.1
+    assert cut.interval()[0][0] < 0.15
+    a = design(60)
+    y = a @ np.array([0.1, 3.0, 5.0]) + SIGMA * np.random.default_rng(1).standard_normal(60)
+    covariance = SIGMA**2 * np.linalg.inv(a.T @ a)
+    rng = np.random.default_rng(0)
+    draws = rng.multivariate_normal(covariance @ a.T @ y / SIGMA**2, covariance, 100_000)
+    draws = draws[draws[:, 0] >= 0.1]
+    near = 4.0 / np.sqrt(cut.effective.min())
+    assert abs(points[:, 0].mean() - draws[:, 0].mean()) < near * draws[:, 0].std()
+
+
+def test_equal_seeds_give_equal_draws(found: Posterior) -> None:
+    again, other = posterior(), posterior(seed=4)
+    np.testing.assert_array_equal(found.unit, again.unit)
+    assert not np.array_equal(found.unit[:, :10], other.unit[:, :10])
+
+
+def test_chains_that_are_too_short_are_refused() -> None:
+    short = posterior(most=1)
+    assert not short.converged
+    with pytest.raises(SimulationError, match="cannot be used"):
+        short.interval()

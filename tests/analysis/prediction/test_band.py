@@ -1,0 +1,40 @@
+"""Edges of bands against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm, t
+
+from commonrail.analysis.prediction.band import band_from_draws, band_from_slopes
+
+SLOPES = np.array([[1.0, 0.0], [1.0, 2.0]])
+COVARIANCE = np.array([[0.04, -0.01], [-0.01, 0.09]])
+DEVIATIONS = np.array([0.1, 0.3])
+VALUES = np.array([5.0, 7.0])
+PARAMETERS = np.array([0.04, 0.04 - 0.04 + 0.36])  # variances of SLOPES @ parameters
+
+
+@pytest.mark.parametrize(("freedom", "quantile"), [(np.inf, norm.ppf(0.95)), (4.0, t.ppf(0.95, 4))])
+def test_linear_bands_are_a_quantile_of_parameters_and_scatter(freedom: float, quantile: float) -> None:
+    ((low, high),) = band_from_slopes(VALUES, SLOPES, COVARIANCE, DEVIATIONS, freedom, [0.9]).values()
+    expected = quantile * np.sqrt(PARAMETERS + DEVIATIONS**2)
+    np.testing.assert_allclose(high - VALUES, expected, rtol=1e-6)
+    np.testing.assert_allclose(VALUES - low, expected, rtol=1e-6)
+
+
+def test_bands_of_normal_draws_are_the_linear_ones() -> None:
+    rng = np.random.default_rng(1)
+    draws = VALUES + rng.multivariate_normal([0.0, 0.0], COVARIANCE, 20_000) @ SLOPES.T
+    draws[0] = np.nan  # a simulation that failed does not count
+    drawn = band_from_draws(draws, DEVIATIONS, np.inf, [0.5, 0.9])
+    linear = band_from_slopes(VALUES, SLOPES, COVARIANCE, DEVIATIONS, np.inf, [0.5, 0.9])
+    for level in (0.5, 0.9):
+        # quantiles of 20 000 draws scatter by 1 % of the half width
+        half = linear[level][1] - VALUES
+        np.testing.assert_allclose(drawn[level], linear[level], atol=0.04 * half.max())
+
+
+def test_draws_that_all_failed_have_no_band() -> None:
+    ((low, high),) = band_from_draws(np.full((3, 2), np.nan), DEVIATIONS, np.inf, [0.9]).values()
+    assert np.isnan([low, high]).all()
