@@ -15,6 +15,7 @@ VERBS = {
     "calibrate",
     "tolerance",
     "certainty",
+    "next",
     "predict",
     "validate",
     "compare",

@@ -178,6 +178,12 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         r"map\.csv, line 6: The rail pressure must lie",
     ),
     "tolerance": (InputError, 'absolute = "0 mm3"', MAP, r"data\[1\]: absolute must be greater than zero"),
+    "tolerance beyond": (
+        ConfigurationError,
+        'absolute = "4e+24 m3"',
+        MAP,
+        r"toml, data\[1\]: The absolute tolerance must lie",
+    ),
     "missing column": (InputError, "", MAP.replace("quantity", "Q"), r'map\.csv: there is no column "quantity"'),
     "no rows": (
         InputError,

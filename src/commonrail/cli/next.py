@@ -73,7 +73,7 @@ def next_(
     threads: Threads = None,
     json: Json = False,
 ) -> None:
-    """Advise what to measure next, to make parameters or predictions more certain.
+    """Advise which points to measure next.
 
     Noise and correlation are those of the run's data. The criterion is averaged over draws of the parameters from what
     the data leave open, so that the plan does not rest on one set of values.

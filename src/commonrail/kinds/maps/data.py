@@ -30,7 +30,7 @@ from commonrail.kinds.records import MEASURED, point_record
 from commonrail.kinds.simulator import Candidates, Simulator
 from commonrail.observation.meter import Meter
 from commonrail.observation.signal import Given, shown_quantities
-from commonrail.reading.place import Place
+from commonrail.reading.place import Place, located
 
 __all__ = ["SMALL_QUANTITY", "QuantityData", "QuantityScore", "soft_l1"]
 
@@ -188,7 +188,8 @@ class QuantityData(DataSet):
         values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
         sister = None if model.sister is None else read_sister(model.sister, context)
         more = rows.mass_density, rows.dead_time_tolerance, context.meter(model.meter)
-        return cls(model.name, Role(model.role), rows.points, *values, *labels, *more, sister=sister)
+        with located(context.at):
+            return cls(model.name, Role(model.role), rows.points, *values, *labels, *more, sister=sister)
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
