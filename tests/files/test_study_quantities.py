@@ -182,7 +182,7 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         ConfigurationError,
         'absolute = "4e+24 m3"',
         MAP,
-        r"toml, data\[1\]: The absolute tolerance must lie",
+        r"data\[1\]: The absolute tolerance must",
     ),
     "missing column": (InputError, "", MAP.replace("quantity", "Q"), r'map\.csv: there is no column "quantity"'),
     "no rows": (
