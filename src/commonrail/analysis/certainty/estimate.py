@@ -18,7 +18,7 @@ from commonrail.analysis.certainty.steps import Walls
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.errors import SimulationError
 
-__all__ = ["Estimate", "estimate", "library", "starts_from"]
+__all__ = ["ROUNDS", "Estimate", "estimate", "estimate_at", "library", "pulls_of", "starts_from"]
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Estimate:
         Their changes for one standard deviation of each uncertain quantity.
     covariance : Covariance
     starts, agreeing : int
-        Starts of the search, and how many of them ended within 0.5 of the greatest 2 ln L.
+        Starts of the search, and how many of them ended within 0.5 of the largest 2 ln L.
     gain : float
         Fall of the cost that the last linear model still promises.
     simulated : int
@@ -180,7 +180,7 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
         own = likelihood.estimated(errors, known.used.tolist(), known.root.T @ slopes)
         near = climb(own, unit[None], errors=errors[None], turns=10, tolerance=0.1 if last < rounds - 1 else 1e-3)
         unit, errors = near.unit[0], near.errors[0]
-    found = _at(own, unit, errors)
+    found = estimate_at(own, unit, errors, own.jacobian(unit[None])[0])
     simulated += own.simulated + likelihood.simulated - before
     return replace(found, starts=len(starts), agreeing=agreeing, simulated=simulated)
 
@@ -194,10 +194,19 @@ def pulls_of(likelihood: Likelihood, unit: Floats) -> Floats:
     return found
 
 
-def _at(likelihood: Likelihood, unit: Floats, errors: Floats) -> Estimate:
-    """Estimate at an end of the search."""
+def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Floats) -> Estimate:
+    """Estimate at an end of the search, its noise known.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    unit : (d,)
+    errors : (n,)
+        Residuals there.
+    slopes : (d, n)
+        Their derivatives with respect to the positions.
+    """
     point = likelihood.space.from_unit(unit)
-    slopes = likelihood.jacobian(unit[None])[0]
     many = len(likelihood.nuisances)
     shifts = np.array([n.shift(point) for n in likelihood.nuisances]).reshape(many, likelihood.size)
     likelihood.simulated += 2 * many
