@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.analysis.certainty.linear import ESTIMATOR
 from commonrail.compile_target import describe, package_versions
 from commonrail.files.meter_models import free_names
 from commonrail.fleet.fleet_file import Fleet
@@ -67,6 +68,7 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
         "curve": {key: _sorted([e.record["J"][key] for e in finished]) for key in ("start", "best")},
         "data": _data(fleet, finished),
         "parameters": [_parameter(name, unit, finished) for name, unit in units_of(fleet).items()] if finished else [],
+        "estimator": ESTIMATOR,
         "worst": [_worst(entry) for entry in _by_cost(finished)[:WORST]],
         "warnings": _warnings(finished),
         "failures": [{"injector": entry.name, "reason": entry.reason} for entry in failed],

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from commonrail.analysis.identifiability import identify
+from commonrail.analysis.certainty.linear import Near, certify_near
 from commonrail.calibration.result import warning_records
 from commonrail.calibration.run import Calibration, calibrate, scores_of
 from commonrail.calibration.study import Study
@@ -18,6 +18,8 @@ from commonrail.files.study_file import load_study
 from commonrail.kinds import DataSet, Score
 
 __all__ = ["Attempt", "Calibrations", "calibrate_study", "failed"]
+
+CERTAINTY = ("standard_error", "verdict")  # keys of a parameter
 
 
 class Attempt(NamedTuple):
@@ -80,9 +82,14 @@ class Calibrations:
         return json.dumps([_data(d, s, s) for d, s in zip(self.first.data, scores, strict=True)]).encode()
 
     def bits(self, argument: Study | Path, result: Attempt) -> bytes:
-        """Text of an attempt, without time and machine that it took; an error if it is no attempt."""
+        """Text of an attempt, without time and machine that it took; an error if it is no attempt.
+
+        Standard errors and verdicts are left out: LAPACK computes them, which has other bits on other processors.
+        """
         float(result.seconds)
         record = {name: value for name, value in result.record.items() if name != "target"}
+        own = record.get("parameters", {}).items()
+        record["parameters"] = {name: {k: v for k, v in p.items() if k not in CERTAINTY} for name, p in own}
         return json.dumps([record, result.reason], allow_nan=False).encode()
 
 
@@ -114,7 +121,7 @@ def calibrate_study(study: Study) -> dict[str, Any]:
         "data": [
             _data(d, calibration.scores["start"][i], calibration.scores["best"][i]) for i, d in enumerate(study.data)
         ],
-        "parameters": _parameters(calibration, identify(calibration, 1)),
+        "parameters": _parameters(calibration, certify_near(study, calibration.best, 1)),
         "warnings": warning_records(calibration.warnings),
     }
 
@@ -125,15 +132,15 @@ def _data(data: DataSet, start: Score, best: Score) -> dict[str, Any]:
     return found | {"start": number(start.error), "best": number(best.error)}
 
 
-def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+def _parameters(calibration: Calibration, certain: Mapping[str, Near]) -> dict[str, dict[str, Any]]:
     space = calibration.study.space
     found = {}
     for p in space.parameters:
         best = calibration.best[p.name]
         found[p.name] = {
             "best": best,
-            "standard_error": identified[p.name]["standard_error"],
-            "verdict": identified[p.name]["verdict"],
+            "standard_error": certain[p.name].standard_error,
+            "verdict": certain[p.name].verdict.value,
             "position": p.position(best),
             "at_bound": p.is_at_bound(best),
             "lower": p.lower,

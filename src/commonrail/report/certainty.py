@@ -127,7 +127,7 @@ def _search(found: Record) -> list[str]:
             "several and profiles the likelihood."
         )
     else:
-        lines.append(f"{found['agreeing']} of {starts} starts end within 0.5 of the greatest 2 ln L.")
+        lines.append(f"{found['agreeing']} of {starts} starts end within 0.5 of the largest 2 ln L.")
     if found["adopted"]:
         lines.append("A profile met a better fit than the search had found; all figures here are those of that fit.")
     return lines

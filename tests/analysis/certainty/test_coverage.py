@@ -14,12 +14,25 @@ def white() -> Row:
     return row(BEDS["white"], 12)
 
 
-def test_intervals_of_simulated_benches_hold_their_truth(white: Row) -> None:
-    """Of 36 intervals of 95 %, fewer than 30 hold the truth with a probability of 0.5 %, were they independent."""
-    assert white.every >= 83.0
+def check(found: Row) -> None:
+    """Of 36 intervals of 95 %, fewer than 30 hold the truth with a probability of 0.5 %, were they independent.
+
+    With one standard error in place of the t quantile 24.6 of 36 do on average, and 15 where the autocorrelation of 0.9
+    is neglected: 30 or more then have a probability of 4 % and of less than 1e-6.
+    """
+    assert found.every >= 83.0
     # the scatter of 12 estimates is known to 21 %
-    assert ((white.widths > 0.5) & (white.widths < 2.0)).all()
-    assert white.simulations <= 600.0
+    assert ((found.widths > 0.5) & (found.widths < 2.0)).all()
+    assert found.printed >= 75.0  # 97 % of the searches settle; fewer than 9 of 12 have a probability of 4e-4
+    assert found.simulations <= 600.0
+
+
+def test_intervals_of_simulated_benches_hold_their_truth(white: Row) -> None:
+    check(white)
+
+
+def test_intervals_under_autoregressive_noise_hold_the_truth() -> None:
+    check(row(BEDS["autoregressive"], 12))
 
 
 def test_a_promise_that_is_not_kept_is_told(white: Row) -> None:
@@ -30,7 +43,7 @@ def test_a_promise_that_is_not_kept_is_told(white: Row) -> None:
     assert line("white", white).count("|") == 12
 
 
-def test_a_delay_that_nobody_states_raises_an_alarm() -> None:
+def test_a_delay_that_is_not_stated_raises_an_alarm() -> None:
     found = row(BEDS["unstated delay 5 us, known white"], 3)
     assert found.alarms == 100.0
     assert found.pinned == 0.0

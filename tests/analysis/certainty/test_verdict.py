@@ -61,7 +61,9 @@ def test_what_is_not_stated_is_assumed_and_widens_the_verdict_alone() -> None:
     stated = fitted(likelihood([curve(4)], [design()], [STATED], KNOWN))
     np.testing.assert_allclose(found.half_widths(), stated.half_widths(), rtol=1e-3)
     first = judged(found)[0]
-    assert "1 % of gain" in first.sentence
+    assert "1 % of gain and 1 % of discrepancy assumed" in first.sentence
+    assert "by noise alone" in first.sentence
+    assert not any("assumed" in one.sentence for one in judged(stated))
     assert first.half > 1.1 * judged(stated)[0].half
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls, constrained_step
 
-__all__ = ["Ascent", "climb", "promised_fall"]
+__all__ = ["Ascent", "climb", "promised_step"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -126,7 +126,7 @@ class _Climber:
         """Fall of the cost by an undamped step within the walls."""
         found = np.empty(len(which))
         for i, k in enumerate(which):
-            found[i] = promised_fall(self.walls, self.unit[k], metric[i], force[i])
+            found[i] = promised_step(self.walls, self.unit[k], metric[i], force[i])[1]
         return found
 
     def _bend(self, which: Indices, damped: Floats, weighted: Floats, tangents: Floats, step: Floats) -> Floats:
@@ -211,8 +211,8 @@ def climb(
     return Ascent(climber.unit, climber.cost, climber.errors)
 
 
-def promised_fall(walls: Walls, unit: Floats, metric: Floats, force: Floats) -> float:
-    """Fall of the cost 2 force·z − z·metric z by the best step z within the walls.
+def promised_step(walls: Walls, unit: Floats, metric: Floats, force: Floats) -> tuple[Floats, float]:
+    """Best step z (d,) within the walls of a linear model, and the fall 2 force·z − z·metric z of the cost by it.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def promised_fall(walls: Walls, unit: Floats, metric: Floats, force: Floats) -> 
     own = metric + (np.diag(metric).max() * 1e-10 + 1e-300) * np.eye(len(force))
     least = np.minimum(walls.floor - walls.rows @ unit, 0.0)
     z = constrained_step(own, np.linalg.solve(own, force), walls.rows, least)
-    return float(2.0 * force @ z - z @ own @ z)
+    return z, float(2.0 * force @ z - z @ own @ z)
 
 
 def _hold(metric: Floats, force: Floats, held: Indices) -> None:

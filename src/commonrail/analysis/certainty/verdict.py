@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
 NAMED = 0.5  # correlation from which another parameter is named
 MOST_NAMED = 3
-NOTICED = 1.1  # half width with what is assumed over that without, from which both are told
+NOTICED = 1.1  # half width with what is assumed over that without, from which both are given
 MOSTLY = 0.5  # share of the variance from which an uncertain quantity is blamed
 
 
@@ -100,7 +100,7 @@ def verdicts_of(
     """
     own = estimate.likelihood
     scale, quantile = np.abs(own.scaled(estimate.unit)), student(estimate.covariance.freedom, level)
-    alone = quantile * estimate.covariance.alone * scale
+    single = quantile * estimate.covariance.alone * scale
     assumed = unstated(estimate)
     moves = np.vstack([np.zeros((1, len(scale))), *(move for _, move in assumed)])
     added = quantile * np.sqrt(np.sum(moves**2, axis=0))
@@ -110,9 +110,10 @@ def verdicts_of(
         interval = 0.5 * float(high[i] - low[i])
         half = float(np.hypot(interval, added[i]))
         figure = _percent(half, value)
-        if assumed and half > NOTICED * interval:
-            figure += f", by noise alone {_percent(interval, value)}; {words} assumed"
-        shares = [h / value if value > 0.0 else np.inf for h in (half, float(alone[i]))]
+        if assumed:
+            apart = f", by noise alone {_percent(interval, value)}" if half > NOTICED * interval else ""
+            figure += f"{apart}; {words} assumed"
+        shares = [h / value if value > 0.0 else np.inf for h in (half, float(single[i]))]
         case = _Case(i, half, shares[0], shares[1], _blamed(estimate, assumed, i), figure)
         found.append(_judged(estimate, case, reason, limit))
     return found
@@ -141,7 +142,7 @@ def _judged(estimate: Estimate, case: _Case, reason: str, limit: float) -> Judge
         words = f" with {listed(others)}" if others else ""
         cure = "measure at another rail pressure or energising time, or state a prior of one of them"
         return Judged(Verdict.COMBINED, f"only in combination{words} ({case.figure})", cure, case.half)
-    cure = "measure it on the part, or where it acts more; the fitted value stands for nothing"
+    cure = "measure it on the part, or where it acts more; the fitted value means nothing"
     return Judged(Verdict.UNSEEN, f"not seen by these data ({case.figure})", cure, case.half)
 
 

@@ -1,0 +1,136 @@
+"""Certainty of given values without a search: the most likely values are those of a linear model about the given ones.
+
+It costs 2 d + 1 simulations, for fleets. The distance of the given values from the most likely ones, which another loss
+or an unfinished search leaves, counts as an error of theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.covariance import covariance_of
+from commonrail.analysis.certainty.estimate import ROUNDS, Estimate, estimate_at, pulls_of
+from commonrail.analysis.certainty.lack_of_fit import lack_of_fit
+from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.analysis.certainty.steps import Walls, constrained_step
+from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
+from commonrail.calibration.study import Study
+from commonrail.errors import SimulationError
+
+__all__ = ["ESTIMATOR", "Near", "certify_near", "estimate_near"]
+
+Floats = NDArray[np.float64]
+
+ESTIMATOR = "curvature of the likelihood at the fitted values, their distance from the most likely ones added"
+DIGITS = 5  # of a standard error: LAPACK has other last bits on other processors
+FIRM = 1e-12  # share of the largest diagonal element that keeps a metric invertible
+
+
+class Near(NamedTuple):
+    """Certainty of a given value of a parameter.
+
+    Attributes
+    ----------
+    standard_error : float or None
+        Of the given value [SI]; None where nothing holds the parameter.
+    verdict : Verdict
+    """
+
+    standard_error: float | None
+    verdict: Verdict
+
+
+def certify_near(study: Study, best: Mapping[str, float], threads: int | None = None) -> dict[str, Near]:
+    """Certainty of the values of a fit, by the name of the parameter, see `estimate_near`.
+
+    Parameters
+    ----------
+    study : Study
+    best : mapping of str to float
+        Values [SI], as `Calibration.best`.
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+
+    Raises
+    ------
+    SimulationError
+        If the values cannot be simulated.
+    """
+    own = Likelihood.of(study, threads)
+    found = estimate_near(own, own.space.to_unit(np.array([best[name] for name in own.names])))
+    low, high = found.interval()
+    judged = verdicts_of(found, low, high, withdrawal(found, lack_of_fit(found)))
+    errors = np.sqrt(np.diag(found.covariance.total)) * np.abs(own.scaled(found.unit))
+    return {
+        name: Near(float(f"{error:.{DIGITS}g}") if np.isfinite(error) else None, one.verdict)
+        for name, error, one in zip(own.names, errors, judged, strict=True)
+    }
+
+
+def estimate_near(likelihood: Likelihood, unit: Floats) -> Estimate:
+    """Estimate at given positions (d,), whose distance from the top of a linear model is part of its covariance.
+
+    Noise and top are found in turn; the residuals are those that the linear model leaves at the top.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Its noise need not be known.
+    unit : (d,)
+
+    Raises
+    ------
+    SimulationError
+        If the positions cannot be simulated.
+    """
+    before = likelihood.simulated
+    first = likelihood.residuals(likelihood.space.from_unit(unit[None]))[0]
+    if not np.isfinite(first).all():
+        raise SimulationError("The best values cannot be simulated, so nothing can be said of their certainty.")
+    slopes, pulls = likelihood.jacobian(unit[None])[0], pulls_of(likelihood, unit)
+    own = likelihood.estimated(first, [0.0] * len(likelihood.blocks), correlated=False)
+    errors, nothing = first, np.zeros((0, own.size))
+    step = np.zeros_like(unit)
+    for _ in range(ROUNDS):
+        step = _to_top(own, unit, first, slopes, errors)
+        errors = first + step @ slopes
+        known = covariance_of(own, slopes, errors, nothing, pulls)
+        own = own.estimated(errors, known.used.tolist(), known.root.T @ slopes)
+    step = _to_top(own, unit, first, slopes, errors)
+    found = estimate_at(own, unit, first + step @ slopes, slopes)
+    covariance = found.covariance
+    covariance = covariance._replace(discrepancy=covariance.discrepancy + np.outer(step, step))
+    simulated = likelihood.simulated - before + own.simulated
+    return replace(found, covariance=covariance, gain=0.0, simulated=simulated)
+
+
+def _to_top(own: Likelihood, unit: Floats, first: Floats, slopes: Floats, errors: Floats) -> Floats:
+    """Step (d,) from given positions to the top of the linear model, within bounds and constraints.
+
+    Parameters
+    ----------
+    own : Likelihood
+    unit : (d,)
+    first : (n,)
+        Residuals there.
+    slopes : (d, n)
+    errors : (n,)
+        Residuals that the weights of the laws are taken from.
+    """
+    tangents, innovations, near = own.whiten(slopes), own.whiten(first), own.whiten(errors)
+    weights = np.concatenate(
+        [noise.density.weight(near[block.rows]) for block, noise in zip(own.blocks, own.noises, strict=True)]
+    )
+    pulls = pulls_of(own, unit)
+    metric = (tangents * weights) @ tangents.T + pulls.T @ pulls
+    force = -tangents @ (weights * innovations)
+    force -= pulls.T @ own.priors.residuals(own.space.from_unit(unit[None]))[0]
+    metric += (FIRM * np.diag(metric).max() + 1e-300) * np.eye(len(unit))
+    walls = Walls.of(own.space)
+    least = np.minimum(walls.floor - walls.rows @ unit, 0.0)
+    return constrained_step(metric, np.linalg.solve(metric, force), walls.rows, least)
