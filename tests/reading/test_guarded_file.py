@@ -35,6 +35,7 @@ ALLOWED = {
     "store/journal_file.py": "SQLite, after `check_target` or `check_plain`",
     "store/listing.py": "SQLite, a lock beside a journal that was read",
     "fleet/parquet_table.py": "pyarrow on a stream of `opened`",
+    "files/posterior_file.py": "NumPy on a stream of `opened`",
 }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -16,6 +15,7 @@ from commonrail.arguments import file_path, instance
 from commonrail.errors import InputError
 from commonrail.files.atomic import replacing
 from commonrail.files.sums import check_sum
+from commonrail.reading.guarded_file import opened, read_plain, sha256
 
 __all__ = ["POSTERIOR", "read_posterior", "write_posterior"]
 
@@ -53,7 +53,7 @@ def write_posterior(folder: str | Path, found: Posterior) -> Path:
         "refused": np.array(found.refusal),
         "seed": np.array(found.seed),
         "version": np.array(version("commonrail")),
-        "study_sha256": np.array(hashlib.sha256(study.read_bytes()).hexdigest() if study.is_file() else ""),
+        "study_sha256": np.array(sha256(read_plain(study)) if study.is_file() else ""),
     }
     with replacing(folder / POSTERIOR, "wb") as stream:
         np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
@@ -78,7 +78,7 @@ def read_posterior(folder: str | Path, names: Sequence[str]) -> NDArray[np.float
         raise InputError(f"{path}: there are no draws; run commonrail certainty RUN --posterior first.")
     check_sum(path)
     try:
-        with np.load(path, allow_pickle=False) as kept:
+        with opened(path) as stream, np.load(stream, allow_pickle=False) as kept:
             found, own, refused = kept["points"], [str(name) for name in kept["names"]], str(kept["refused"])
     except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise InputError(f"{path}: this is no file of draws ({error}); run commonrail certainty again.") from error

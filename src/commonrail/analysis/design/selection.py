@@ -57,7 +57,7 @@ class Rules(NamedTuple):
         new = ~np.isin(self.levels, self.levels[list(chosen)])
         return np.asarray(self.costs + self.level_cost * new)
 
-    def open(self, chosen: Sequence[int]) -> Bools:
+    def admissible(self, chosen: Sequence[int]) -> Bools:
         """Mask (c,) of the candidates that may join a plan."""
         fits = self.cost(chosen) + self.added(chosen) <= self.budget * (1.0 + 1e-9)
         return np.asarray(fits & ~self.blocked[list(chosen)].any(axis=0))
@@ -92,7 +92,7 @@ def greedy(problem: Problem, rules: Rules, first: Sequence[int] = (), *, per_cos
     while len(chosen) < rules.most:
         fall = problem.score(chosen) - problem.scores(chosen)
         worth = fall / rules.added(chosen) if per_cost else fall
-        worth = np.where(rules.open(chosen) & (fall > LEAST), worth, -np.inf)
+        worth = np.where(rules.admissible(chosen) & (fall > LEAST), worth, -np.inf)
         best = int(worth.argmax())
         if not np.isfinite(worth[best]):
             break
@@ -115,7 +115,7 @@ def exchange(problem: Problem, rules: Rules, chosen: Sequence[int]) -> list[int]
         best, found = before - LEAST, None
         for i in range(len(plan)):
             rest = plan[:i] + plan[i + 1 :]
-            scores = np.where(rules.open(rest), problem.scores(rest), np.inf)
+            scores = np.where(rules.admissible(rest), problem.scores(rest), np.inf)
             if scores.min() < best:
                 best, found = float(scores.min()), [*rest[:i], int(scores.argmin()), *rest[i:]]
         if found is None:
@@ -130,7 +130,7 @@ def select(problem: Problem, rules: Rules) -> list[int]:
     Plans are greedy with and without regard to cost, and such as begin with another good measurement; each is improved
     by exchange.
     """
-    worth = np.where(rules.open([]), -problem.scores([]), -np.inf)
+    worth = np.where(rules.admissible([]), -problem.scores([]), -np.inf)
     starts = [[int(i)] for i in np.argsort(-worth, kind="stable")[1 : 1 + OTHER_STARTS] if np.isfinite(worth[i])]
     plans = [greedy(problem, rules, per_cost=False), *(greedy(problem, rules, first) for first in ([], *starts))]
     return _ordered(problem, rules, min((exchange(problem, rules, plan) for plan in plans), key=problem.score))
