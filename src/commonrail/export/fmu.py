@@ -17,7 +17,7 @@ from commonrail.export.sources import Model, model_of, named, template
 from commonrail.export.variables import CYLINDER, RAIL, RETURN, variables
 from commonrail.injector.definition import Injector
 
-__all__ = ["write_fmu"]
+__all__ = ["check_fmi", "write_fmu"]
 
 _HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")}
 _WHEN = (
@@ -53,6 +53,7 @@ def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int
     ConfigurationError
         If the standard knows no such platform, there is no compiler for one, or it fails.
     """
+    check_fmi(fmi)
     folders = {target.name: _folder(target, fmi) for target in targets}
     compilers = {target.name: compiler_for(target, prefer_zig=True) for target in targets}
     model = model_of(injector)
@@ -69,6 +70,18 @@ def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int
             contents[f"binaries/{folders[target.name]}/{model.name}{target.suffix}"] = binary.read_bytes()
     _pack(out, contents)
     return tuple(contents)
+
+
+def check_fmi(version: int) -> None:
+    """Refuse a version of the standard that is not written.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    if version not in _HEADERS:
+        known = " and ".join(map(str, _HEADERS))
+        raise ConfigurationError(f"FMUs are written for version {known} of the FMI standard, not {version}.")
 
 
 def _folder(target: Target, fmi: int) -> str:
