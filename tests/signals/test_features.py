@@ -28,7 +28,7 @@ TIMES = {
     "rise_time": 90e-6,
     "fall_time": 60e-6,
 }
-RATES = {"steady_rate": PEAK, "greatest_rate": PEAK}
+RATES = {"steady_rate": PEAK, "peak_rate": PEAK}
 # Ramps of 150 and 100 us and 450 us between them; after closing a triangle of 10 us and a tenth of the peak.
 QUANTITIES = {"quantity": PEAK * (75e-6 + 450e-6 + 50e-6), "dribble": 0.5 * 10e-6 * 0.1 * PEAK}
 
@@ -64,7 +64,7 @@ def test_with_noise_they_still_are(seed: int) -> None:
     assert len(found.injections) == 1
     assert {n: e for n, e in errors.items() if n not in RATES and e > 0.1} == {}
     assert errors["steady_rate"] < NOISE  # mean of 50 samples
-    assert errors["greatest_rate"] < NOISE  # the largest of some 10 independent means of 10
+    assert errors["peak_rate"] < NOISE  # the largest of some 10 independent means of 10
 
 
 def test_standard_errors_are_the_scatter_of_shots_and_there_is_no_bias() -> None:

@@ -17,6 +17,7 @@ from commonrail.cli.compare import compare
 from commonrail.cli.console import compiling, say, say_of_ending
 from commonrail.cli.doctor import doctor
 from commonrail.cli.family import family
+from commonrail.cli.features import features
 from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
 from commonrail.cli.inspect import inspect
@@ -68,6 +69,7 @@ _VERBS = (
     map_,
     sweep,
     inspect,
+    features,
     report,
     verify,
     catalogue,

@@ -143,10 +143,13 @@ def features(
 
     Examples
     --------
+    >>> import numpy as np
     >>> import commonrail as cr
-    >>> trace = cr.RateTrace([0, 1e-4, 2e-4, 3e-4, 4e-4, 5e-4], [0, 0, 4e-5, 4e-5, 0])
-    >>> round(cr.features(trace).value("duration") * 1e6)
-    200
+    >>> bounds = 5e-6 * np.arange(241)
+    >>> ramps = np.interp(bounds[1:] - 2.5e-6, [300e-6, 400e-6, 900e-6, 1000e-6], [0.0, 50e-6, 50e-6, 0.0])
+    >>> found = cr.features(cr.RateTrace(bounds, ramps), [cr.Energising(0.0, "700 us")])
+    >>> round(found.value("opening_delay") * 1e6), round(found.value("quantity") * 1e9, 2)
+    (310, 30.0)
     """
     trace = rate_trace(source, energisings)
     settings = FeatureSettings() if settings is None else instance(settings, FeatureSettings, "settings")
@@ -172,7 +175,7 @@ def _from_zero(trace: RateTrace) -> RateTrace:
             "The rate has no sample before the first energising, so that its zero is unknown; give a longer trace and "
             "its energisings, or omit zero_at_rest."
         )
-    return trace.shifted(float(np.mean(trace.at_rest)))
+    return trace.with_rate(trace.rate - float(np.mean(trace.at_rest)))
 
 
 def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> Iterator[Injection]:

@@ -18,7 +18,7 @@ __all__ = ["FEATURES", "Feature", "Measured", "instants_of", "measured_between"]
 
 Floats = NDArray[np.float64]
 
-PLATEAU = 0.5  # share of the duration near the greatest rate above which an injection has a steady rate
+PLATEAU = 0.5  # share of the duration near the largest rate above which an injection has a steady rate
 MIDDLE = 0.25  # share that is left out at either end of the plateau
 
 
@@ -39,10 +39,10 @@ FEATURES = {
         ("closing_delay", "time", "from the end of energising to closing"),
         ("duration", "time", "from opening to closing"),
         ("separation", "time", "from the closing of the previous injection to opening"),
-        ("rise_time", "time", "opening ramp, between two shares of the greatest rate"),
+        ("rise_time", "time", "opening ramp, between two shares of the largest rate"),
         ("fall_time", "time", "closing ramp, between the same shares"),
         ("steady_rate", "rate", "mean of the middle half of the plateau"),
-        ("greatest_rate", "rate", "greatest mean over the peak averaging"),
+        ("peak_rate", "rate", "largest mean over the peak averaging"),
         ("quantity", "quantity", "quantity of this injection"),
         ("dribble", "quantity", "quantity after closing"),
     )
@@ -102,7 +102,7 @@ def measured_between(
     settings : FeatureSettings
     """
     at = instants_of(course, part, levels)
-    peak = _greatest(trace, course, part, at, float(settings.peak_averaging))
+    peak = _largest(trace, course, part, at, float(settings.peak_averaging))
     rise, fall, plateau = _ramps(course, part, settings.ramp, peak)
     duration = at.closing - at.opening
     steady = math.nan
@@ -117,7 +117,7 @@ def measured_between(
         "rise_time": rise,
         "fall_time": fall,
         "steady_rate": steady,
-        "greatest_rate": peak,
+        "peak_rate": peak,
         "quantity": trace.quantity(*window),
         "dribble": trace.quantity(at.closing, window[1]) if math.isfinite(at.closing) else math.nan,
     }
@@ -125,8 +125,8 @@ def measured_between(
     return Measured(values, errors, _statuses(at, part, math.isnan(steady)))
 
 
-def _greatest(trace: RateTrace, course: Course, part: Part, at: Instants, width: float) -> float:
-    """Greatest mean over a width [s] within the injection."""
+def _largest(trace: RateTrace, course: Course, part: Part, at: Instants, width: float) -> float:
+    """Largest mean over a width [s] within the injection."""
     width = max(width, trace.interval)
     low = at.begin + (0.5 * width if part.fused_before else 0.0)
     high = at.end - (0.5 * width if part.fused_after else 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -85,9 +85,9 @@ class RateTrace:
         ends = np.interp(np.stack([middle - 0.5 * width, middle + 0.5 * width]), self.bounds, self.cumulated)
         return np.asarray((ends[1] - ends[0]) / width)
 
-    def shifted(self, offset: float) -> RateTrace:
-        """The same trace less an offset of its rate."""
-        return RateTrace(self.bounds, self.rate - offset, self.unit, self.energisings)
+    def with_rate(self, rate: Floats) -> RateTrace:
+        """Another rate (samples,) between the same bounds."""
+        return replace(self, rate=rate)
 
     @cached_property
     def at_rest(self) -> Floats:
@@ -129,7 +129,7 @@ def rate_trace(source: Any, energisings: OperatingPoint | Sequence[Energising] |
     """
     pulses = energisings.pulses if isinstance(energisings, OperatingPoint) else energisings
     if isinstance(source, RateTrace):
-        return source if pulses is None else RateTrace(source.bounds, source.rate, source.unit, tuple(pulses))
+        return source if pulses is None else replace(source, energisings=tuple(pulses))
     if isinstance(source, Solution):
         return RateTrace(source.time, source.rate, energisings=tuple(pulses or ()))
     if isinstance(source, Trace):

@@ -16,14 +16,14 @@ __all__ = ["FeatureSettings", "Levels", "Threshold", "levels_of"]
 AVERAGINGS = Limits(1e-9, 1e-3, (1e-6, 1e-3), ("us",))  # [s]
 TIMES = Limits(0.0, 0.1, (1e-6, 0.1), ("us", "ms"))  # [s]
 LONGEST = 25e-6  # to which a noisy trace is averaged by itself [s]
-QUIET = 2e-4  # standard deviation of the averaged rate that is aimed at, as a share of the greatest
+QUIET = 2e-4  # standard deviation of the averaged rate that is aimed at, as a share of the largest
 CLEAR = 4.0  # standard deviations of the averaged rate within the hysteresis
-SEEN = 8.0  # standard deviations above which a greatest rate is no noise
-LEAST = {"m3/s": 1e-7, "kg/s": 1e-4}  # greatest rate below which nothing is injected: 0.1 mm³/ms, 0.1 mg/ms
+SEEN = 8.0  # standard deviations above which a largest rate is no noise
+LEAST = {"m3/s": 1e-7, "kg/s": 1e-4}  # largest rate below which nothing is injected: 0.1 mm³/ms, 0.1 mg/ms
 
 
 class Threshold(NamedTuple):
-    """Threshold of the rate: a share of the greatest rate (unit "1"), or a rate [m³/s or kg/s]."""
+    """Threshold of the rate: a share of the largest rate (unit "1"), or a rate [m³/s or kg/s]."""
 
     value: float
     unit: str = "1"
@@ -61,7 +61,7 @@ class FeatureSettings:
     Attributes
     ----------
     threshold : Threshold, float or str
-        Rate at which an injection opens and closes: a share of the greatest rate of the trace, 0.1 or "10 %", or a
+        Rate at which an injection opens and closes: a share of the largest rate of the trace, 0.1 or "10 %", or a
         rate, "2 mm3/ms" or "2 mg/ms".
     hysteresis : float
         Share of the threshold by which the rate must rise above it for an injection to count, and fall below it for
@@ -69,11 +69,11 @@ class FeatureSettings:
     split : float
         Share of the smaller neighbouring peak below which the rate must fall for injections to be divided.
     ramp : (float, float)
-        Shares of the greatest rate between which ramps are timed.
+        Shares of the largest rate between which ramps are timed.
     averaging : float or str, optional
         Time over which the rate is averaged [s]; by default one sample, and up to 25 us where there is noise.
     peak_averaging : float or str
-        Time over which the greatest rate is a mean [s].
+        Time over which the largest rate is a mean [s].
     tail : float or str
         Time before opening and after closing that counts for quantity and dribble [s]; half the distance to the next
         injection at most.
@@ -100,7 +100,7 @@ class FeatureSettings:
 
     def __post_init__(self) -> None:
         if len(self.ramp) != 2:
-            raise ConfigurationError("The ramp must be two shares of the greatest rate, such as (0.2, 0.8).")
+            raise ConfigurationError("The ramp must be two shares of the largest rate, such as (0.2, 0.8).")
         low, high = (_share(part, "ramp") for part in self.ramp)
         if not low < high:
             raise ConfigurationError(f"The shares of the ramp must increase, not {low:g} and {high:g}.")
@@ -133,14 +133,14 @@ def levels_of(trace: RateTrace, settings: FeatureSettings) -> Levels:
         If the threshold is a rate by mass and the trace one by volume, or the other way round.
     """
     noise, wide = trace.noise, max(float(settings.peak_averaging), trace.interval)
-    greatest = float(trace.means(trace.bounds, wide).max())
-    width = _width(trace, settings, noise, greatest)
+    largest = float(trace.means(trace.bounds, wide).max())
+    width = _width(trace, settings, noise, largest)
     calm = _averaged_noise(trace, width, noise)
     stated = settings.threshold
     assert isinstance(stated, Threshold)
     if stated.unit == "1":
-        seen = greatest > max(SEEN * _averaged_noise(trace, wide, noise), LEAST[trace.unit])
-        threshold = stated.value * greatest if seen else math.nan
+        seen = largest > max(SEEN * _averaged_noise(trace, wide, noise), LEAST[trace.unit])
+        threshold = stated.value * largest if seen else math.nan
     elif stated.unit == trace.unit:
         threshold = stated.value
     else:
@@ -152,12 +152,12 @@ def levels_of(trace: RateTrace, settings: FeatureSettings) -> Levels:
     return Levels(threshold, threshold + apart, threshold - apart, width, calm)
 
 
-def _width(trace: RateTrace, settings: FeatureSettings, noise: float, greatest: float) -> float:
+def _width(trace: RateTrace, settings: FeatureSettings, noise: float, largest: float) -> float:
     """Time over which the rate is averaged [s]."""
     interval = trace.interval
     if settings.averaging is not None:
         return max(float(settings.averaging), interval)
-    wanted = (noise / (QUIET * greatest)) ** 2 if greatest > 0.0 else 1.0
+    wanted = (noise / (QUIET * largest)) ** 2 if largest > 0.0 else 1.0
     return interval * max(1, min(math.ceil(wanted - 1e-9), int(LONGEST / interval + 1e-9)))
 
 

@@ -39,7 +39,7 @@ _SENTENCES = {
         "The rate does not fall below the threshold between this injection and the next or the previous one; they are "
         "divided where the rate is smallest."
     ),
-    FeatureStatus.NO_PLATEAU: "The rate is near its greatest value for less than half of the duration; none is steady.",
+    FeatureStatus.NO_PLATEAU: "The rate is near its largest value for less than half of the duration; none is steady.",
     FeatureStatus.NO_ENERGISING: "No energising starts before this injection; it has no delays.",
     FeatureStatus.REOPENED: "The injector opened again after the same energising.",
 }
