@@ -94,6 +94,10 @@ if TYPE_CHECKING:
     from commonrail.report.build import write_report
     from commonrail.report.simulation import simulation_figure
     from commonrail.reproduction.run import Reproduction, reproduce
+    from commonrail.signals.features import Features, Injection, features
+    from commonrail.signals.rate_trace import RateTrace
+    from commonrail.signals.settings import FeatureSettings
+    from commonrail.signals.status import FeatureStatus
     from commonrail.store.listing import list_runs
     from commonrail.store.run import calibrate_into, resume
 
@@ -164,6 +168,10 @@ _HOMES = {
     "report.build": "write_report",
     "report.simulation": "simulation_figure",
     "reproduction.run": "Reproduction reproduce",
+    "signals.features": "Features Injection features",
+    "signals.rate_trace": "RateTrace",
+    "signals.settings": "FeatureSettings",
+    "signals.status": "FeatureStatus",
     "store.listing": "list_runs",
     "store.run": "calibrate_into resume",
 }
@@ -189,10 +197,14 @@ __all__ = [
     "Dimension",
     "Energising",
     "EvolutionSettings",
+    "FeatureSettings",
+    "FeatureStatus",
+    "Features",
     "Finding",
     "Fuel",
     "Generation",
     "InitialSampling",
+    "Injection",
     "Injector",
     "InjectorType",
     "InputError",
@@ -217,6 +229,7 @@ __all__ = [
     "Progress",
     "QuantityData",
     "RateData",
+    "RateTrace",
     "Reproduction",
     "ReturnData",
     "Role",
@@ -255,6 +268,7 @@ __all__ = [
     "create_run_folder",
     "dump_injector",
     "dump_type",
+    "features",
     "for_seeds",
     "identify",
     "identify_at",

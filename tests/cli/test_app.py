@@ -25,6 +25,7 @@ VERBS = {
     "map",
     "sweep",
     "inspect",
+    "features",
     "resume",
     "runs",
     "reproduce",

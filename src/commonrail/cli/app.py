@@ -18,6 +18,7 @@ from commonrail.cli.console import compiling, say, say_of_ending
 from commonrail.cli.doctor import doctor
 from commonrail.cli.export import export
 from commonrail.cli.family import family
+from commonrail.cli.features import features
 from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
 from commonrail.cli.inspect import inspect
@@ -69,6 +70,7 @@ _VERBS = (
     map_,
     sweep,
     inspect,
+    features,
     report,
     export,
     verify,

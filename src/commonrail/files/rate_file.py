@@ -1,0 +1,115 @@
+"""Rates of injection in a file, one column for each shot, as traces whose features are found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.engine.operating_point import Energising
+from commonrail.errors import InputError
+from commonrail.reading.csv_file import CsvFile
+from commonrail.reading.sheet import name_and_unit
+from commonrail.reading.tables import Column, read_columns
+from commonrail.signals.rate_trace import RATE_UNITS, RateTrace
+from commonrail.units import compatible
+
+__all__ = ["RateColumns", "read_rates"]
+
+Floats = NDArray[np.float64]
+
+MOST_SHOTS = 500
+
+
+class RateColumns(NamedTuple):
+    """Columns of a file that hold rates, and what their samples are.
+
+    Attributes
+    ----------
+    time : str
+    rates : tuple of str
+        Empty: every column whose header has a unit of a rate.
+    time_unit, rate_unit : str or None
+        Where the file gives none.
+    centred : bool
+        Whether a sample is the mean around its time; else over the interval that ends at it.
+    window : (float, float) or None
+        Times between which samples count [s].
+    """
+
+    time: str = "time"
+    rates: tuple[str, ...] = ()
+    time_unit: str | None = None
+    rate_unit: str | None = None
+    centred: bool = False
+    window: tuple[float, float] | None = None
+
+
+def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energising] = ()) -> dict[str, RateTrace]:
+    """Rates of a file by the names of their columns.
+
+    Parameters
+    ----------
+    path : Path
+    columns : RateColumns
+    energisings : sequence of Energising
+        Of every shot.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has no rate, or no samples in the window.
+    """
+    names = columns.rates or _found(path)
+    if len(names) > MOST_SHOTS:
+        raise InputError(f"{path}: there are {len(names)} rates, and at most {MOST_SHOTS} are read; name those wanted.")
+    time = Column(columns.time, "s", columns.time_unit, increasing=True)
+    table = read_columns(path, [time, *(Column(name, tuple(RATE_UNITS), columns.rate_unit) for name in names)])
+    if len({table.units[name] for name in names}) > 1:
+        raise InputError(f"{path}: some rates are by mass and some by volume; name those of one kind.")
+    moments = table.columns[columns.time]
+    bounds = _bounds(moments, columns.centred)
+    keep = _within(bounds, columns.window, path)
+    edges = bounds[keep[0] : keep[-1] + 2]
+    return {name: RateTrace(edges, table.columns[name][keep], table.units[name], tuple(energisings)) for name in names}
+
+
+def _found(path: Path) -> tuple[str, ...]:
+    """Columns whose header has a unit of a rate."""
+    named = [name_and_unit(cell) for cell in CsvFile(path).header]
+    found = tuple(name for name, unit in named if unit and _is_rate(unit))
+    if not found:
+        raise InputError(
+            f'{path}: no column has the unit of a rate in its header, as in "rate [mm3/ms]"; name the columns and '
+            "state their unit."
+        )
+    return found
+
+
+def _is_rate(unit: str) -> bool:
+    try:
+        return any(compatible(unit, one) for one in RATE_UNITS)
+    except InputError:
+        return False
+
+
+def _bounds(time: Floats, centred: bool) -> Floats:
+    """Bounds of samples at times."""
+    if not centred:
+        return np.concatenate(([2.0 * time[0] - time[1]], time))
+    middles = 0.5 * (time[1:] + time[:-1])
+    return np.concatenate(([2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]))
+
+
+def _within(bounds: Floats, window: tuple[float, float] | None, path: Path) -> NDArray[np.intp]:
+    begin, end = (-np.inf, np.inf) if window is None else window
+    keep = np.flatnonzero((bounds[:-1] >= begin) & (bounds[1:] <= end))
+    if len(keep) < 4:
+        raise InputError(
+            f"{path}: only {len(keep)} samples lie in the window, and at least 4 are needed; the samples reach from "
+            f"{1e6 * bounds[0]:.6g} us to {1e6 * bounds[-1]:.6g} us."
+        )
+    return keep

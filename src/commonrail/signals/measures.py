@@ -1,0 +1,177 @@
+"""Features of one injection in an averaged course: instants, ramps, rates, quantity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.signals.parts import Course, Part
+from commonrail.signals.rate_trace import RateTrace
+from commonrail.signals.settings import FeatureSettings, Levels
+from commonrail.signals.status import FeatureStatus
+
+__all__ = ["FEATURES", "Feature", "Measured", "instants_of", "measured_between"]
+
+Floats = NDArray[np.float64]
+
+PLATEAU = 0.5  # share of the duration near the largest rate above which an injection has a steady rate
+MIDDLE = 0.25  # share that is left out at either end of the plateau
+
+
+class Feature(NamedTuple):
+    """Feature of an injection: its name, kind of unit ("time", "rate", "quantity") and meaning."""
+
+    name: str
+    of: str
+    meaning: str
+
+
+FEATURES = {
+    name: Feature(name, of, meaning)
+    for name, of, meaning in (
+        ("opening", "time", "instant at which the rate rises above the threshold"),
+        ("closing", "time", "instant at which the rate falls below the threshold"),
+        ("opening_delay", "time", "hydraulic delay: from the start of energising to opening"),
+        ("closing_delay", "time", "from the end of energising to closing"),
+        ("duration", "time", "from opening to closing"),
+        ("separation", "time", "from the closing of the previous injection to opening"),
+        ("rise_time", "time", "opening ramp, between two shares of the largest rate"),
+        ("fall_time", "time", "closing ramp, between the same shares"),
+        ("steady_rate", "rate", "mean of the middle half of the plateau"),
+        ("peak_rate", "rate", "largest mean over the peak averaging"),
+        ("quantity", "quantity", "quantity of this injection"),
+        ("dribble", "quantity", "quantity after closing"),
+    )
+}
+
+
+class Measured(NamedTuple):
+    """Values by feature, their standard errors by the noise, and what is missing for which reason."""
+
+    values: Mapping[str, float]
+    standard_errors: Mapping[str, float]
+    statuses: tuple[FeatureStatus, ...]
+
+
+class Instants(NamedTuple):
+    """Opening and closing [s], NaN where there is none, and the times that stand for them where neighbours divide."""
+
+    opening: float
+    closing: float
+    begin: float
+    end: float
+
+
+def instants_of(course: Course, part: Part, levels: Levels) -> Instants:
+    """Last rise above the threshold before the trigger, and first fall below it after the trigger.
+
+    Parameters
+    ----------
+    course : Course
+    part : Part
+    levels : Levels
+    """
+    high = part.first + np.flatnonzero(course.rate[part.first : part.last + 1] > levels.trigger)
+    rises = course.rises(levels.threshold, part.first, int(high[0]))
+    falls = course.falls(levels.threshold, int(high[-1]), part.last)
+    opening = course.crossing(int(rises[-1]), levels.threshold) if len(rises) else math.nan
+    closing = course.crossing(int(falls[0]), levels.threshold) if len(falls) else math.nan
+    begin = opening if len(rises) else float(course.time[part.first])
+    end = closing if len(falls) else float(course.time[part.last])
+    return Instants(opening, closing, begin, end)
+
+
+def measured_between(
+    trace: RateTrace, course: Course, part: Part, window: tuple[float, float], levels: Levels, settings: FeatureSettings
+) -> Measured:
+    """Features of one injection but for those that depend on its neighbours or its energising.
+
+    Parameters
+    ----------
+    trace : RateTrace
+    course : Course
+        Of the trace.
+    part : Part
+    window : (float, float)
+        Times between which its quantity counts [s].
+    levels : Levels
+    settings : FeatureSettings
+    """
+    at = instants_of(course, part, levels)
+    peak = _largest(trace, course, part, at, float(settings.peak_averaging))
+    rise, fall, plateau = _ramps(course, part, settings.ramp, peak)
+    duration = at.closing - at.opening
+    steady = math.nan
+    if plateau[1] - plateau[0] > PLATEAU * (at.end - at.begin):
+        left_out = MIDDLE * (plateau[1] - plateau[0])
+        begin, end = plateau[0] + left_out, plateau[1] - left_out
+        steady = trace.quantity(begin, end) / (end - begin)
+    values = {
+        "opening": at.opening,
+        "closing": at.closing,
+        "duration": duration,
+        "rise_time": rise,
+        "fall_time": fall,
+        "steady_rate": steady,
+        "peak_rate": peak,
+        "quantity": trace.quantity(*window),
+        "dribble": trace.quantity(at.closing, window[1]) if math.isfinite(at.closing) else math.nan,
+    }
+    errors = _errors(trace, at, window, levels)
+    return Measured(values, errors, _statuses(at, part, math.isnan(steady)))
+
+
+def _largest(trace: RateTrace, course: Course, part: Part, at: Instants, width: float) -> float:
+    """Largest mean over a width [s] within the injection."""
+    width = max(width, trace.interval)
+    low = at.begin + (0.5 * width if part.fused_before else 0.0)
+    high = at.end - (0.5 * width if part.fused_after else 0.0)
+    inside = course.time[(course.time >= low) & (course.time <= high)]
+    return float(trace.means(inside, width).max() if len(inside) else course.rate[part.first : part.last + 1].max())
+
+
+def _ramps(
+    course: Course, part: Part, shares: tuple[float, float], peak: float
+) -> tuple[float, float, tuple[float, float]]:
+    """Times of the opening and of the closing ramp [s], and the times between which the rate is above both shares."""
+    low, high = (share * peak for share in shares)
+    rises = course.rises(high, part.first, part.last)
+    falls = course.falls(high, part.first, part.last)
+    up = course.crossing(int(rises[0]), high) if len(rises) else math.nan
+    down = course.crossing(int(falls[-1]), high) if len(falls) else math.nan
+    before = course.rises(low, part.first, int(rises[0]) + 1) if len(rises) else rises
+    after = course.falls(low, int(falls[-1]), part.last) if len(falls) else falls
+    rise = up - course.crossing(int(before[-1]), low) if len(before) else math.nan
+    fall = course.crossing(int(after[0]), low) - down if len(after) else math.nan
+    return rise, fall, (up, down)
+
+
+def _errors(trace: RateTrace, at: Instants, window: tuple[float, float], levels: Levels) -> dict[str, float]:
+    """Standard errors by the noise: of an instant noise over slope, of a quantity that of a sum of white noise."""
+    opening, closing = (_instant_error(trace, time, levels) for time in (at.opening, at.closing))
+    both = math.hypot(opening, closing)
+    quantity = trace.noise * math.sqrt(trace.interval * (window[1] - window[0]))
+    return {"opening": opening, "closing": closing, "duration": both, "quantity": quantity}
+
+
+def _instant_error(trace: RateTrace, time: float, levels: Levels) -> float:
+    if math.isnan(time):
+        return math.nan
+    around = trace.means([time - 0.5 * levels.width, time + 0.5 * levels.width], levels.width)
+    slope = abs(float(around[1] - around[0])) / levels.width
+    return levels.noise / slope if slope > 0.0 else math.inf
+
+
+def _statuses(at: Instants, part: Part, no_plateau: bool) -> tuple[FeatureStatus, ...]:
+    found = []
+    if (math.isnan(at.opening) and part.fused_before) or (math.isnan(at.closing) and part.fused_after):
+        found.append(FeatureStatus.FUSED)
+    if math.isnan(at.opening) and not part.fused_before:
+        found.append(FeatureStatus.CUT_AT_START)
+    if math.isnan(at.closing) and not part.fused_after:
+        found.append(FeatureStatus.CUT_AT_END)
+    return (*found, *([FeatureStatus.NO_PLATEAU] if no_plateau else []))
