@@ -39,7 +39,7 @@ class GivenUnits:
     time: str = ""
     quantity: str = ""
 
-    def bykind_of(self) -> dict[str, str]:
+    def by_kind(self) -> dict[str, str]:
         """Units by the kinds of `KINDS`."""
         return dict(zip(KINDS, (self.pressure, self.time, self.quantity), strict=True))
 
@@ -131,7 +131,7 @@ def _plain(unit: str) -> str:
 
 def _columns(header: Sequence[str | float], given: GivenUnits) -> dict[str, tuple[int, str]] | None:
     """Columns by kind with their units, if a row is the header or the row of units of a table of points."""
-    stated = given.bykind_of()
+    stated = given.by_kind()
     found: dict[str, list[tuple[int, str]]] = {kind: [] for kind in KINDS}
     for i, cell in enumerate(header):
         for unit in unit_in(str(cell))[:1]:
@@ -200,7 +200,7 @@ def _units(grid: Grid, start: int, given: GivenUnits) -> tuple[dict[str, str], l
     """Units by kind, and the kinds in the order in which the corner names them."""
     corner = str(grid.rows[start][0])
     texts = [corner] + [str(c) for row in grid.rows[:start] for c in row if isinstance(c, str)] + list(grid.comments)
-    units = {kind: unit for kind, unit in given.bykind_of().items() if unit}
+    units = {kind: unit for kind, unit in given.by_kind().items() if unit}
     for text in texts:
         for unit in unit_in(text):
             units.setdefault(kind_of(unit), unit)

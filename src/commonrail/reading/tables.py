@@ -14,7 +14,9 @@ from commonrail.errors import InputError
 from commonrail.parts.furniture import Domain
 from commonrail.reading.csv_file import CsvFile
 from commonrail.reading.file_form import PLAIN, FileForm
+from commonrail.reading.mat_file import MatFile
 from commonrail.reading.mdf_file import MdfFile
+from commonrail.reading.parquet_file import ParquetFile
 from commonrail.reading.place import Place, located
 from commonrail.reading.sheet import Column, Sheet, Table
 from commonrail.reading.workbook import WorkbookSheet
@@ -26,7 +28,14 @@ __all__ = ["LEAST_SAMPLES", "Column", "Table", "open_sheet", "read_columns", "ta
 LEAST_SAMPLES = 4
 
 # Format of a file by the end of its name; all else is CSV.
-_SHEETS: dict[str, Callable[[Path, FileForm], Sheet]] = {".xlsx": WorkbookSheet, ".mf4": MdfFile, ".mdf": MdfFile}
+_SHEETS: dict[str, Callable[[Path, FileForm], Sheet]] = {
+    ".xlsx": WorkbookSheet,
+    ".mf4": MdfFile,
+    ".mdf": MdfFile,
+    ".mat": MatFile,
+    ".parquet": ParquetFile,
+    ".pq": ParquetFile,
+}
 _UNREAD = {".nc": "NetCDF", ".xls": "old Excel", ".tdms": "TDMS"}
 
 

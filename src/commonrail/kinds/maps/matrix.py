@@ -12,6 +12,8 @@ from commonrail.parts.furniture import Domain
 from commonrail.reading.file_form import FileForm
 from commonrail.reading.grid import read_grid
 from commonrail.reading.map_table import FoundMap, GivenUnits, find_map
+from commonrail.reading.mat_file import MatFile
+from commonrail.reading.mat_map import find_mat_map
 from commonrail.reading.sheet import Table
 from commonrail.units import convert
 
@@ -41,7 +43,10 @@ def matrix_table(path: Path, form: FileForm, given: GivenUnits, quantity: str) -
     """
     if path.suffix.lower() in _NO_MATRIX:
         raise InputError(f"{path}: a matrix is read from CSV, Excel and MAT files; this format holds columns only.")
-    found = find_map(read_grid(path, form.encoding or None, form.sheet or None), given)
+    if path.suffix.lower() == ".mat":
+        found = find_mat_map(MatFile(path), given)
+    else:
+        found = find_map(read_grid(path, form.encoding or None, form.sheet or None), given)
     note(f"{path}: read as {found.form}; {'; '.join(found.said)}.")
     return _table(path, found, quantity)
 
