@@ -9,8 +9,9 @@ import pytest
 
 from commonrail.errors import InputError
 from commonrail.files.map_file import write_map_file
-from commonrail.files.measured_map import FoundMap, GivenUnits, find_map, read_measured_map
+from commonrail.files.measured_map import in_si, read_measured_map
 from commonrail.reading.grid import read_grid
+from commonrail.reading.map_table import FoundMap, GivenUnits, find_map
 from tests.maps.tables import table
 
 # Quantities [mm³] at 30 and 50 MPa (rows) and 400, 800.5, 1200 us (columns).
@@ -28,7 +29,7 @@ def found(tmp_path: Path, text: str, encoding: str = "utf-8", given: GivenUnits 
 
 def check(read: FoundMap) -> None:
     """The six quantities at their points, in whatever order they are read."""
-    measured = read.measured(800.0)
+    measured = in_si(read, 800.0)
     order = np.lexsort((measured.energising_time, measured.rail_pressure))
     assert measured.rail_pressure[order].tolist() == pytest.approx([30e6] * 3 + [50e6] * 3)
     assert measured.energising_time[order].tolist() == pytest.approx([400e-6, 800.5e-6, 1200e-6] * 2)
@@ -93,7 +94,7 @@ def test_points_without_a_quantity_are_omitted_and_said(tmp_path: Path) -> None:
 def test_masses_are_divided_by_the_density(tmp_path: Path) -> None:
     read = found(tmp_path, LONG.replace("mm3", "mg"))
     assert read.by_mass
-    assert read.measured(800.0).volume[0] == pytest.approx(1.5e-6 / 800.0)
+    assert in_si(read, 800.0).volume[0] == pytest.approx(1.5e-6 / 800.0)
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,8 @@ ALLOWED = {
     "store/schema.py": "SQLite in memory",
     "store/journal_file.py": "SQLite, after `check_target` or `check_plain`",
     "store/listing.py": "SQLite, a lock beside a journal that was read",
-    "fleet/parquet_table.py": "pyarrow on a stream of `opened`",
+    "reading/parquet_table.py": "pyarrow on a stream of `opened`",
+    "reading/mat_file.py": "SciPy on bytes of `read_plain`",
     "files/posterior_file.py": "NumPy on a stream of `opened`",
 }
 

@@ -11,6 +11,7 @@ import pytest
 from commonrail.errors import InputError
 from commonrail.parts.furniture import Domain
 from commonrail.reading import csv_file, tables
+from commonrail.reading.file_form import FileForm
 from commonrail.reading.tables import Column, Table, read_columns
 
 Write = Callable[[str | bytes], Path]
@@ -161,7 +162,7 @@ def test_header_of_many_columns_is_not_shown_whole(table_file: Write) -> None:
         read(table_file(",".join(f"x{i}" for i in range(50)) + "\n"))
 
 
-@pytest.mark.parametrize(("name", "kind"), [("a.mf4", "MDF4"), ("a.MAT", "MATLAB"), ("a.xlsx", "Excel")])
+@pytest.mark.parametrize(("name", "kind"), [("a.nc", "NetCDF"), ("a.XLS", "old Excel"), ("a.tdms", "TDMS")])
 def test_other_formats(tmp_path: Path, name: str, kind: str) -> None:
     with pytest.raises(InputError, match=rf"{name}: {kind} files are not read; export the columns to a CSV file"):
         read(tmp_path / name)
@@ -170,7 +171,10 @@ def test_other_formats(tmp_path: Path, name: str, kind: str) -> None:
 class Counted:
     """A format of two samples, in other units than SI."""
 
-    def __init__(self, path: Path) -> None:
+    apart = False
+    names = ("time", "rate")
+
+    def __init__(self, path: Path, form: FileForm) -> None:
         self.path = path
 
     def take(self, columns: Sequence[Column]) -> Table:

@@ -13,8 +13,8 @@ from commonrail.cli.output import check_file
 from commonrail.errors import InputError
 
 if TYPE_CHECKING:
-    from commonrail.files.measured_map import FoundMap
     from commonrail.reading.grid import Grid
+    from commonrail.reading.map_table import FoundMap
 
 __all__ = ["inspect"]
 
@@ -46,8 +46,8 @@ def inspect(
       commonrail inspect bench.xlsx --out data/quantity.csv
       commonrail inspect map.csv --encoding cp1252 --quantity-unit mm3
     """
-    from commonrail.files.measured_map import GivenUnits, find_map
     from commonrail.reading.grid import read_grid
+    from commonrail.reading.map_table import GivenUnits, find_map
 
     check_file(out, "--out")
     if file.suffix.lower() == ".dcm":

@@ -1,86 +1,15 @@
-"""Measured quantity maps as they come: a row for each point, or a matrix of pressures × energising times, either way.
-
-Units are taken from the header, the corner or the lines above the numbers, never from the size of the numbers; which
-axis of a matrix is which follows from where the units stand, and only if that is open from which way makes sense.
-"""
+"""Measured quantity maps as a model is compared with them, in SI units."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from commonrail.errors import InputError
 from commonrail.maps.difference import MeasuredMap
-from commonrail.reading.grid import Grid, numbers_of, read_grid
-from commonrail.units import compatible, convert
+from commonrail.reading.grid import read_grid
+from commonrail.reading.map_table import FoundMap, find_map
+from commonrail.units import convert
 
-__all__ = ["FoundMap", "GivenUnits", "find_map", "read_measured_map"]
-
-Floats = NDArray[np.float64]
-
-MOST_HEADER = 30  # rows in which the header of a table is looked for
-
-KINDS = {"rail pressure": ("Pa",), "energising time": ("s",), "quantity": ("m3", "kg")}
-SENSIBLE = {"rail pressure": (2e6, 400e6), "energising time": (5e-6, 20e-3)}  # SI
-
-# A unit in brackets, or after "in" or "/" at the end of a text.
-_BRACKETED = re.compile(r"[\[(]([^\[\]()]+)[\])]")
-_TRAILING = re.compile(r"(?:\bin|/|,)\s*([^\s/,]+(?:/\w+)?)\s*$")
-
-
-@dataclass(frozen=True)
-class GivenUnits:
-    """Units that are stated by whoever reads a file; an empty one is taken from the file."""
-
-    pressure: str = ""
-    time: str = ""
-    quantity: str = ""
-
-    def by_kind(self) -> dict[str, str]:
-        """Units by the kinds of `KINDS`."""
-        return dict(zip(KINDS, (self.pressure, self.time, self.quantity), strict=True))
-
-
-@dataclass(frozen=True)
-class FoundMap:
-    """Map found in a table, in the units of the file.
-
-    Attributes
-    ----------
-    form : str
-        What the table was taken for.
-    rail_pressure, energising_time, quantity : (n,)
-        In `units`.
-    units : dict of str to str
-        By the names of `KINDS`.
-    said : tuple of str
-        What else was taken or omitted.
-    """
-
-    form: str
-    rail_pressure: Floats
-    energising_time: Floats
-    quantity: Floats
-    units: dict[str, str]
-    said: tuple[str, ...]
-
-    @property
-    def by_mass(self) -> bool:
-        """True if the quantities are masses."""
-        return compatible(self.units["quantity"], "kg")
-
-    def measured(self, density: float) -> MeasuredMap:
-        """Map in SI units; masses are divided by a density [kg/m³]."""
-        rail = convert(self.rail_pressure, self.units["rail pressure"], "Pa")
-        time = convert(self.energising_time, self.units["energising time"], "s")
-        if self.by_mass:
-            return MeasuredMap(rail, time, convert(self.quantity, self.units["quantity"], "kg") / density)
-        return MeasuredMap(rail, time, convert(self.quantity, self.units["quantity"], "m3"))
+__all__ = ["in_si", "read_measured_map"]
 
 
 def read_measured_map(path: Path, density: float) -> MeasuredMap:
@@ -98,160 +27,14 @@ def read_measured_map(path: Path, density: float) -> MeasuredMap:
     InputError
         If it cannot be read or no map is found in it.
     """
-    return find_map(read_grid(path)).measured(density)
+    return in_si(find_map(read_grid(path)), density)
 
 
-def find_map(grid: Grid, given: GivenUnits = GivenUnits()) -> FoundMap:
-    """Quantity map of a table.
-
-    Parameters
-    ----------
-    grid : Grid
-    given : GivenUnits
-        They count before those of the file.
-
-    Raises
-    ------
-    InputError
-        If none is found, or a unit is missing.
-    """
-    for i, header in enumerate(grid.rows[:MOST_HEADER]):
-        columns = _columns(header, given)
-        if columns is not None:
-            return _long(grid, i + 1, columns)
-    start = next((i for i, row in enumerate(grid.rows) if _is_numeric(row)), None)
-    if start is None:
-        raise InputError(f"{grid.path}: there are no rows of numbers.")
-    return _matrix(grid, start, given)
-
-
-def _is_numeric(row: Sequence[str | float]) -> bool:
-    """At least two numbers and no text behind the first cell."""
-    numbers = numbers_of(row[1:])
-    return numbers is not None and int(np.isfinite(numbers).sum()) >= 2
-
-
-def _unit_in(text: str) -> list[str]:
-    """Units that a text names, in its order."""
-    found = [unit for unit in _BRACKETED.findall(text) if _kind(unit)]
-    if not found and (match := _TRAILING.search(text)) and _kind(match[1]):
-        found = [match[1]]
-    return found or ([text] if _kind(text) else [])
-
-
-def _kind(unit: str) -> str:
-    """Kind of a map's quantity that a unit measures, empty if none."""
-    for kind, wanted in KINDS.items():
-        try:
-            if any(compatible(_plain(unit), one) for one in wanted):
-                return kind
-        except InputError:
-            return ""
-    return ""
-
-
-def _plain(unit: str) -> str:
-    return unit.strip().replace("µ", "u").replace("³", "3")
-
-
-def _columns(header: Sequence[str | float], given: GivenUnits) -> dict[str, tuple[int, str]] | None:
-    """Columns by kind with their units, if a row is the header or the row of units of a table of points."""
-    stated = given.by_kind()
-    found: dict[str, list[tuple[int, str]]] = {kind: [] for kind in KINDS}
-    for i, cell in enumerate(header):
-        for unit in _unit_in(str(cell))[:1]:
-            found[_kind(unit)].append((i, stated[_kind(unit)] or _plain(unit)))
-    if all(len(places) == 1 for places in found.values()):
-        return {kind: places[0] for kind, places in found.items()}
-    return None
-
-
-def _long(grid: Grid, start: int, columns: dict[str, tuple[int, str]]) -> FoundMap:
-    rows: list[list[str | float]] = []
-    empty = 0
-    for line, row in zip(grid.lines[start:], grid.rows[start:], strict=True):
-        cells = [row[i] if i < len(row) else "" for i, _ in columns.values()]
-        if line == grid.lines[start] and all(isinstance(cell, str) for cell in cells):
-            continue  # units below the names
-        if cells[2] == "" and all(isinstance(cell, float) for cell in cells[:2]):
-            empty += 1
-            continue
-        if not all(isinstance(cell, float) for cell in cells):
-            raise InputError(f"{grid.path}, line {line}: a number is expected in each of the columns that are used.")
-        rows.append(cells)
-    if not rows:
-        raise InputError(f"{grid.path}: there are no rows of numbers below the header.")
-    pressure, time, quantity = np.array(rows, float).T
-    units = {kind: unit for kind, (_, unit) in columns.items()}
-    said = (*grid.said, *_omitted(empty))
-    return FoundMap("a table with a row for each point", pressure, time, quantity, units, said)
-
-
-def _omitted(empty: int) -> list[str]:
-    return [f"{empty} without a quantity omitted"] if empty else []
-
-
-def _matrix(grid: Grid, start: int, given: GivenUnits) -> FoundMap:
-    """Matrix whose first row and first column are its axes."""
-    across = numbers_of(grid.rows[start][1:])
-    body = [(line, numbers_of(row)) for line, row in zip(grid.lines[start + 1 :], grid.rows[start + 1 :], strict=True)]
-    for line, numbers in body:
-        if numbers is None or len(numbers) > len(across or []) + 1 or not np.isfinite(numbers[0]):
-            raise InputError(
-                f"{grid.path}, line {line}: a row of a map is expected, its place on the axis first and then numbers."
-            )
-    width = len(across or [])
-    cells = np.array([(numbers or [])[1:] + [np.nan] * (width + 1 - len(numbers or [])) for _, numbers in body])
-    if cells.size == 0 or not np.all(np.isfinite(across or [np.nan])):
-        raise InputError(f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.")
-    axes = np.array([(numbers or [np.nan])[0] for _, numbers in body]), np.array(across)
-    units, order = _units(grid, start, given)
-    turned = _pressures_across(grid, axes, units, order)
-    down, right = (np.repeat(axes[0], width), np.tile(axes[1], len(axes[0])))
-    filled = np.isfinite(cells).ravel()
-    pressure, time = (right, down) if turned else (down, right)
-    empty = int(cells.size - filled.sum())
-    said = (*grid.said, *_omitted(empty))
-    form = f"a matrix with rail pressures {'across' if turned else 'down'} and energising times " + (
-        "down" if turned else "across"
-    )
-    return FoundMap(form, pressure[filled], time[filled], cells.ravel()[filled], units, said)
-
-
-def _units(grid: Grid, start: int, given: GivenUnits) -> tuple[dict[str, str], list[str]]:
-    """Units by kind, and the kinds in the order in which the corner names them."""
-    corner = str(grid.rows[start][0])
-    texts = [corner] + [str(c) for row in grid.rows[:start] for c in row if isinstance(c, str)] + list(grid.comments)
-    units = {kind: unit for kind, unit in given.by_kind().items() if unit}
-    for text in texts:
-        for unit in _unit_in(text):
-            units.setdefault(_kind(unit), unit)
-    missing = [kind for kind in KINDS if kind not in units]
-    if missing:
-        raise InputError(
-            f"{grid.path}: no unit of the {' and the '.join(missing)} is in the header or the corner; write them as in "
-            '"rail pressure [MPa] \\ energising time [us]" and "quantity [mm3]" above, or state them.'
-        )
-    return {kind: _plain(unit) for kind, unit in units.items()}, [
-        _kind(unit) for unit in _unit_in(corner) if _kind(unit) != "quantity"
-    ]
-
-
-def _pressures_across(grid: Grid, axes: tuple[Floats, Floats], units: dict[str, str], order: list[str]) -> bool:
-    """True if the rail pressures are in the first row: by the corner (down, then across), else by what makes sense."""
-    if len(order) == 2:
-        return order == ["energising time", "rail pressure"]
-    sensible = [
-        all(
-            SENSIBLE[kind][0] <= value <= SENSIBLE[kind][1]
-            for kind, axis, si in (("rail pressure", pressures, "Pa"), ("energising time", times, "s"))
-            for value in convert(axis, units[kind], si).tolist()
-        )
-        for pressures, times in (axes, axes[::-1])
-    ]
-    if sensible[0] == sensible[1]:
-        raise InputError(
-            f"{grid.path}: it is open which axis is the rail pressure; write both names with their units into the "
-            'corner, that of the rows first, as in "rail pressure [MPa] \\ energising time [us]".'
-        )
-    return sensible[1]
+def in_si(found: FoundMap, density: float) -> MeasuredMap:
+    """Map in SI units; masses are divided by a density [kg/m³]."""
+    units = found.units
+    rail = convert(found.rail_pressure, units["rail pressure"], "Pa")
+    time = convert(found.energising_time, units["energising time"], "s")
+    if found.by_mass:
+        return MeasuredMap(rail, time, convert(found.quantity, units["quantity"], "kg") / density)
+    return MeasuredMap(rail, time, convert(found.quantity, units["quantity"], "m3"))

@@ -193,14 +193,16 @@ def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[Dat
     samples = 0
     for i, model in enumerate(models):
         kind = KINDS[model.kind]
-        read = kind.read(model, context._replace(at=at[i]))
-        read = read.with_noise(model.noise.read(kind.sigma_unit, at[i] / "noise"))
-        found += read.divided(model, at[i])
-        samples += read.samples
-        if samples > MOST_SAMPLES:
-            raise at[i].error(
-                f"the data have more than {MOST_SAMPLES} samples up to here; give windows or thin them out"
-            )
+        noise = model.noise.read(kind.sigma_unit, at[i] / "noise")
+        for read in kind.read_all(model, context._replace(at=at[i])):
+            known = noise.sigma is not None or noise.shots
+            own = noise if known else replace(noise, sigma=read.noise.sigma)  # of repeated measurements
+            found += read.with_noise(own).divided(model, at[i])
+            samples += read.samples
+            if samples > MOST_SAMPLES:
+                raise at[i].error(
+                    f"the data have more than {MOST_SAMPLES} samples up to here; give windows or thin them out"
+                )
     _refuse_twice([data.name for data in found], [at] * len(found))  # parts that are held out have names of their own
     return tuple(found)
 

@@ -9,10 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
-from commonrail.fleet.parquet_table import read_parquet
-from commonrail.fleet.table_limits import MOST_ROWS, Groups, Indices
 from commonrail.reading import sheet
 from commonrail.reading.csv_file import CsvFile
+from commonrail.reading.parquet_table import read_parquet
+from commonrail.reading.table_limits import MOST_ROWS, Groups, Indices
 
 __all__ = ["Table", "find_column", "names_of", "read_table"]
 

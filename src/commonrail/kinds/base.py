@@ -212,6 +212,11 @@ class DataSet(ABC):
             If values contradict one another, or the data do not fit the injector.
         """
 
+    @classmethod
+    def read_all(cls, model: Any, context: Context) -> Sequence[Self]:
+        """Read all data sets that a block of a study file holds; see `read`."""
+        return (cls.read(model, context),)
+
     @property
     def injections(self) -> int:
         """Single injections that a candidate takes in a search."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
@@ -15,10 +16,12 @@ from commonrail.errors import nearest
 from commonrail.injector.definition import Injector
 from commonrail.kinds.noise_model import NoiseModel
 from commonrail.observation.meter import Meter
-from commonrail.reading.fields import FileModel, Unit, fault
+from commonrail.reading.fields import Unit, fault
+from commonrail.reading.file_form import PLAIN, FileForm, FormModel
 from commonrail.reading.place import Place
 from commonrail.reading.reach import Reach
-from commonrail.reading.tables import LEAST_SAMPLES, Column, Table, read_columns
+from commonrail.reading.sheet import Sheet
+from commonrail.reading.tables import LEAST_SAMPLES, Column, Table, open_sheet, read_columns
 
 __all__ = ["Context", "Course", "DataModel", "DriveModel", "Name", "TraceModel", "drive_unit", "mass_density"]
 
@@ -57,7 +60,33 @@ class Context(NamedTuple):
             )
         return self.meters[name]
 
-    def columns(self, file: str, at: Place, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
+    def path(self, file: str, at: Place) -> Path:
+        """Path of a file that a table names with the key "file".
+
+        Parameters
+        ----------
+        file : str
+            Its name in the study; `InputError` if it lies where the study may not look.
+        at : Place
+            Of the table.
+        """
+        return self.reach.path(self.reach.file.parent, file, at / "file")
+
+    def sheet(self, file: str, at: Place, form: FileForm) -> Sheet:
+        """File with named columns; see `open_sheet`.
+
+        Parameters
+        ----------
+        file : str
+            As in `path`.
+        at : Place
+        form : FileForm
+        """
+        return open_sheet(self.path(file, at), form)
+
+    def columns(
+        self, file: str, at: Place, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN
+    ) -> Table:
         """Columns of a file; see `read_columns`.
 
         Parameters
@@ -69,8 +98,9 @@ class Context(NamedTuple):
         wanted : sequence of Column
         least : int
             Rows that the file must have.
+        form : FileForm
         """
-        return read_columns(self.reach.path(self.reach.file.parent, file, at / "file"), wanted, least)
+        return read_columns(self.path(file, at), wanted, least, form)
 
 
 def mass_density(injector: Injector, unit: str, point: OperatingPoint) -> float:
@@ -100,7 +130,7 @@ def _name(item: str) -> str:
 Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_name)]
 
 
-class TraceModel(FileModel):
+class TraceModel(FormModel):
     """A course in time from a file, by default that of the data set."""
 
     column: str
@@ -126,7 +156,7 @@ Course = Annotated[
 ]
 
 
-class DataModel(FileModel):
+class DataModel(FormModel):
     """Keys that the blocks of all kinds have; `selects_rows`: data sets of the kind may share a table."""
 
     selects_rows: ClassVar[bool] = False

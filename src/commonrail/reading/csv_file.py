@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from commonrail.errors import InputError
+from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.formulas import restored, restored_note
 from commonrail.reading.guarded_file import LARGEST_FILE
 from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
@@ -36,6 +37,8 @@ MOST_COMMENTS = 1000  # that are kept
 
 NumberedRows = Iterator[tuple[int, list[str]]]  # line of the file on which a row begins, and its cells
 
+_COMMA = str.maketrans({",": ".", ".": "_"})  # a point among decimal commas is no number
+
 _QUOTED = re.compile(r'"[^"]*"')
 
 
@@ -45,7 +48,9 @@ class CsvFile:
     Parameters
     ----------
     path : Path
-        Text in UTF-8; cells separated by commas, semicolons or tabs; decimal points.
+        Text; cells separated by commas, semicolons or tabs.
+    form : FileForm
+        Encoding and decimal sign.
     most : int
         Rows that are read at most.
     plain : bool
@@ -58,10 +63,12 @@ class CsvFile:
         than the header or is one too many is found when its turn comes.
     """
 
-    def __init__(self, path: Path, *, most: int = MOST_ROWS, plain: bool = False) -> None:
+    def __init__(self, path: Path, form: FileForm = PLAIN, *, most: int = MOST_ROWS, plain: bool = False) -> None:
         self.path = path
+        self.apart = False
+        self._decimal = form.decimal
         self.comments: list[str] = []
-        lines = _lines(path, self.comments, plain)
+        lines = _lines(path, self.comments, plain, form.encoding)
         first = next(lines, None)
         if first is None:
             raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
@@ -105,6 +112,8 @@ class CsvFile:
         text = cell.strip()
         if not column.required and text in ("", "nan"):
             return math.nan
+        if self._decimal == ",":
+            text = text.translate(_COMMA)
         try:
             value = float(text) if len(text) <= LONGEST_NUMBER else math.nan
         except ValueError:
@@ -115,8 +124,10 @@ class CsvFile:
         if not text:
             raise at.error("the cell is empty, and a number is expected")
         if re.fullmatch(r"[+-]?\d+,\d+", text):
-            raise at.error(f'"{text}" has a decimal comma; write the decimal sign as a point')
-        raise at.error(f'"{text[:40]}" is not a finite number')
+            sign = 'write the decimal sign as a point, or state decimal = ","'
+            raise at.error(f'"{text}" has a decimal comma; {sign}')
+        expected = "with a decimal comma" if self._decimal == "," else ""
+        raise at.error(f'"{cell.strip()[:40]}" is not a finite number{expected and f" {expected}"}')
 
 
 def _check_header(path: Path, names: list[str]) -> None:
@@ -135,7 +146,7 @@ def _checked(path: Path, rows: NumberedRows, columns: int, most: int) -> Numbere
     """Rows, each with as many cells as the header."""
     for count, (line, row) in enumerate(rows, start=1):
         if len(row) != columns:
-            hint = "; the decimal sign must be a point" if len(row) > columns else ""
+            hint = "; the decimal sign must be a point, or the separator a semicolon" if len(row) > columns else ""
             raise InputError(f"{path}, line {line}: the row has {len(row)} cells, the header {columns}{hint}.")
         if count > most:
             raise InputError(
@@ -165,10 +176,10 @@ def _cells(path: Path, lines: Iterator[tuple[int, str]], delimiter: str, plain: 
         yield taken[0], row
 
 
-def _lines(path: Path, comments: list[str], plain: bool) -> Iterator[tuple[int, str]]:
+def _lines(path: Path, comments: list[str], plain: bool, encoding: str) -> Iterator[tuple[int, str]]:
     """Lines that count with their numbers; the others join the comments."""
     header = False
-    for number, line in enumerate(read_lines(path, LARGEST_FILE), start=1):
+    for number, line in enumerate(read_lines(path, LARGEST_FILE, encoding), start=1):
         if line.lstrip().startswith("#") and not (plain and header):
             if len(comments) < MOST_COMMENTS:
                 comment = line.lstrip()[1:].strip()

@@ -35,6 +35,8 @@ class Column(NamedTuple):
         Values outside are refused.
     required : bool
         Whether every cell must hold a number; if not, an empty one is NaN.
+    otherwise : str
+        Unit of a column that has none and for which none is stated; empty refuses it.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Column(NamedTuple):
     increasing: bool = False
     domain: Domain = Domain.ANY
     required: bool = True
+    otherwise: str = ""
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -88,10 +91,24 @@ class Table:
 
 
 class Sheet(Protocol):
-    """File with named columns, of whatever format."""
+    """File with named columns, of whatever format.
+
+    Attributes
+    ----------
+    path : Path
+    apart : bool
+        Whether columns have times of their own: then each is taken with the time alone, any number of times.
+    """
+
+    path: Path
+    apart: bool
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Names of the columns, without their units."""
 
     def take(self, columns: Sequence[Column]) -> Table:
-        """Content of columns in the units of the file; may be called once."""
+        """Content of columns in the units of the file; once only, unless `apart`."""
 
 
 def cell_place(path: Path, row: int, column: str, word: str = "line") -> Place:

@@ -13,40 +13,64 @@ import numpy as np
 from commonrail.errors import InputError
 from commonrail.parts.furniture import Domain
 from commonrail.reading.csv_file import CsvFile
+from commonrail.reading.file_form import PLAIN, FileForm
+from commonrail.reading.mat_file import MatFile
+from commonrail.reading.mdf_file import MdfFile
+from commonrail.reading.parquet_file import ParquetFile
 from commonrail.reading.place import Place, located
 from commonrail.reading.sheet import Column, Sheet, Table
+from commonrail.reading.workbook import WorkbookSheet
 from commonrail.unit_table import NAMES
 from commonrail.units import compatible, convert
 
-__all__ = ["LEAST_SAMPLES", "Column", "Table", "read_columns"]
+__all__ = ["LEAST_SAMPLES", "Column", "Table", "open_sheet", "read_columns", "take_columns"]
 
 LEAST_SAMPLES = 4
 
 # Format of a file by the end of its name; all else is CSV.
-_SHEETS: dict[str, Callable[[Path], Sheet]] = {}
-_UNREAD = {".mf4": "MDF4", ".mdf": "MDF", ".mat": "MATLAB", ".nc": "NetCDF", ".xlsx": "Excel", ".xls": "Excel"}
+_SHEETS: dict[str, Callable[[Path, FileForm], Sheet]] = {
+    ".xlsx": WorkbookSheet,
+    ".mf4": MdfFile,
+    ".mdf": MdfFile,
+    ".mat": MatFile,
+    ".parquet": ParquetFile,
+    ".pq": ParquetFile,
+}
+_UNREAD = {".nc": "NetCDF", ".xls": "old Excel", ".tdms": "TDMS"}
 
 
-def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
+def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN) -> Table:
     """Read named columns of a file.
 
     Parameters
     ----------
     path : Path
-        CSV: text in UTF-8; cells separated by commas, semicolons or tabs; decimal points.
+        Its ending tells the format, see `open_sheet`.
     wanted : sequence of Column
     least : int
         Rows that the file must have.
+    form : FileForm
+        Encoding, decimal sign and sheet.
 
     Raises
     ------
     InputError
         If the file cannot be read, a column or unit is missing, or a cell is not a finite number.
     """
-    suffix = path.suffix.lower()
-    if suffix in _UNREAD:
-        raise InputError(f"{path}: {_UNREAD[suffix]} files are not read; export the columns to a CSV file.")
-    table = _SHEETS.get(suffix, CsvFile)(path).take(wanted)
+    return take_columns(open_sheet(path, form), wanted, least)
+
+
+def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
+    """Named columns of an open file in SI units; see `read_columns`.
+
+    Parameters
+    ----------
+    sheet : Sheet
+    wanted : sequence of Column
+    least : int
+        Rows that the file must have.
+    """
+    path, table = sheet.path, sheet.take(wanted)
     if len(table.rows) < least:
         raise InputError(f"{path}: the file has {len(table.rows)} rows of numbers, and at least {least} are needed.")
     numeric = [column for column in wanted if column.unit]
@@ -64,6 +88,21 @@ def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLE
     return table
 
 
+def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
+    """File with named columns, of the format that its ending tells; all unknown endings are CSV.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or its format is not.
+    """
+    suffix = path.suffix.lower()
+    if suffix in _UNREAD:
+        raise InputError(f"{path}: {_UNREAD[suffix]} files are not read; export the columns to a CSV file.")
+    opener: Callable[[Path, FileForm], Sheet] = _SHEETS.get(suffix, CsvFile)
+    return opener(path, form)
+
+
 def _example(column: Column) -> str:
     """Units that people write for what is wanted, "mm3/ms or mg/ms"."""
     return " or ".join(NAMES[unit][1].partition(" ")[2] if unit in NAMES else unit for unit in column.units)
@@ -73,12 +112,12 @@ def _unit(column: Column, written: str, at: Place) -> str:
     """Unit of a column, of what is written in the file and what is stated elsewhere."""
     if written and column.stated and written != column.stated:
         raise at.error(f'the file gives the unit "{written}", the study "{column.stated}"; keep one of them')
-    if not (written or column.stated):
+    if not (written or column.stated or column.otherwise):
         example = _example(column).split()[0]
         raise at.error(
             f'there is no unit; write it in the header, as in "{column.name} [{example}]", or state it in the study'
         )
-    return written or column.stated or ""
+    return written or column.stated or column.otherwise
 
 
 def _kind(column: Column, given: str, at: Place) -> str:

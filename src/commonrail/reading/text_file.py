@@ -14,6 +14,7 @@ __all__ = ["LONGEST_LINE", "read_bytes", "read_lines", "read_text"]
 LONGEST_LINE = 100_000  # [bytes]; of a table with a thousand columns
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def read_text(path: Path, largest: int) -> str:
@@ -27,15 +28,23 @@ def read_text(path: Path, largest: int) -> str:
     return _decoded(path, read_bytes(path, largest), 1)
 
 
-def read_lines(path: Path, largest: int) -> Iterator[str]:
-    """Lines of a UTF-8 file of at most `largest` bytes, without their ends; decoded one by one, to save memory.
+def read_lines(path: Path, largest: int, encoding: str = "") -> Iterator[str]:
+    """Lines of a text file of at most `largest` bytes, without their ends; decoded one by one, to save memory.
+
+    Parameters
+    ----------
+    path : Path
+    largest : int
+    encoding : str
+        UTF-8 if empty.
 
     Raises
     ------
     InputError
-        As `read_bytes`, or if a line is too long or not UTF-8 text.
+        As `read_bytes`, or if a line is too long or not text in that encoding.
     """
-    for number, ended in enumerate(BytesIO(read_bytes(path, largest)), start=1):
+    data = _recoded(path, largest, encoding) if encoding else read_bytes(path, largest)
+    for number, ended in enumerate(BytesIO(data), start=1):
         line = ended.removesuffix(b"\n")
         if len(line) > LONGEST_LINE:
             raise InputError(
@@ -54,6 +63,8 @@ def read_bytes(path: Path, largest: int) -> bytes:
         As `read_plain`, or if it is not text.
     """
     data = read_plain(path, largest)
+    if data.startswith(_UTF16):
+        raise InputError(f'{path}: this is UTF-16 text; state encoding = "utf-16", or save it as UTF-8.')
     if b"\0" in data:
         raise InputError(f"{path}: this is not a text file; save it as UTF-8 text.")
     return data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
@@ -67,5 +78,17 @@ def _decoded(path: Path, data: bytes, first: int) -> str:
         line = first + data[: error.start].count(b"\n")
         byte = data[error.start]
         raise InputError(
-            f"{path}, line {line}: byte 0x{byte:02x} is not UTF-8 text; save the file as UTF-8."
+            f"{path}, line {line}: byte 0x{byte:02x} is not UTF-8 text; save the file as UTF-8, or state its encoding."
         ) from error
+
+
+def _recoded(path: Path, largest: int, encoding: str) -> bytes:
+    """Text in another encoding as UTF-8, line ends as ``"\\n"``."""
+    data = read_plain(path, largest)
+    try:
+        text = data.decode(encoding)
+    except UnicodeError as error:
+        raise InputError(f"{path}: this is no text in {encoding}; correct the encoding.") from error
+    if "\0" in text:
+        raise InputError(f"{path}: read in {encoding} this is no text; correct the encoding.")
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n").encode("utf-8", "replace")

@@ -19,7 +19,7 @@ from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
-from commonrail.kinds.curves.reading import RateModel, read_curve
+from commonrail.kinds.curves.reading import RateModel, ReadCurve, read_curves
 from commonrail.kinds.curves.view import CurveView
 from commonrail.kinds.noise import NOISE, Noise
 from commonrail.kinds.reading import Context
@@ -126,10 +126,33 @@ class RateData(DataSet):
     @classmethod
     def read(cls, model: RateModel, context: Context) -> Self:
         """Read an injection curve; see `DataSet.read`."""
-        curve = read_curve(model, context)
-        labels = model.weight, model.source, model.synthetic
-        more = curve.mass_density, context.meter(model.meter)
-        return cls(model.name, Role(model.role), curve.point, curve.bounds, curve.rate, *labels, *more)
+        found = cls.read_all(model, context)
+        if len(found) != 1:
+            raise context.at.error(f"{model.file} holds {len(found)} curves, and one is expected")
+        return found[0]
+
+    @classmethod
+    def read_all(cls, model: RateModel, context: Context) -> tuple[Self, ...]:
+        """Read the injection curves of a block; see `DataSet.read_all`."""
+        return tuple(cls._of(curve, model, context) for curve in read_curves(model, context))
+
+    @classmethod
+    def _of(cls, curve: ReadCurve, model: RateModel, context: Context) -> Self:
+        name = f"{model.name}, {curve.label}" if curve.label else model.name
+        source = f"{model.source}; mean of {curve.shots} shots" if curve.shots > 1 else model.source
+        return cls(
+            name,
+            Role(model.role),
+            curve.point,
+            curve.bounds,
+            curve.rate,
+            model.weight,
+            source,
+            model.synthetic,
+            curve.mass_density,
+            context.meter(model.meter),
+            curve.noise,
+        )
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:

@@ -1,156 +1,97 @@
-"""Reading of injection curves: which samples count, what each is the mean of, and their operating point."""
+"""Reading of injection curves: which samples count, what each is the mean of, and their operating points."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from commonrail.engine.operating_point import LONGEST, Energising, OperatingPoint, Trace
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
-from commonrail.kinds.reading import Context, Course, DataModel, DriveModel, TraceModel, drive_unit, mass_density
-from commonrail.reading.fields import FileModel, Unit
+from commonrail.kinds.curves.models import PulseModel, RateModel
+from commonrail.kinds.curves.samples import Samples, samples_of, within_window
+from commonrail.kinds.curves.several import FoundCurve, label_of, named_columns, traces_below_points
+from commonrail.kinds.curves.shots import cut_shots
+from commonrail.kinds.noise import Noise
+from commonrail.kinds.reading import Context, TraceModel, drive_unit, mass_density
 from commonrail.reading.place import Place, located
-from commonrail.reading.tables import LEAST_SAMPLES, Column
-from commonrail.units import convert, to_text
+from commonrail.reading.tables import Column
+from commonrail.units import to_text
 
-__all__ = ["PulseModel", "RateModel", "ReadCurve", "read_curve"]
+__all__ = ["PulseModel", "RateModel", "ReadCurve", "read_curves"]
 
 Floats = NDArray[np.float64]
 
-Time = Annotated[float, Unit("s")]
-
-_TIME_UNITS = ("us", "ms", "s", "ns")
-
-
-class _Samples(NamedTuple):
-    """Bounds (n + 1,) [s], rates (n,) in `unit`; unit of the time as the file gives it, and where it is given."""
-
-    bounds: Floats
-    rate: Floats
-    unit: str
-    time_unit: str
-    time: str
-
-    def range(self) -> str:
-        """Sentence part that says what times the samples have."""
-        first, last = (to_text(float(bound), "s") for bound in (self.bounds[0], self.bounds[-1]))
-        return f"the samples reach from {first} to {last}, {self.time} being in {self.time_unit}"
-
-    def misread(self, begin: float, end: float) -> str:
-        """Cure for samples that would fill a time from `begin` to `end` [s] if their unit were another one."""
-        own = convert(1.0, self.time_unit, "s")
-        for unit in _TIME_UNITS:
-            factor = convert(1.0, unit, "s") / own
-            first, last = factor * float(self.bounds[0]), factor * float(self.bounds[-1])
-            inside = np.count_nonzero((factor * self.bounds >= begin) & (factor * self.bounds <= end))
-            if unit != self.time_unit and inside > LEAST_SAMPLES and last >= 0.5 * end and first <= begin + 0.5 * end:
-                return f'; if they were recorded in {unit}, correct the unit of {self.time} to "{unit}"'
-        return ""
-
-
-class PulseModel(FileModel):
-    """One energising."""
-
-    start: Time
-    duration: Time
-
-
-class RateModel(DataModel):
-    """An injection curve."""
-
-    kind: Literal["rate"]
-    time: str = "time"
-    rate: str = "rate"
-    time_unit: str | None = None
-    rate_unit: str | None = None
-    rail_pressure: Course
-    cylinder_pressure: Course
-    return_pressure: Course
-    drive: DriveModel | None = None
-    energising_time: Time | None = None
-    energisings: list[PulseModel] | None = Field(default=None, min_length=1, max_length=100)
-    window: list[Time] | None = Field(default=None, min_length=2, max_length=2)
-    sampling: Literal["mean", "centred"] = "mean"
-    first_bound: Time | None = None
-
 
 class ReadCurve(NamedTuple):
-    """Content of a curve's file: point, bounds [s], rates [m³/s], and the density that made volumes of masses."""
+    """Content of a curve's file: point, bounds [s], rates [m³/s], and the density that made volumes of masses.
+
+    `label` tells it from others of the same block, `shots` counts those of which it is the mean, and `noise` has the
+    standard error of the mean.
+    """
 
     point: OperatingPoint
     bounds: Floats
     rate: Floats
     mass_density: float
+    label: str
+    shots: int
+    noise: Noise
 
 
-def read_curve(model: RateModel, context: Context) -> ReadCurve:
-    """Read an injection curve; see `DataSet.read`."""
+def read_curves(model: RateModel, context: Context) -> list[ReadCurve]:
+    """Read the injection curves of a block; see `DataSet.read_all`."""
     at = context.at
-    samples = _window(_samples(model, context, at), model, at)
-    point = _point(model, samples, context, at)
-    density = mass_density(context.injector, samples.unit, point)
-    return ReadCurve(point, samples.bounds, samples.rate if math.isnan(density) else samples.rate / density, density)
+    ways = {
+        "columns": model.columns is not None,
+        "shots": model.shots is not None,
+        "layout": model.layout != "columns",
+    }
+    stated = [key for key, is_stated in ways.items() if is_stated]
+    if len(stated) > 1:
+        raise at.error(f"{' and '.join(stated)} are different ways to find several curves; keep one")
+    if not stated:
+        return [_curve(model, FoundCurve(_single(model, context), None, None), context, "")]
+    reader = {"columns": named_columns, "shots": cut_shots, "layout": traces_below_points}[stated[0]]
+    found = reader(model, context)
+    return [_curve(_at_point(model, curve, at), curve, context, label_of(curve)) for curve in found]
 
 
-def _samples(model: RateModel, context: Context, at: Place) -> _Samples:
+def _single(model: RateModel, context: Context) -> Samples:
     time = Column(model.time, "s", model.time_unit, increasing=True)
-    table = context.columns(model.file, at, [time, Column(model.rate, ("m3/s", "kg/s"), model.rate_unit)])
-    bounds = _bounds(model, table.columns[model.time], at)
-    column = f'the column "{model.time}" of {table.path}'
-    return _Samples(bounds, table.columns[model.rate], table.units[model.rate], table.given[model.time], column)
+    rate = Column(model.rate, ("m3/s", "kg/s"), model.rate_unit)
+    table = context.columns(model.file, context.at, [time, rate], form=model.form)
+    return within_window(samples_of(table, model.rate, model, context.at), model, context.at)
 
 
-def _bounds(model: RateModel, time: Floats, at: Place) -> Floats:
-    """Bounds of the intervals that the samples are means over."""
-    if model.sampling == "centred":
-        if model.first_bound is not None:
-            raise (at / "first_bound").error('this key belongs to sampling = "mean"; remove it')
-        middles = 0.5 * (time[1:] + time[:-1])
-        return np.concatenate(([2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]))
-    first = 2.0 * time[0] - time[1]
-    if model.first_bound is not None:
-        first = model.first_bound
-        if not first < time[0]:
-            raise (at / "first_bound").error(
-                f"{to_text(first, 's')} must lie before the first sample at {to_text(float(time[0]), 's')}"
-            )
-    return np.concatenate(([first], time))
-
-
-def _window(samples: _Samples, model: RateModel, at: Place) -> _Samples:
-    """The samples whose intervals lie in the window."""
-    if model.window is None:
-        return samples
-    at = at / "window"
-    bounds = samples.bounds
-    begin, end = model.window
-    slack = 1e-3 * float(np.min(np.diff(bounds)))  # rounding of microseconds to seconds
-    if not begin < end:
-        raise ConfigurationError(f'{at}: the window must begin before it ends, as in ["0 us", "1200 us"].')
-    if begin < bounds[0] - slack or end > bounds[-1] + slack:
-        cure = (
-            samples.misread(begin, end) or "; choose a window within them, or correct the unit if the times are wrong"
+def _at_point(model: RateModel, curve: FoundCurve, at: Place) -> RateModel:
+    """The block at the operating point of one of its curves."""
+    found = {"rail_pressure": curve.rail_pressure, "energising_time": curve.energising_time}
+    found = {key: value for key, value in found.items() if value is not None}
+    for key in found:
+        if getattr(model, key) is not None or (key == "energising_time" and model.energisings is not None):
+            raise (at / key).error("each curve of the file has its own; remove this key")
+    if model.drive is not None:
+        raise (at / "drive").error(
+            "one measured drive cannot belong to several curves; read each from a block of its own"
         )
-        raise ConfigurationError(
-            f"{at}: the window reaches from {to_text(begin, 's')} to {to_text(end, 's')}, and {samples.range()}{cure}."
-        )
-    inside = np.flatnonzero((bounds >= begin - slack) & (bounds <= end + slack))
-    if len(inside) <= LEAST_SAMPLES:
-        cure = samples.misread(begin, end) or "; widen the window, or correct the unit if the times are wrong"
-        raise ConfigurationError(
-            f"{at}: only {max(len(inside) - 1, 0)} samples lie in the window from {to_text(begin, 's')} to "
-            f"{to_text(end, 's')}, and at least {LEAST_SAMPLES} are needed; {samples.range()}{cure}."
-        )
-    first, last = int(inside[0]), int(inside[-1])
-    return samples._replace(bounds=bounds[first : last + 1].copy(), rate=samples.rate[first:last])
+    return model.model_copy(update=found)
 
 
-def _point(model: RateModel, samples: _Samples, context: Context, at: Place) -> OperatingPoint:
+def _curve(model: RateModel, curve: FoundCurve, context: Context, label: str) -> ReadCurve:
+    """Curve with its operating point, by volume."""
+    samples = curve.samples
+    point = _point(model, samples, context, context.at)
+    density = mass_density(context.injector, samples.unit, point)
+    scale = 1.0 if math.isnan(density) else density
+    noise = Noise(sigma=None if curve.sigma is None else curve.sigma / scale)
+    return ReadCurve(point, samples.bounds, samples.rate / scale, density, label, curve.shots, noise)
+
+
+def _point(model: RateModel, samples: Samples, context: Context, at: Place) -> OperatingPoint:
     """Operating point, simulated from the first bound or energising to the last bound, in whole steps."""
     pulses, bounds = _pulses(model, at), samples.bounds
     if pulses[0].start >= bounds[-1]:
@@ -166,6 +107,8 @@ def _point(model: RateModel, samples: _Samples, context: Context, at: Place) -> 
             f"simulation may be, {to_text(LONGEST, 's')}: {samples.range()}; give a window, or correct the unit if the "
             "times are wrong."
         )
+    if model.rail_pressure is None:
+        raise (at / "rail_pressure").error("this key is missing; add it")
     rail, cylinder, low = (
         item if isinstance(item, float) else _trace(item, "Pa", model, context, at / key)
         for key, item in (
@@ -226,5 +169,7 @@ def _trace(item: TraceModel, unit: str, model: RateModel, context: Context, at: 
     time = item.time or model.time
     time_unit = item.time_unit or (model.time_unit if item.file is None else None)
     wanted = [Column(time, "s", time_unit, increasing=True), Column(item.column, unit, item.unit)]
-    table = context.columns(item.file or model.file, at, wanted)
-    return Trace.of(table.columns[time], table.columns[item.column])
+    form = model.form if item.file is None else item.form
+    table = context.columns(item.file or model.file, at, wanted, form=form)
+    zero = model.time_zero if item.file is None else 0.0
+    return Trace.of(table.columns[time] - zero, table.columns[item.column])

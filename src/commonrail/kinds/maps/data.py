@@ -184,12 +184,12 @@ class QuantityData(DataSet):
     def read(cls, model: QuantitiesModel, context: Context) -> Self:
         """Read a quantity map; see `DataSet.read`."""
         rows = read_map(model, context)
-        labels = model.weight, model.source, model.synthetic
+        labels = model.weight, "; ".join(filter(None, (model.source, rows.strokes))), model.synthetic
         values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
         sister = None if model.sister is None else read_sister(model.sister, context)
         more = rows.mass_density, rows.dead_time_tolerance, context.meter(model.meter)
         with located(context.at):
-            return cls(model.name, Role(model.role), rows.points, *values, *labels, *more, sister=sister)
+            return cls(model.name, Role(model.role), rows.points, *values, *labels, *more, sister, rows.noise)
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:

@@ -14,10 +14,15 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.kinds.maps.hold_out import HoldOutModel
+from commonrail.kinds.maps.matrix import matrix_table
 from commonrail.kinds.maps.sister import SisterModel
+from commonrail.kinds.noise import NOISE, Noise
 from commonrail.kinds.reading import Context, DataModel, drive_unit, mass_density
+from commonrail.kinds.repeats import averaged, groups_of
 from commonrail.parts.furniture import Domain
-from commonrail.reading.fields import FileModel, Unit, fault
+from commonrail.reading.fields import Unit, fault
+from commonrail.reading.file_form import FormModel
+from commonrail.reading.map_table import GivenUnits
 from commonrail.reading.place import Place, located
 from commonrail.reading.tables import Column, Table
 from commonrail.units import parse, to_text
@@ -43,7 +48,7 @@ def _quantity(item: Any) -> tuple[float, str]:
     return value, unit
 
 
-class DeadTimesModel(FileModel):
+class DeadTimesModel(FormModel):
     """Energising times at which a small quantity is reached."""
 
     file: str
@@ -59,6 +64,8 @@ class MapModel(DataModel):
     selects_rows: ClassVar[bool] = True
     quantity_column: ClassVar[str]
 
+    layout: Literal["rows", "matrix"] = "rows"
+    repeated: Literal["each", "mean"] = "each"
     rail_pressure_unit: str | None = None
     energising_time_unit: str | None = None
     quantity_unit: str | None = None
@@ -108,7 +115,8 @@ class _Row(NamedTuple):
 class ReadMap(NamedTuple):
     """Content of a map's files: points, volumes [m³], tolerances, dead times, density that made volumes of masses.
 
-    `dead_time_tolerance` [s] is None where dead times are judged by their quantity.
+    `dead_time_tolerance` [s] is None where dead times are judged by their quantity. `noise` has the standard error of
+    repeated quantities in multiples of the tolerance, `strokes` says how many there are.
     """
 
     points: tuple[OperatingPoint, ...]
@@ -118,6 +126,8 @@ class ReadMap(NamedTuple):
     dead_time: NDArray[np.bool_]
     mass_density: Floats | float
     dead_time_tolerance: float | None
+    noise: Noise
+    strokes: str
 
 
 def read_map(model: MapModel, context: Context) -> ReadMap:
@@ -137,7 +147,7 @@ def read_map(model: MapModel, context: Context) -> ReadMap:
     density = np.array([mass_density(injector, row.unit, row.point) for row in rows])
     by_volume = np.isnan(density)
     quantity = np.array([row.quantity for row in rows])
-    return ReadMap(
+    read = ReadMap(
         tuple(row.point for row in rows),
         quantity / np.where(by_volume, 1.0, density),
         model.absolute,
@@ -145,24 +155,57 @@ def read_map(model: MapModel, context: Context) -> ReadMap:
         np.array([row.dead_time for row in rows]),
         math.nan if by_volume.all() else density,
         None if dead is None else dead.tolerance,
+        NOISE,
+        "",
+    )
+    return _averaged(read) if model.repeated == "mean" else read
+
+
+def _averaged(read: ReadMap) -> ReadMap:
+    """The map with one row for the repeated quantities of each point; dead times stay apart."""
+    places = np.array([(p.initial_pressures()[0], p.pulses[0].duration) for p in read.points])
+    single = np.flatnonzero(~read.dead_time)
+    groups = [single[rows] for rows in groups_of(places[single], SAME)]
+    groups += [np.array([row]) for row in np.flatnonzero(read.dead_time)]
+    found = averaged(read.quantity, groups, read.absolute + read.relative * read.quantity)
+    first = np.array([rows[0] for rows in groups])
+    density = np.asarray(read.mass_density)
+    least, most = int(found.counts.min()), int(found.counts.max())
+    return read._replace(
+        points=tuple(read.points[i] for i in first),
+        quantity=found.mean,
+        dead_time=read.dead_time[first],
+        mass_density=density[first] if density.ndim else float(density),
+        noise=Noise(sigma=found.sigma),
+        strokes=f"means of {least} strokes" if least == most else f"means of {least} to {most} strokes",
     )
 
 
 def _map_rows(model: MapModel, context: Context, at: Place) -> list[_Row]:
     name = model.quantity_column
-    wanted = [*_point_columns(model), Column(name, ("m3", "kg"), model.quantity_unit, domain=Domain.NON_NEGATIVE)]
-    table = context.columns(model.file, at, wanted, least=1)
+    table = _map_table(model, context, at)
     filters = {"rail_pressure": (model.rail_pressure, "Pa"), "energising_time": (model.energising_time, "s")}
     quantity, unit = table.columns[name], table.units[name]
     chosen = _choose(table, filters, at)
     return [_Row(_point(table, i, model, context), float(quantity[i]), unit, False) for i in chosen]
 
 
+def _map_table(model: MapModel, context: Context, at: Place) -> Table:
+    name = model.quantity_column
+    if model.layout == "matrix":
+        stated = (model.rail_pressure_unit, model.energising_time_unit, model.quantity_unit)
+        return matrix_table(
+            context.path(model.file, at), model.form, GivenUnits(*(unit or "" for unit in stated)), name
+        )
+    wanted = [*_point_columns(model), Column(name, ("m3", "kg"), model.quantity_unit, domain=Domain.NON_NEGATIVE)]
+    return context.columns(model.file, at, wanted, 1, model.form)
+
+
 def _dead_time_rows(model: MapModel, context: Context, at: Place) -> list[_Row]:
     dead = model.small_quantity
     if dead is None:
         return []
-    table = context.columns(dead.file, at / "dead_times", _point_columns(dead), least=1)
+    table = context.columns(dead.file, at / "dead_times", _point_columns(dead), 1, dead.form)
     chosen = _choose(table, {"rail_pressure": (model.rail_pressure, "Pa")}, at / "dead_times")
     return [_Row(_point(table, i, model, context), *dead.quantity, True) for i in chosen]
 

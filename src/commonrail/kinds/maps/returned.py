@@ -96,7 +96,7 @@ class ReturnData(QuantityData):
     def read(cls, model: ReturnsModel, context: Context) -> Self:  # type: ignore[override]  # of its own columns
         """Read a map of return quantities; see `DataSet.read`."""
         rows = read_map(model, context)
-        labels = model.weight, model.source, model.synthetic
+        labels = model.weight, "; ".join(filter(None, (model.source, rows.strokes))), model.synthetic
         values = rows.quantity, rows.absolute, rows.relative, rows.dead_time
         with located(context.at):
             return cls(
@@ -107,6 +107,7 @@ class ReturnData(QuantityData):
                 *labels,
                 rows.mass_density,
                 meter=context.meter(model.meter),
+                noise=rows.noise,
                 stroke_period=model.stroke_period,
             )
 

@@ -12,7 +12,8 @@ from commonrail.arguments import Limits, amount, array, plain_text, settle
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.reading import Context
 from commonrail.parts.furniture import Domain
-from commonrail.reading.fields import FileModel, Unit
+from commonrail.reading.fields import Unit
+from commonrail.reading.file_form import FormModel
 from commonrail.reading.tables import Column
 
 __all__ = ["Sister", "SisterModel", "read_sister"]
@@ -20,7 +21,7 @@ __all__ = ["Sister", "SisterModel", "read_sister"]
 Floats = NDArray[np.float64]
 
 
-class SisterModel(FileModel):
+class SisterModel(FormModel):
     """A file with the columns rail_pressure, energising_time and quantity of a sister part."""
 
     file: str
@@ -79,7 +80,7 @@ def read_sister(model: SisterModel, context: Context) -> Sister:
     units = {"rail_pressure": "Pa", "energising_time": "s", "quantity": "m3"}
     wanted = [Column(name, unit, None, domain=Domain.NON_NEGATIVE) for name, unit in units.items()]
     at = context.at / "sister"
-    table = context.columns(model.file, at, wanted, least=1)
+    table = context.columns(model.file, at, wanted, 1, model.form)
     if not model.flow_ratio > 0.0:
         raise (at / "flow_ratio").error("the ratio of the flows must be greater than zero")
     return Sister(np.column_stack([table.columns[name] for name in units]), model.flow_ratio, model.source)

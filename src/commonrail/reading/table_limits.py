@@ -1,4 +1,4 @@
-"""Rows of a table of a fleet by their texts, and how many there may be."""
+"""Rows of a large table by their texts, and how many there may be."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Parquet tables of a fleet, judged by their description before a row is read: a small file may hold a huge table."""
+"""Parquet tables, judged by their description before a row is read: a small file may hold a huge table."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -11,9 +11,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from commonrail.errors import InputError
-from commonrail.fleet.table_limits import MOST_ROWS, Groups, Indices
 from commonrail.reading.csv_file import LONGEST_NAME, MOST_COLUMNS
 from commonrail.reading.guarded_file import opened
+from commonrail.reading.table_limits import MOST_ROWS, Groups, Indices
 
 __all__ = ["ParquetTable", "read_parquet"]
 
@@ -67,8 +67,14 @@ class ParquetTable:
         return f"{self.path}, row {row + 1}"
 
 
-def read_parquet(path: Path) -> ParquetTable:
+def read_parquet(path: Path, content: BinaryIO | None = None) -> ParquetTable:
     """Read a table.
+
+    Parameters
+    ----------
+    path : Path
+    content : BinaryIO, optional
+        Bytes of the file, where they have been read already.
 
     Raises
     ------
@@ -81,7 +87,7 @@ def read_parquet(path: Path) -> ParquetTable:
         raise InputError(
             f'{path}: to read Parquet, pyarrow is needed; install it with pip install "commonrail[fleet]", or give CSV.'
         ) from None
-    with opened(path, LARGEST) as stream, _told(path):
+    with nullcontext(content) if content is not None else opened(path, LARGEST) as stream, _told(path):
         _check_footer(path, stream)
         file = parquet.ParquetFile(stream)
         texts = _check_columns(path, file)

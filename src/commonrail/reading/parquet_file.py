@@ -1,0 +1,63 @@
+"""Columns of a Parquet file; the unit of a column stands in its name, ``rate [mm3/ms]``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from commonrail.reading.file_form import PLAIN, FileForm
+from commonrail.reading.guarded_file import read_plain
+from commonrail.reading.parquet_table import read_parquet
+from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
+
+__all__ = ["ParquetFile"]
+
+
+class ParquetFile:
+    """Parquet file, a `Sheet`.
+
+    Parameters
+    ----------
+    path : Path
+    form : FileForm
+        Without meaning here.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is beyond a limit, or pyarrow is not installed.
+    """
+
+    apart = True
+
+    def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
+        self.path = path
+        self._table = read_parquet(path, BytesIO(read_plain(path)))
+        named = [name_and_unit(name) for name in self._table.header]
+        self.names = [name for name, _ in named]
+        self._units = [unit for _, unit in named]
+
+    def take(self, columns: Sequence[Column]) -> Table:
+        """Content of columns; see `Sheet.take`."""
+        places = [find_column(self.path, self.names, column.name) for column in columns]
+        numbers, texts = {}, {}
+        for column, i in zip(columns, places, strict=True):
+            content = self._table.table.column(i)
+            if not column.unit:
+                texts[column.name] = ["" if text is None else str(text) for text in content.to_pylist()]
+                continue
+            try:
+                values = content.cast("double").to_numpy(zero_copy_only=False).astype(np.float64)
+            except (ValueError, NotImplementedError) as error:  # those of pyarrow are ones
+                raise cell_place(self.path, 1, column.name, "row").error("the column holds no numbers") from error
+            wrong = np.flatnonzero(~np.isfinite(values) if column.required else np.isinf(values))
+            if len(wrong):
+                at = cell_place(self.path, int(wrong[0]) + 1, column.name, "row")
+                raise at.error("there is no finite number, and one is expected")
+            numbers[column.name] = values
+        rows = np.arange(1, self._table.table.num_rows + 1)
+        given = {column.name: self._units[i] for column, i in zip(columns, places, strict=True)}
+        return Table(self.path, numbers, texts, given, rows, row="row")
