@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "commonrail"
-HEAVY = ["numba", "pint", "plotly", "pydantic", "scipy"]
+HEAVY = ["numba", "pint", "matplotlib", "pydantic", "scipy"]
 
 
 def lint_imports(source: Path) -> subprocess.CompletedProcess[str]:
@@ -42,7 +42,7 @@ def test_contracts_hold() -> None:
         ("fuel", "import commonrail.flow", "Rooms import downwards only"),
         ("injector", "import pydantic", "Physics knows no files"),
         ("parts", "def f():\n    import pint", "Only units imports pint"),
-        ("engine", "import plotly.graph_objects", "Only report draws"),
+        ("engine", "import matplotlib.pyplot", "Only report draws"),
     ],
 )
 def test_contracts_object(tmp_path: Path, room: str, line: str, contract: str) -> None:

@@ -66,7 +66,7 @@ def small_study(folder: Path) -> Path:
     study = folder / "study.toml"
     text = study.read_text(encoding="utf-8")
     small = {"members = 24": "members = 8", "generations = 30": "generations = 2"}
-    small["polish = 1"] = "polish = 0"
+    small["polish = 3"] = "polish = 0"
     for old, new in small.items():
         assert old in text
         text = text.replace(old, new)

@@ -39,7 +39,7 @@ VERBS = {
     "optimisers",
     "doctor",
 }
-HEAVY = ["jinja2", "numba", "numpy", "plotly", "pydantic", "scipy", "tomlkit"]
+HEAVY = ["jinja2", "numba", "numpy", "matplotlib", "pydantic", "scipy", "tomlkit"]
 
 
 def test_the_help_lists_every_verb_in_full(command: Command) -> None:

@@ -23,7 +23,7 @@ def test_a_sweep_is_printed_and_written(command: Command, tmp_path: Path) -> Non
     assert lines[1].endswith(",,yes")
     assert lines[2].endswith(",no")
     page = report.read_text(encoding="utf-8")
-    assert page.count('class="plotly-graph-div"') == 2
+    assert page.count('class="drawing') == 2
     assert "Synthetic, not measured" in page
 
 

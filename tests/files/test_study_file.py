@@ -85,7 +85,7 @@ def test_optimiser_settings(study_file: Edit) -> None:
     assert (settings.members, settings.generations, settings.crossover) == (24, 30, 0.9)
     assert (settings.factor, settings.redraws) == ((0.5, 0.9), 3)
     assert (settings.treatment, settings.initial) == (Treatment.RESAMPLE, InitialSampling.UNIFORM)
-    assert (method.polish, method.polish_iterations) == (1, 7)
+    assert (method.polish, method.polish_iterations) == (3, 7)
 
 
 def test_a_search_may_start_from_the_injectors_own_values(study_file: Edit) -> None:
@@ -94,7 +94,7 @@ def test_a_search_may_start_from_the_injectors_own_values(study_file: Edit) -> N
 
 
 def test_without_settings_the_optimiser_is_the_papers(study_file: Edit) -> None:
-    path = study_file(("members = 24\ngenerations = 30\npolish = 1\n", ""))
+    path = study_file(("members = 24\ngenerations = 30\npolish = 3\n", ""))
     method = load_study(path).method
     assert (method.evolution.members, method.evolution.generations, method.polish) == (50, 70, 0)
 
@@ -215,7 +215,7 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         r'optimiser\.initial: the reference values break the bounds or a constraint; .* initial = "feasible"',
     ),
     "factor": (InputError, "members = 24", "factor = [0.4]", r"optimiser\.factor: this must be a list of at least 2"),
-    "polish": (InputError, "polish = 1", "polish = -1", r"optimiser\.polish: this must be greater than or equal to 0"),
+    "polish": (InputError, "polish = 3", "polish = -1", r"optimiser\.polish: this must be greater than or equal to 0"),
     "value no text": (
         InputError,
         'rail_pressure = "160 MPa"',
@@ -344,3 +344,25 @@ def test_fault_is_named(study_file: Edit, fault: str) -> None:
 def test_missing_study(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"study\.toml: there is no such file"):
         load_study(tmp_path / "study.toml")
+
+
+def test_author_and_logo_are_kept_for_the_report(study_file: Edit) -> None:
+    study = load_study(study_file())
+    assert (study.author, study.logo) == ("", "")
+    path = study_file(("seed = 1 ", 'author = "A. Author"\nlogo = "logo.png"\nseed = 1 '))
+    (path.parent / "logo.png").write_bytes(b"\x89PNG\r\n\x1a\nrest")
+    study = load_study(path)
+    assert study.author == "A. Author"
+    assert study.logo == "data:image/png;base64,iVBORw0KGgpyZXN0"
+    assert path.parent / "logo.png" in study.files
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(b"GIF89a", "this is no PNG, JPEG or SVG"), (b"\xff\xd8\xff" * 70_000, "0.2 MB that are read")],
+)
+def test_a_logo_that_is_no_picture_or_too_large_is_refused(study_file: Edit, content: bytes, words: str) -> None:
+    path = study_file(("seed = 1 ", 'logo = "logo.png"\nseed = 1 '))
+    (path.parent / "logo.png").write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        load_study(path)

@@ -84,7 +84,7 @@ def test_loss_conditions_and_products_are_read(study_file: Edit) -> None:
 
 
 def test_the_staged_optimiser_is_chosen_by_its_name(study_file: Edit) -> None:
-    path = study_file(("members = 24\ngenerations = 30\npolish = 1", 'method = "staged least squares"\nstarts = 5'))
+    path = study_file(("members = 24\ngenerations = 30\npolish = 3", 'method = "staged least squares"\nstarts = 5'))
     assert load_study(path).method.evolution == StagedSettings(starts=5)
 
 

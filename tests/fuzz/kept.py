@@ -50,7 +50,7 @@ above = "10 %"
 [optimiser]
 members = 6
 generations = 3
-polish = 1
+polish = 3
 polish_iterations = 1
 """
 CURVE = "# SYNTHETIC: made up for a test\ntime [us],rate [mm3/ms]\n" + "".join(

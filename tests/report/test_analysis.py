@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from commonrail.display.chart import Bars, Figure, Panel
 from commonrail.errors import InputError
 from commonrail.report.build import write_report
-from commonrail.report.draw import draw
+from commonrail.report.draw import figure_svg
 from commonrail.report.sensitivity import sensitivity_html, sensitivity_lines, sensitivity_tables
 from commonrail.report.tolerance import tolerance_html, tolerance_lines, tolerance_tables
 from tests.report.analysis_samples import sensitivity_record, tolerance_record
@@ -95,12 +96,19 @@ def test_texts_from_outside_are_escaped(make: Any) -> None:
 def test_bars_lie_in_rows_from_top_to_bottom_with_their_intervals() -> None:
     bars = Bars("b", "best", (1.0, 1.0), (3.0, None), (2.5, 0.0), (4.0, 0.0), slot=1)
     figure = Figure("f", "", "x", (Panel("", (), bars=(bars,), rows=("first", "second")),))
-    canvas = draw(figure, 200)
-    (bar,) = canvas.data
-    assert (bar.orientation, tuple(bar.base), tuple(bar.x)) == ("h", (1.0, 1.0), (2.0, None))
-    assert (tuple(bar.error_x.array), tuple(bar.error_x.arrayminus)) == ((1.0, 0.0), (0.5, 0.0))
-    assert tuple(canvas.layout.yaxis.ticktext) == ("first", "second")
-    assert tuple(canvas.layout.yaxis.range) == (1.5, -0.5)
+    svg = figure_svg(figure, height=200)
+    (bar,) = re.findall(r'<rect x="(\d+)" y="\d+" width="(\d+)" height="(\d+)"', svg)
+    ends = re.findall(r'data-x="(\S+) (\S+)"', svg)[0]
+    width = 10.0 * float(re.findall(r'class="pane" width="([\d.]+)"', svg)[0])
+    low, high = map(float, ends)
+    start, length = (float(v) / width * (high - low) for v in bar[:2])
+    assert low + start == pytest.approx(1.0, abs=1e-3)  # a tenth of a pixel of 700
+    assert length == pytest.approx(2.0, abs=2e-3)
+    assert svg.index(">first<") < svg.index(">second<")
+    heights = [float(y) for y in re.findall(r'y="([\d.]+)" text-anchor="end">(?:first|second)<', svg)]
+    assert heights[0] < heights[1]
+    interval = re.findall(r'stroke="#1d2733" stroke-width="1.2"', svg)
+    assert len(interval) == 1  # of the one bar that is there
 
 
 @pytest.mark.parametrize("kind", ["sensitivity", "tolerance"])

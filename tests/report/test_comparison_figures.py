@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commonrail.display.chart import Figure
-from commonrail.report.draw import draw
+from commonrail.report.draw import figure_svg
 from commonrail.report.figures import comparison_figures
 from commonrail.report.record import shown_of
 from tests.report.comparison_samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces
@@ -25,7 +25,7 @@ def test_every_figure_can_be_drawn_and_names_no_role() -> None:
     figures += comparison_figures(compared_maps(), {})
     assert len(figures) == 3 + 5  # dead times of one map only
     for figure in figures:
-        draw(figure, 300)
+        figure_svg(figure, height=300)
         assert "fit" not in figure.title
     assert figures[0].title == "EVI 160 MPa"  # its rail pressure is in its name
 

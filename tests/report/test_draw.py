@@ -1,61 +1,150 @@
-"""Drawing keeps the numbers and adds no way out of the page."""
+"""Drawing keeps the numbers, fits its room, and makes no markup of a name."""
 
 from __future__ import annotations
 
-import json
+import re
+from xml.etree import ElementTree
 
 import pytest
 
-from commonrail.display.chart import Figure, Panel, Series
-from commonrail.report.draw import draw, figure_html
+from commonrail.display.chart import MARKERS, Band, Bars, Boxes, Figure, Panel, Series
+from commonrail.display.heat_map import HeatMap
+from commonrail.report.draw import NARROW, WIDE, figure_html, figure_svg
+from commonrail.report.draw_map import heat_map_svg
 from commonrail.report.figures import figures_of
 from tests.report.samples import map_record, rate_record, rate_traces
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def figure(*panels: Panel) -> Figure:
+    """Figure without words."""
+    return Figure("", "", "", panels)
+
+
+def texts(svg: str) -> list[str]:
+    """All texts of a picture."""
+    return [node.text or "" for node in ElementTree.fromstring(svg).iter(f"{SVG}text")]
+
+
+def places(svg: str) -> list[list[tuple[int, int]]]:
+    """Points of each curve, in tenths of a pixel of its panel."""
+    found = []
+    for node in ElementTree.fromstring(svg).iter(f"{SVG}path"):
+        if node.get("class") == "curve":
+            first, _, steps = (node.get("d") or "")[1:].partition("l")
+            x, y = map(int, first.split())
+            own = [(x, y)]
+            numbers = list(map(int, re.findall(r"-?\d+", steps)))
+            for dx, dy in zip(numbers[::2], numbers[1::2], strict=True):
+                x, y = x + dx, y + dy
+                own.append((x, y))
+            found.append(own)
+    return found
 
 
 def test_every_figure_can_be_drawn() -> None:
     record = rate_record()
     figures = [*figures_of(record, rate_traces(record)), *figures_of(map_record(), {})]
-    assert all(figure_html(figure, f"f{i}") for i, figure in enumerate(figures))
+    for i, one in enumerate(figures):
+        for width in (WIDE, NARROW):
+            ElementTree.fromstring(figure_svg(one, width))
+        assert figure_html(one, f"f{i}").count('<svg class="figure') == 2
 
 
-def test_the_series_arrive_on_their_panels() -> None:
-    record = rate_record()
-    figure = figures_of(record, rate_traces(record))[0]
-    drawn = json.loads(draw(figure, 400).to_json())
-    assert [trace["yaxis"] for trace in drawn["data"]] == ["y"] * 4 + ["y2"] * 3
-    assert [trace["name"] for trace in drawn["data"][:2]] == ["synthetic", "rigid body"]
+def test_a_curve_goes_through_its_values() -> None:
+    series = Series("a", "best", (0.0, 1.0, 4.0), (0.0, 10.0, 2.0))
+    svg = figure_svg(figure(Panel("", (series,))))
+    (own,) = places(svg)
+    pane = next(node for node in ElementTree.fromstring(svg).iter(f"{SVG}svg") if node.get("class") == "pane")
+    (x0, x1), (y0, y1) = (map(float, (pane.get(key) or "").split()) for key in ("data-x", "data-y"))
+    width, height = (10.0 * float(pane.get(key) or 0) for key in ("width", "height"))
+    back = [(x0 + i / width * (x1 - x0), y1 - j / height * (y1 - y0)) for i, j in own]
+    assert [x for x, _ in back] == pytest.approx([0.0, 1.0, 4.0], abs=2e-3)  # a tenth of a pixel of 700
+    assert [y for _, y in back] == pytest.approx([0.0, 10.0, 2.0], abs=1e-2)  # of 200
+
+
+def test_a_gap_stays_a_gap() -> None:
+    series = Series("a", "best", (0.0, 1.0, 2.0, 3.0, 4.0), (0.0, 1.0, None, 1.0, 0.0))
+    assert figure_svg(figure(Panel("", (series,)))).count(" l") == 0
+    (path,) = re.findall(r'class="curve"[^>]* d="([^"]*)"', figure_svg(figure(Panel("", (series,)))))
+    assert path.count("M") == 2
+
+
+def test_a_long_straight_line_needs_two_points_and_a_peak_is_kept() -> None:
+    x = tuple(float(i) for i in range(2001))
+    straight = Series("a", "best", x, x)
+    peak = Series("b", "start", x, tuple(2000.0 if i == 1001 else 0.0 for i in range(2001)))
+    first, second = places(figure_svg(figure(Panel("", (straight, peak)))))
+    assert len(first) < 100
+    assert min(j for _, j in second) == min(j for _, j in first)  # both reach 2000
 
 
 @pytest.mark.parametrize("looks", [("measured", "rigid", "start", "best")])
 def test_curves_differ_in_more_than_colour(looks: tuple[str, ...]) -> None:
-    series = tuple(Series(look, look, (0.0,), (0.0,)) for look in looks)
-    traces = draw(Figure("", "", "", (Panel("", series),)), 300).data
-    assert len({(trace.line.dash, trace.line.width) for trace in traces}) == len(looks)
-
-
-def test_no_button_sends_the_data_away() -> None:
-    figure = Figure("", "", "", (Panel("", (Series("", "best", (0.0,), (0.0,)),)),))
-    fragment = figure_html(figure, "f")
-    assert '"modeBarButtons": [["toImage", "zoom2d", "pan2d", "resetScale2d"]]' in fragment
-    assert '"showSendToCloud": false' in fragment
+    series = tuple(Series(look, look, (0.0, 1.0), (0.0, 1.0)) for look in looks)
+    curves = re.findall(r'<path class="curve"[^>]*>', figure_svg(figure(Panel("", series))))
+    styles = [re.findall(r'stroke-(?:width|dasharray)="[^"]*"', curve) for curve in curves]
+    assert len({tuple(style) for style in styles}) == len(looks)
 
 
 def test_a_name_cannot_become_markup_in_a_legend() -> None:
-    series = Series('<a href="https://example.org">x</a>', "best", (0.0,), (0.0,))
-    (trace,) = draw(Figure("", "", "", (Panel("", (series,)),)), 300).data
-    assert trace.name.startswith("&lt;a")
+    series = Series('<a href="https://example.org">x</a>', "best", (0.0, 1.0), (0.0, 1.0))
+    svg = figure_svg(figure(Panel("", (series,))))
+    assert "<a" not in svg
+    assert any(text.startswith("<a href=") for text in texts(svg))
 
 
 def test_a_logarithmic_axis_writes_its_numbers_in_full() -> None:
     series = Series("", "best", (0.0, 1.0), (2000.0, 170.0))
-    axis = draw(Figure("", "", "", (Panel("", (series,), logarithmic=True),)), 300).layout.yaxis
-    assert {200, 500, 1000, 2000} <= set(axis.tickvals)
+    assert {"200", "500", "1000", "2000"} <= set(texts(figure_svg(figure(Panel("", (series,), logarithmic=True)))))
 
 
 def test_a_constant_line_has_an_axis_that_is_wider_than_its_rounding() -> None:
     constant = Series("", "best", (0.0, 1.0), (10830.5, 10830.5 * (1.0 + 1e-15)))
-    falling = Series("", "best", (0.0, 1.0), (10830.5, 10830.0))
-    low, high = draw(Figure("", "", "", (Panel("", (constant,)),)), 300).layout.yaxis.range
+    (ends,) = re.findall(r'data-y="([^"]*)"', figure_svg(figure(Panel("", (constant,)))))
+    low, high = map(float, ends.split())
     assert low < 10300.0
     assert high > 11300.0
-    assert draw(Figure("", "", "", (Panel("", (falling,)),)), 300).layout.yaxis.range is None
+
+
+def test_what_many_entries_need_is_added_above_the_panels() -> None:
+    series = tuple(
+        Series(f"a rather long name, number {i}", "solid", (0.0, 1.0), (0.0, 1.0), family=i) for i in range(9)
+    )
+    few, many = (figure_svg(figure(Panel("", series[:n])), NARROW) for n in (1, 9))
+    assert sum(text.startswith("a rather") for text in texts(many)) == 9
+    heights = [float(re.findall(r'viewBox="0 0 \d+ (\d+)"', svg)[0]) for svg in (few, many)]
+    assert heights[1] > heights[0] + 60.0
+
+
+def test_boxes_bars_bands_and_markers_are_drawn() -> None:
+    boxes = Panel("", (), boxes=(Boxes("b", "best", ((0.0, 1.0, 2.0, 3.0, 4.0),)),), categories=("one",))
+    bars = Panel("", (), bars=(Bars("c", "start", (0.0,), (2.0,), (1.0,), (3.0,)),), rows=("a long name of a row",))
+    band = Panel(
+        "",
+        (Series("d", "best", (0.0, 1.0), (1.0, 2.0), MARKERS),),
+        bands=(Band("best", (0.0, 1.0), (0.0, 1.0), (2.0, 3.0)),),
+    )
+    assert {"one", "b"} <= set(texts(figure_svg(figure(boxes))))
+    assert {"a long name of a row", "c"} <= set(texts(figure_svg(figure(bars))))
+    assert figure_svg(figure(band)).count('h1"') == 1
+
+
+def test_a_heat_map_writes_its_numbers_and_leaves_empty_cells_out() -> None:
+    heat = HeatMap(
+        "t", "", "x", "y", ("1", "2"), ("a", "b"), ((1.0, None), (-2.0, 3.0)), (("+1", ""), ("−2", "+3")), "%", True
+    )
+    drawn = texts(heat_map_svg(heat))
+    assert {"+1", "−2", "+3", "1", "2", "a", "b", "x", "y"} <= set(drawn)
+    svg = heat_map_svg(heat)
+    assert svg.count("<title>") == 3
+    assert "y b; x 1: −2 %" in svg
+
+
+def test_colours_of_a_difference_are_white_at_zero_and_alike_on_both_sides() -> None:
+    heat = HeatMap("t", "", "x", "y", ("1", "2", "3"), ("a",), ((-2.0, 0.0, 1.0),), (("−2", "0", "+1"),), "%", True)
+    colours = re.findall(r'</title><rect[^>]*fill="([^"]*)"', heat_map_svg(heat))
+    assert colours[0] == "#5b9fcd"
+    assert colours[1] == "#ffffff"
+    assert colours[2] not in ("#e0907a", "#ffffff")  # half way to the colour of +2

@@ -17,7 +17,7 @@ from commonrail.store.run import Listener, calibrate_into
 
 GENERATIONS, REFINEMENTS = 5, 3
 _SMALL = {"members = 24": "members = 8", "generations = 30": f"generations = {GENERATIONS}"}
-_SMALL["polish = 1"] = f"polish = {REFINEMENTS}\npolish_iterations = 2"  # one from a member, two hops
+_SMALL["polish = 3"] = f"polish = {REFINEMENTS}\npolish_iterations = 2"  # one from a member, two hops
 
 
 class Stopped(BaseException):

@@ -15,7 +15,7 @@ from tools.make_fleet import make_fleet
 
 LINK = '=HYPERLINK("http://127.0.0.1/","open")'
 
-_SHORT = {"members = 24": "members = 8", "generations = 30": "generations = 3", "polish = 1": "polish = 0"}
+_SHORT = {"members = 24": "members = 8", "generations = 30": "generations = 3", "polish = 3": "polish = 0"}
 
 
 def small_study(folder: Path, generations: int = 3) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from typing import Any
 
 from commonrail.arguments import instance, instances, thread_count
@@ -46,6 +47,9 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         "target": describe().machine,
         "title": study.title,
         "note": study.note,
+        **({"author": study.author} if study.author else {}),
+        **({"logo": study.logo} if study.logo else {}),
+        **({"files": _files(study)} if study.files else {}),
         "synthetic": study.synthetic,
         "seed": study.seed,
         "time_step": study.time_step,
@@ -84,8 +88,14 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         CLOCK: {
             "seconds": calibration.seconds,
             "simulations_per_second": calibration.simulations / max(calibration.seconds, 1e-9),
+            "ended": datetime.now(UTC).isoformat(timespec="seconds"),
         },
     }
+
+
+def _files(study: Study) -> list[dict[str, str]]:
+    """Name and SHA-256 of each file that the study names; not the study's own, which changes with its length."""
+    return [{"name": path.name, "sha256": digest} for path, digest in list(study.files.items())[1:]]
 
 
 def warning_records(warnings: Iterable[Finding]) -> list[dict[str, str]]:

@@ -97,6 +97,8 @@ class Study:
         Further searches by which the fit is judged; they do not change it.
     files : mapping of Path to str
         SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
+    author, logo : str
+        For the report: a name, and a picture as a data URI; both may be empty.
 
     Raises
     ------
@@ -122,9 +124,11 @@ class Study:
     same_bits: bool = False
     judgement: Judgement = NO_JUDGEMENT
     loss_scale: float = 1.0
+    author: str = ""
+    logo: str = ""
 
     def __post_init__(self) -> None:
-        for what in ("title", "text", "note"):
+        for what in ("title", "text", "note", "author", "logo"):
             plain_text(getattr(self, what), f"{what} of the study")
         instance(self.injector, Injector, "injector of the study")
         instance(self.judgement, Judgement, "judgement of the study")

@@ -26,6 +26,8 @@ class HeatMap:
         Of the values, beside the scale of colours.
     diverging : bool
         Whether zero lies in the middle of the colours, as of a difference.
+    largest : float
+        Difference of the last colour; 0 for the largest one there is.
     """
 
     title: str
@@ -38,3 +40,4 @@ class HeatMap:
     texts: tuple[tuple[str, ...], ...]
     unit: str
     diverging: bool = False
+    largest: float = 0.0

@@ -22,6 +22,7 @@ from commonrail.engine.time_step import check_step
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.files.injector_file import load_injector
+from commonrail.files.logo_file import read_logo
 from commonrail.files.meter_models import meters_of_tables
 from commonrail.files.meter_parameters import free_parameters
 from commonrail.files.study_models import (
@@ -118,6 +119,8 @@ def _study(file: Path) -> Study:
             same_bits=model.same_bits,
             judgement=Judgement(model.judgement.seeds, tuple(model.judgement.leave_out)),
             loss_scale=1.0 if model.loss_scale is None else model.loss_scale,
+            author=model.author,
+            logo="" if model.logo is None else read_logo(reach.path(file.parent, model.logo, at / "logo"), at / "logo"),
         )
 
 

@@ -192,6 +192,8 @@ class StudyModel(FileModel):
     format: Literal["commonrail-study/1"]
     title: Name
     note: str = ""
+    author: str = ""
+    logo: Text | None = None
     allow_outside: bool = False
     injector: str
     type: Text | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from commonrail.arguments import file_path
 from commonrail.display.chart import Figure
-from commonrail.display.text import duration, significant
+from commonrail.display.text import duration, number, significant
 from commonrail.errors import InputError
 from commonrail.family.run import RECORD as FAMILY
 from commonrail.family.run import read_family_run
@@ -26,7 +26,9 @@ from commonrail.files.run_folder import RESULT, TRACES, read_run
 from commonrail.kinds.records import Record
 from commonrail.report.certainty import certainty_lines, certainty_tables
 from commonrail.report.comparison import comparison_html
-from commonrail.report.draw import drawings, figure_html
+from commonrail.report.draw import drawings, figure_html, small_html
+from commonrail.report.draw_map import heat_map_html
+from commonrail.report.error_map import error_maps
 from commonrail.report.family import family_html
 from commonrail.report.figures import convergence_figure, figures_of
 from commonrail.report.headline import headline, parameter_lines, synthetic_notes, warning_lines
@@ -39,10 +41,13 @@ from commonrail.report.rerun import rerun_lines
 from commonrail.report.sensitivity import sensitivity_html
 from commonrail.report.tables import tables_of
 from commonrail.report.tolerance import tolerance_html
+from commonrail.report.verdict import verdict
 
 __all__ = ["draw_plates", "report_html", "write_report"]
 
 Floats = NDArray[np.float64]
+
+MANY = 6  # figures; more are set beside one another, below a table of contents
 
 NO_PLATES = (
     "figures for print (SVG, PDF) are left out, because they need matplotlib: install it with "
@@ -191,25 +196,47 @@ def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run:
     run : str
         The folder's name, for the command lines in the page.
     """
+    figures = figures_of(record, traces)
+    many = len(figures) > MANY
     return render(
         "report.html",
         kind="Calibration",
         record=record,
+        dated=_dated(record),
+        verdict=verdict(record, run),
+        many=many,
+        contents=_contents(record, figures) if many else [],
+        heats=[(heat, heat_map_html(heat, f"error-{i}")) for i, heat in enumerate(error_maps(record))],
         lines=headline(record),
         tables=tables_of(record["data"], texts_of(record)),
-        figures=drawings(figures_of(record, traces)),
+        figures=[(f, small_html(f, f"figure-{i}")) for i, f in enumerate(figures)] if many else drawings(figures),
         convergence=_convergence(record),
         judgement_lines=judgement_lines(record),
         judgement_tables=[*judgement_tables(record), *filter(None, [combination_table(record)])],
         certainty_lines=certainty_lines(record),
         certainty_tables=certainty_tables(record),
-        parameters=parameter_rows(record["parameters"]),
+        parameters=parameter_rows(sorted(record["parameters"], key=_effect, reverse=True)),
         parameter_lines=parameter_lines(record["parameters"]),
         synthetic=synthetic_notes(record),
         warnings=warning_lines(record),
         commands=rerun_lines(record, run),
         facts=_facts(record),
     )
+
+
+def _effect(parameter: Record) -> float:
+    """Effect of a parameter on the data, by which the page ranks it."""
+    return number(parameter.get("effect")) or 0.0
+
+
+def _dated(record: Record) -> str:
+    """Day and time at which the search ended; empty in a record without them."""
+    return str(record.get("clock", {}).get("ended", "")).replace("T", " ").replace("+00:00", " UTC")
+
+
+def _contents(record: Record, figures: Sequence[Figure]) -> list[tuple[str, str]]:
+    """Name and anchor of each figure of a long page."""
+    return [(figure.title, f"small-{i}") for i, figure in enumerate(figures, start=1)]
 
 
 def _convergence(record: Record) -> tuple[Figure, str] | None:

@@ -1,72 +1,53 @@
-"""Figures as HTML: the only file that knows plotly."""
+"""Figures as SVG within HTML: drawn here once and for all, so that a page shows them without any library."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
-from html import escape
-from typing import Any
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
 
-import plotly.graph_objects as go
-import plotly.io as pio
-from plotly.offline import get_plotlyjs
-from plotly.subplots import make_subplots
+from markupsafe import Markup, escape
 
-from commonrail.display.chart import Band, Bars, Boxes, Figure, Panel, Series
+from commonrail.display.chart import Bars, Boxes, Figure, Panel, Series
+from commonrail.report.axis import Axis, span
+from commonrail.report.pane import DASHES, TENTHS, colour_of, line_of, marker_path, pane_svg
 
-__all__ = ["canvas_html", "draw", "drawings", "figure_html", "page_layout", "plotly_script"]
+__all__ = ["FONT", "NARROW", "WIDE", "drawings", "figure_html", "figure_svg", "small_html", "text_width"]
 
 INK, SOFT, GRID = "#1d2733", "#586472", "#e3e7eb"
-ROUNDING = 1e-9  # of the largest value; differences of sums of doubles stay below
 FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
-
-# Told apart in grey by dash and width, and by the colour-blind (Okabe and Ito's palette).
-_LOOKS: dict[str, dict[str, Any]] = {
-    "measured": {"color": "#6b7785", "width": 3.0},
-    "rigid": {"color": "#b07d00", "width": 1.4, "dash": "dot"},
-    "rigid fitted": {"color": "#8f4a7d", "width": 1.4, "dash": "longdashdot"},
-    "start": {"color": "#0072b2", "width": 1.6, "dash": "dash"},
-    "best": {"color": "#c1272d", "width": 1.8},
-    "mean": {"color": "#0072b2", "width": 1.6, "dash": "dash"},
-    "paper": {"color": "#00795c", "width": 1.6, "dash": "dashdot"},
-    "level": {"color": "#6b7785", "width": 1.2, "dash": "dot"},
-}
-_FAMILY_LINES: dict[str, dict[str, Any]] = {
-    "start": {"width": 1.2, "dash": "dot"},
-    "best": {"width": 1.8},
-    "measured": {"width": 1.8},
-}
-_FAMILIES = (
-    "#0072b2",
-    "#d55e00",
-    "#00795c",
-    "#8f4a7d",
-    "#7a6a00",
-    "#3a3a3a",
-    "#5b8fb9",
-    "#a6312b",
-)
-_MARKERS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "x")
-
-# The buttons are named one by one: plotly's own choice holds one that sends the data to its cloud.
-_CONFIG = {
-    "displaylogo": False,
-    "displayModeBar": "hover",
-    "responsive": True,
-    "plotlyServerURL": "",
-    "showSendToCloud": False,
-    "modeBarButtons": [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
-}
+WIDE, NARROW = 760, 352  # widths that figures are drawn for [px]: a page and a sheet of paper, a telephone
+SIZE = 11.5  # of letters [px]
+LINE = 16.0  # of a legend [px]
+BETWEEN = 16.0  # panels [px]
+BELOW = 40.0  # the last panel: ticks and title [px]
+RIGHT = 14.0  # of the panels [px]
+SAMPLE = 26.0  # length of a legend's line, with the space behind it [px]
+APART = 14.0  # entries of a legend [px]
 
 
-def plotly_script() -> str:
-    """Plotly's own script, to be put into a page once."""
-    script: str = get_plotlyjs()
-    return script
+@dataclass(frozen=True)
+class _Sheet:
+    """Places of the panels of a figure [px]."""
+
+    width: float
+    height: float
+    left: float
+    panes: tuple[tuple[float, float], ...]  # top and height of each
+
+    @property
+    def inner(self) -> float:
+        """Width of the panels."""
+        return self.width - self.left - RIGHT
+
+
+def drawings(figures: Iterable[Figure], height: int = 0) -> list[tuple[Figure, str]]:
+    """Figures with their elements of a page, which are numbered; `height` [px] as for `figure_html`."""
+    return [(figure, figure_html(figure, f"figure-{i}", height)) for i, figure in enumerate(figures)]
 
 
 def figure_html(figure: Figure, key: str, height: int = 0) -> str:
-    """Element of a page that shows a figure, without plotly's script.
+    """Element of a page that shows a figure, drawn for a page and for a telephone.
 
     Parameters
     ----------
@@ -76,213 +57,185 @@ def figure_html(figure: Figure, key: str, height: int = 0) -> str:
     height : int
         [px]; by default what its panels need.
     """
-    return canvas_html(draw(figure, height or 300 + 110 * (len(figure.panels) - 1)), key)
+    sizes = (WIDE, height, "wide"), (NARROW, round(0.75 * height), "narrow")
+    wide, narrow = (figure_svg(figure, *size) for size in sizes)
+    return Markup('<div class="drawing" id="{}">{}{}</div>').format(key, Markup(wide), Markup(narrow))
 
 
-def canvas_html(canvas: go.Figure, key: str) -> str:
-    """Element of a page that shows a plotly figure, with the identifier `key`."""
-    fragment: str = pio.to_html(canvas, config=_CONFIG, include_plotlyjs=False, full_html=False, div_id=key)
-    return fragment
+def small_html(figure: Figure, key: str) -> str:
+    """Element of a page that shows a figure among others beside it, with the identifier `key`."""
+    return Markup('<div class="drawing" id="{}">{}</div>').format(key, Markup(figure_svg(figure, NARROW)))
 
 
-def drawings(figures: Iterable[Figure], height: int = 0) -> list[tuple[Figure, str]]:
-    """Figures with their elements of a page, which are numbered; `height` [px] as for `figure_html`."""
-    return [(figure, figure_html(figure, f"figure-{i}", height)) for i, figure in enumerate(figures)]
+def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "") -> str:
+    """Picture of a figure, panels above one another.
 
-
-def _plain(text: str) -> str:
-    """Text as plotly shows it unchanged: it reads tags and a few entities, but not that of a quotation mark."""
-    return escape(text, quote=False)
-
-
-def draw(figure: Figure, height: int) -> go.Figure:
-    """Plotly figure of a `Figure`, panels above one another."""
-    count = len(figure.panels)
-    canvas = make_subplots(
-        rows=count,
-        cols=1,
-        shared_xaxes=True,
-        vertical_spacing=0.05,
-        row_heights=[panel.share for panel in figure.panels],
-    )
-    for row, panel in enumerate(figure.panels, start=1):
-        for trace in _traces(panel):
-            canvas.add_trace(trace, row=row, col=1)
-        canvas.update_yaxes(_y_axis(panel), row=row, col=1)
-        if panel.categories:
-            names = [_plain(name) for name in panel.categories]
-            canvas.update_xaxes(tickvals=list(range(len(names))), ticktext=names, row=row, col=1)
-        if panel.rows:
-            canvas.update_yaxes(_rows(panel.rows), row=row, col=1)
-    canvas.update_xaxes(showgrid=True, gridcolor=GRID, linecolor=INK, ticks="outside", zeroline=False)
-    canvas.update_xaxes(title_text=_plain(figure.x_title), row=count, col=1)
-    canvas.update_layout(page_layout(height))
-    return canvas
-
-
-def _traces(panel: Panel) -> list[Any]:
-    """Bands behind, boxes and bars, then lines and markers."""
-    bands = [edge for band in panel.bands for edge in _edges(band)]
-    solid = [*(_boxes(boxes) for boxes in panel.boxes), *(_bars(bars) for bars in panel.bars)]
-    return [*bands, *solid, *(_trace(series) for series in panel.series)]
-
-
-def _edges(band: Band) -> list[go.Scatter]:
-    """Lower edge, and upper edge with what lies between them filled."""
-    shared: dict[str, Any] = {"x": band.x, "mode": "lines", "line": {"width": 0}, "showlegend": False}
-    group = band.look if band.family is None else f"family {band.family}"
-    shared |= {"hoverinfo": "skip", "legendgroup": group}
-    colour = _LOOKS[band.look]["color"] if band.family is None else _FAMILIES[band.family % len(_FAMILIES)]
-    fill = _faint(colour)
-    return [go.Scatter(y=band.low, **shared), go.Scatter(y=band.high, fill="tonexty", fillcolor=fill, **shared)]
-
-
-def _boxes(boxes: Boxes) -> go.Box:
-    low, q1, median, q3, high = zip(*boxes.boxes, strict=True)
-    colour = _LOOKS[boxes.look]["color"]
-    return go.Box(
-        x=[i + boxes.offset for i in range(len(median))],
-        lowerfence=low,
-        q1=q1,
-        median=median,
-        q3=q3,
-        upperfence=high,
-        name=_plain(boxes.label),
-        legendgroup=boxes.label,
-        marker={"color": colour},
-        line={"color": colour, "width": 1.4},
-        fillcolor=_faint(colour),
-        width=0.26,
-        whiskerwidth=0.9,
+    Parameters
+    ----------
+    figure : Figure
+    width, height : int
+        [px]; the height by default what its panels need.
+    name : str
+        Class of the element.
+    """
+    legend, top = _legend(figure, width)
+    height = height or _usual_height(figure, width, top)
+    ys = [_vertical(panel) for panel in figure.panels]
+    xs = _horizontals(figure.panels)
+    sheet = _sheet(figure, ys, width, height, top)
+    parts = [legend]
+    for i, (panel, place) in enumerate(zip(figure.panels, sheet.panes, strict=True)):
+        axis_x = replace(xs[i], start=0.0, end=sheet.inner)
+        axis_y = replace(ys[i], start=place[1], end=0.0)
+        last = i == len(figure.panels) - 1
+        parts.append(_panel(panel, (axis_x, axis_y), place[0], sheet, last or xs[i] != xs[-1]))
+    middle, bottom = sheet.left + sheet.inner / 2, sheet.height - 6.0
+    parts.append(_text(figure.x_title, middle, bottom, "middle"))
+    return (
+        f'<svg class="figure {name}" viewBox="0 0 {width} {height}" xmlns="http://www.w3.org/2000/svg" '
+        f'font-family="{escape(FONT)}" font-size="{SIZE}" fill="{INK}" role="img" '
+        f'aria-label="{escape(figure.title)}">{"".join(parts)}</svg>'
     )
 
 
-def _bars(bars: Bars) -> go.Bar:
-    """Bars as lengths from their starts, as plotly takes them."""
-    colour = _LOOKS[bars.look]["color"]
-    lengths = [None if a is None or b is None else b - a for a, b in zip(bars.start, bars.end, strict=True)]
-    interval = {
-        "type": "data",
-        "symmetric": False,
-        "array": [_distance(high, end) for end, high in zip(bars.end, bars.high or bars.end, strict=True)],
-        "arrayminus": [_distance(end, low) for end, low in zip(bars.end, bars.low or bars.end, strict=True)],
-        "color": INK,
-        "thickness": 1.2,
-        "width": 3,
-    }
-    return go.Bar(
-        x=lengths,
-        base=[0.0 if a is None else a for a in bars.start],
-        y=list(range(len(lengths))),
-        orientation="h",
-        offsetgroup=str(bars.slot),
-        name=_plain(bars.label),
-        marker={"color": _faint(colour), "line": {"color": colour, "width": 1.2}},
-        error_x=interval if bars.high else {"visible": False},
-    )
+def _usual_height(figure: Figure, width: int, top: float) -> int:
+    first, more = (250.0, 100.0) if width > NARROW else (190.0, 70.0)
+    rows = max((len(panel.rows) for panel in figure.panels), default=0)
+    return round(top + max(first + more * (len(figure.panels) - 1), 22.0 * rows) + BELOW)
 
 
-def _distance(high: float | None, low: float | None) -> float:
-    return 0.0 if high is None or low is None else max(high - low, 0.0)
+def _sheet(figure: Figure, ys: Sequence[Axis], width: int, height: float, top: float) -> _Sheet:
+    """Room for the texts of the vertical axes at the left; the rest is shared as the panels ask for it."""
+    texts = [text for axis, panel in zip(ys, figure.panels, strict=True) for text in _row_texts(panel, axis)]
+    longest = min(max(map(text_width, texts), default=0.0), 0.45 * width)
+    room = height - top - BELOW - BETWEEN * (len(figure.panels) - 1)
+    total = sum(panel.share for panel in figure.panels)
+    panes = []
+    for panel in figure.panels:
+        own = room * panel.share / total
+        panes.append((top, own))
+        top += own + BETWEEN
+    return _Sheet(float(width), float(height), longest + 30.0, tuple(panes))
 
 
-def _rows(rows: tuple[str, ...]) -> dict[str, Any]:
-    """Vertical axis with a name for each row, the first at the top."""
-    names = [_plain(name) for name in rows]
-    return {
-        "tickvals": list(range(len(names))),
-        "ticktext": names,
-        "range": [len(names) - 0.5, -0.5],
-        "showgrid": False,
-        "ticks": "",
-    }
+def _row_texts(panel: Panel, axis: Axis) -> list[str]:
+    return list(panel.rows) or [text for _, text in axis.ticks(6)]
 
 
-def _faint(colour: str) -> str:
-    """A colour of six hexadecimal digits, three quarters transparent."""
-    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    return f"rgba({red},{green},{blue},0.22)"
+def _horizontals(panels: Sequence[Panel]) -> list[Axis]:
+    """Axis of each panel: that of all panels, or its own categories."""
+    values = [v for panel in panels for v in _x_values(panel)]
+    marks = any("markers" in series.mode for panel in panels for series in panel.series)
+    shared = Axis(*span(values, padded=marks or any(panel.rows for panel in panels)), 0.0, 1.0)
+    return [Axis(-0.6, len(p.categories) - 0.4, 0.0, 1.0) if p.categories else shared for p in panels]
 
 
-def _trace(series: Series) -> go.Scatter:
-    line = _line(series)
-    symbol = _MARKERS[(series.family or 0) % len(_MARKERS)]
-    return go.Scatter(
-        x=series.x,
-        y=series.y,
-        name=_plain(series.label),
-        showlegend=bool(series.label),
-        mode=series.mode,
-        line=line,
-        marker={
-            "color": line["color"],
-            "symbol": symbol,
-            "size": 5 if "lines" in series.mode else 8,
-        },
-        # Clicking "start values" in the legend hides the curve and its error alike.
-        legendgroup=series.look if series.family is None else f"family {series.family}",
-        connectgaps=False,
-    )
+def _x_values(panel: Panel) -> list[float]:
+    found = [panel.series, panel.bands]
+    values = [v for group in found for one in group for v in one.x]  # type: ignore[attr-defined]
+    values += [v for bars in panel.bars for v in chain(bars.start, bars.end, bars.low, bars.high)]
+    return [v for v in values if v is not None]
 
 
-def _line(series: Series) -> dict[str, Any]:
-    if series.family is None:
-        return _LOOKS[series.look]
-    colour = _FAMILIES[series.family % len(_FAMILIES)]
-    return {"color": colour, **_FAMILY_LINES.get(series.look, {"width": 1.6, "dash": series.look})}
-
-
-def _log_ticks(panel: Panel) -> list[float]:
-    """1, 2 and 5 times the powers of ten; plotly writes 20 and 200 both as "2"."""
-    values = [v for series in panel.series for v in series.y if v is not None and v > 0.0] or [1.0]
-    decades = range(math.floor(math.log10(min(values))), math.ceil(math.log10(max(values))) + 1)
-    return [digit * 10.0**decade for decade in decades for digit in (1, 2, 5)]
-
-
-def _around_a_constant(panel: Panel) -> dict[str, list[float]]:
-    """Range about lines that are constant but for rounding: plotly would span the rounding, and write no ticks."""
+def _vertical(panel: Panel) -> Axis:
+    if panel.rows:
+        return Axis(len(panel.rows) - 0.4, -0.6, 0.0, 1.0)
     values = [v for series in panel.series for v in series.y if v is not None]
-    if panel.bands or panel.boxes or not values:
-        return {}
-    size = max(abs(v) for v in values)
-    constant = size > 0.0 and max(values) - min(values) <= ROUNDING * size
-    return {"range": [min(values) - 0.05 * size, max(values) + 0.05 * size]} if constant else {}
+    values += [v for band in panel.bands for v in chain(band.low, band.high) if v is not None]
+    values += [v for boxes in panel.boxes for box in boxes.boxes for v in box]
+    if not panel.logarithmic:
+        return Axis(*span(values, zero=panel.zero_line), 0.0, 1.0)
+    positive = [v for v in values if v > 0.0] or [1.0, 10.0]
+    low, high = min(positive), max(positive)
+    return Axis(low / 1.15, max(high * 1.15, 2.0 * low), 0.0, 1.0, True)
 
 
-def _y_axis(panel: Panel) -> dict[str, Any]:
-    ticks = {"tickvals": _log_ticks(panel)} if panel.logarithmic else _around_a_constant(panel)
-    return {
-        **ticks,
-        "title": {"text": _plain(panel.y_title), "standoff": 6},
-        "type": "log" if panel.logarithmic else "linear",
-        "gridcolor": GRID,
-        "linecolor": INK,
-        "ticks": "outside",
-        "zeroline": panel.zero_line,
-        "zerolinecolor": INK,
-        "zerolinewidth": 1,
-        "automargin": True,
-    }
+def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, labelled: bool) -> str:
+    """Grid, content, frame and texts of a panel; `labelled` is whether its horizontal axis has texts."""
+    x, y = axes
+    height = y.start
+    xs = _x_ticks(panel, x, sheet.inner)
+    ys = [(float(i), name) for i, name in enumerate(panel.rows)] or y.ticks(max(3, round(height / 45.0)))
+    grid = "".join(f"M{x.at(v):.1f} 0v{height:.1f}" for v, _ in xs if not panel.categories)
+    grid += "".join(f"M0 {y.at(v):.1f}h{sheet.inner:.1f}" for v, _ in ys if not panel.rows)
+    zero = (
+        f"M0 {y.at(0.0):.1f}h{sheet.inner:.1f}" if panel.zero_line and not panel.rows and y.low < 0.0 < y.high else ""
+    )
+    zero += f"M{x.at(0.0):.1f} 0v{height:.1f}" if panel.rows and x.low < 0.0 < x.high else ""
+    ends = f'data-x="{x.low!r} {x.high!r}" data-y="{y.low!r} {y.high!r}"'
+    has_texts = ' data-texts=""' if labelled else ""
+    fixed = ' data-fixed=""' if panel.categories or panel.rows or y.logarithmic else ""
+    view = f"0 0 {round(TENTHS * sheet.inner)} {round(TENTHS * height)}"
+    texts = [_text(text, x.at(v), height + 15.0, "middle") for v, text in xs] if labelled else []
+    names = [_text(_cut(text, sheet.left - 30.0), -6.0, y.at(v) + 4.0, "end") for v, text in ys]
+    turned = f'<g transform="translate({12.0 - sheet.left:.1f} {height / 2:.1f}) rotate(-90)">'
+    return (
+        f'<g class="panel" transform="translate({sheet.left:.1f} {top:.1f})">'
+        f'<rect width="{sheet.inner:.1f}" height="{height:.1f}" fill="#fff"/>'
+        f'<path class="grid" d="{grid}" stroke="{GRID}"/><path class="zero" d="{zero}" stroke="{INK}"/>'
+        f'<svg class="pane" width="{sheet.inner:.1f}" height="{height:.1f}" viewBox="{view}" '
+        f'preserveAspectRatio="none" {ends}{fixed}>{pane_svg(panel, x, y)}</svg>'
+        f'<path d="M0 0V{height:.1f}H{sheet.inner:.1f}" fill="none" stroke="{INK}"/>'
+        f'<g class="xs"{has_texts}>{"".join(texts)}</g><g class="ys">{"".join(names)}</g>'
+        f"{turned}{_text(panel.y_title, 0.0, 0.0, 'middle')}</g></g>"
+    )
 
 
-def page_layout(height: int) -> dict[str, Any]:
-    """Layout that all figures of a page share; `height` [px]."""
-    return {
-        "template": "none",
-        "height": height,
-        "autosize": True,
-        "font": {"family": FONT, "size": 12.5, "color": INK},
-        "margin": {"l": 54, "r": 10, "t": 34, "b": 46},
-        "hovermode": "closest",
-        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": SOFT, "activecolor": INK},
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "#ffffff",
-        "legend": {
-            "orientation": "h",
-            "x": 0,
-            "xanchor": "left",
-            "y": 1.02,
-            "yanchor": "bottom",
-            "font": {"size": 12.5},
-        },
-    }
+def _x_ticks(panel: Panel, x: Axis, width: float) -> list[tuple[float, str]]:
+    if not panel.categories:
+        return x.ticks(max(3, round(width / 90.0)))
+    room = width / len(panel.categories) - 4.0
+    return [(float(i), _cut(name, max(room, 34.0))) for i, name in enumerate(panel.categories)]
+
+
+def text_width(text: str) -> float:
+    """Width of a text [px], near enough to set others beside it."""
+    return sum(0.3 if c in "iljt.,:;'|!() " else 0.85 if c in "mwMW%@" else 0.58 for c in text) * SIZE
+
+
+def _cut(text: str, width: float) -> str:
+    """Text that fits a width [px], with an ellipsis where it is cut."""
+    if text_width(text) <= width + 1.0:
+        return text
+    while len(text) > 1 and text_width(text + "…") > width:
+        text = text[:-1]
+    return text + "…"
+
+
+def _text(text: str, x: float, y: float, anchor: str = "start") -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(text)}</text>'
+
+
+def _legend(figure: Figure, width: int) -> tuple[str, float]:
+    """Entries in rows above the panels, and where the panels begin [px]."""
+    x, y = 8.0, LINE
+    parts = []
+    for key, text in _entries(figure):
+        text = _cut(text, width - SAMPLE - 16.0)
+        own = SAMPLE + text_width(text)
+        if x > 8.0 and x + own > width - 8.0:
+            x, y = 8.0, y + LINE
+        parts.append(f'<g transform="translate({x:.1f} {y:.1f})">{key}{_text(text, SAMPLE, 0.0)}</g>')
+        x += own + APART
+    return "".join(parts), (y + 10.0 if parts else 12.0)
+
+
+def _entries(figure: Figure) -> list[tuple[str, str]]:
+    """Sample and text of each entry, each once."""
+    found: dict[str, str] = {}
+    for panel in figure.panels:
+        solid: list[Boxes | Bars] = [*panel.boxes, *panel.bars]
+        for boxes in solid:
+            colour = colour_of(boxes.look, None)
+            square = f'<rect x="4" y="-10" width="12" height="11" fill="{colour}" fill-opacity=".3" stroke="{colour}"/>'
+            found.setdefault(boxes.label, square)
+        for series in panel.series:
+            found.setdefault(series.label, _sample(series))
+    return [(sample, text) for text, sample in found.items() if text]
+
+
+def _sample(series: Series) -> str:
+    colour, width, dash = line_of(series)
+    dashed = f' stroke-dasharray="{DASHES[dash]}"' if dash in DASHES else ""
+    drawn = f'<path d="M0 -4h20" stroke="{colour}" stroke-width="{width}"{dashed}/>' if "lines" in series.mode else ""
+    return drawn + ("".join(marker_path(series, "M10 -4h.1")) if "markers" in series.mode else "")

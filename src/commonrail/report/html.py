@@ -9,9 +9,14 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
 
-from commonrail.report.draw import plotly_script
+from commonrail.display.table import Table
+from commonrail.display.text import MISSING
 
-__all__ = ["breakable", "render"]
+__all__ = ["breakable", "is_long", "print_size", "render"]
+
+# Letters of a table beside one another: on a telephone 390 px wide, and times the size [pt] on A4 between its margins.
+TELEPHONE, PAPER = 50.0, 930.0
+KEPT = 18  # letters of a cell that stay on one line
 
 
 @functools.cache
@@ -26,6 +31,8 @@ def _environment() -> Environment:
     )
     environment.filters["drawing"] = Markup
     environment.filters["breakable"] = breakable
+    environment.filters["print_size"] = print_size
+    environment.filters["is_long"] = is_long
     return environment
 
 
@@ -34,7 +41,26 @@ def breakable(name: str) -> Markup:
     return Markup(re.sub(r"([._])", r"\1<wbr>", str(escape(name))))
 
 
+def print_size(table: Table) -> str:
+    """Size of letters [pt] at which a table fits a sheet of paper."""
+    return f"{min(8.5, max(5.5, PAPER / max(_letters(table), 1.0))):.2g}pt"
+
+
+def is_long(table: Table) -> bool:
+    """True for a table too wide for a telephone: there each row is set as lines of its own."""
+    return _letters(table) > TELEPHONE
+
+
+def _letters(table: Table) -> float:
+    """Width of a table in letters: of each column the longest word that is not broken."""
+    widths = []
+    for i, head in enumerate(table.columns):
+        cells = [row[i].plain for row in table.rows if row[i].plain != MISSING]
+        words = [word for text in cells for word in (text.split() if len(text) > KEPT else [text])]
+        widths.append(max(map(len, [*head.split(), *words]), default=1) + 1.5)
+    return sum(widths)
+
+
 def render(template: str, **values: Any) -> str:
-    """Fill a template of the folder ``templates``; plotly's script goes in once."""
-    page = _environment().get_template(template)
-    return page.render(plotly_script=Markup(plotly_script()), **values)
+    """Fill a template of the folder ``templates``."""
+    return _environment().get_template(template).render(**{"dated": "", "record": {}, **values})

@@ -136,7 +136,7 @@ def test_the_verb_writes_result_and_report(study: cr.Study, tmp_path: Path) -> N
     folder = tmp_path / "own"
     write_new(folder)
     text = (folder / "study.toml").read_text(encoding="utf-8").replace("generations = 30", "generations = 2")
-    (folder / "study.toml").write_text(text.replace("polish = 1", "polish = 0"), encoding="utf-8")
+    (folder / "study.toml").write_text(text.replace("polish = 3", "polish = 0"), encoding="utf-8")
     run = tmp_path / "run"
     assert run_command("calibrate", folder / "study.toml", "--out", run, "--threads", 1).status == 0
     done = run_command("certainty", run, "--local", "--starts", 2, "--threads", 1, "--json")

@@ -17,7 +17,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("posterior") / "own"
     write_new(folder)
     text = (folder / "study.toml").read_text(encoding="utf-8").replace("generations = 30", "generations = 2")
-    (folder / "study.toml").write_text(text.replace("polish = 1", "polish = 0"), encoding="utf-8")
+    (folder / "study.toml").write_text(text.replace("polish = 3", "polish = 0"), encoding="utf-8")
     found = folder.parent / "run"
     assert run_command("calibrate", folder / "study.toml", "--out", found, "--threads", 1).status == 0
     return found

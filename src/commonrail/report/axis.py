@@ -1,0 +1,101 @@
+"""Axis of a drawing: places in pixels, round ticks and their texts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+__all__ = ["Axis", "span"]
+
+ROUNDING = 1e-9  # of the largest value; differences of sums of doubles stay below
+PADDING = 0.04  # of the range, on either side
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Map from values to pixels.
+
+    Attributes
+    ----------
+    low, high : float
+        Ends of the values; positive ones if logarithmic.
+    start, end : float
+        Their places [px].
+    logarithmic : bool
+    """
+
+    low: float
+    high: float
+    start: float
+    end: float
+    logarithmic: bool = False
+
+    def at(self, value: float) -> float:
+        """Place of a value [px]."""
+        low, high, value = (self._scaled(v) for v in (self.low, self.high, value))
+        return self.start + (value - low) / (high - low) * (self.end - self.start)
+
+    def _scaled(self, value: float) -> float:
+        return math.log10(max(value, 1e-300)) if self.logarithmic else value
+
+    def ticks(self, most: int) -> list[tuple[float, str]]:
+        """Round values between the ends, about `most` of them, each with its text."""
+        values = _log_ticks(self.low, self.high, most) if self.logarithmic else _ticks(self.low, self.high, most)
+        step = values[1] - values[0] if len(values) > 1 else 0.0
+        return [(value, _text(value, 0.0 if self.logarithmic else step)) for value in values]
+
+
+def span(values: Iterable[float], zero: bool = False, padded: bool = True) -> tuple[float, float]:
+    """Ends of an axis that shows all values.
+
+    Parameters
+    ----------
+    values : iterable of float
+    zero : bool
+        Include zero.
+    padded : bool
+        Leave some room on either side.
+    """
+    found = list(values)
+    if zero:
+        found.append(0.0)
+    low, high = (min(found), max(found)) if found else (0.0, 1.0)
+    size = max(abs(low), abs(high))
+    if high - low <= ROUNDING * size:  # constant but for rounding
+        return (low - 0.05 * size, high + 0.05 * size) if size else (-1.0, 1.0)
+    room = PADDING * (high - low) if padded else 0.0
+    return low - room, high + room
+
+
+def _ticks(low: float, high: float, most: int) -> list[float]:
+    rough = (high - low) / max(most, 1)
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(digit * power for digit in (1.0, 2.0, 5.0, 10.0) if digit * power >= rough * (1.0 - 1e-9))
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [i * step for i in range(first, last + 1)]
+
+
+def _log_ticks(low: float, high: float, most: int) -> list[float]:
+    """1, 2 and 5 times the powers of ten, or the powers alone where there are many."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for digits in ((1, 2, 5), (1,)):
+        found = [
+            d * 10.0**p for p in decades for d in digits if low <= d * 10.0**p * (1 + 1e-9) and d * 10.0**p <= high
+        ]
+        if len(found) <= max(most, 3):
+            return found
+    return found[:: -(-len(found) // max(most, 3))]
+
+
+def _text(value: float, step: float) -> str:
+    """Number of a tick, with the decimals of the step and a true minus."""
+    size = max(abs(value), step)
+    if size >= 1e6 or 0.0 < size < 1e-4:
+        text = f"{value:.6g}"
+    elif step:
+        decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+        text = f"{value:.{decimals}f}"
+    else:
+        text = f"{value:.10g}"
+    return text.replace("-", "−") if float(text) else "0"

@@ -1,0 +1,160 @@
+"""First page of a calibration's report: may the result be used, why, and what to do next."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from commonrail.display.text import listed, number
+from commonrail.kinds.records import Record
+from commonrail.report.record import of_role
+
+__all__ = ["Step", "Verdict", "verdict"]
+
+GOOD, CARE, BAD = "good", "care", "bad"
+SHOWN = 4  # parameters that a sentence names
+
+
+class Step(NamedTuple):
+    """One thing to do, and the command line for it if there is one."""
+
+    text: str
+    command: str = ""
+
+
+class Verdict(NamedTuple):
+    """Verdict on a calibration.
+
+    Attributes
+    ----------
+    level : str
+        "good", "care" or "bad".
+    title : str
+        In a few words.
+    reasons : list of str
+        What speaks against the result; what speaks for it where there is nothing.
+    steps : list of Step
+        What to do next, the most urgent first.
+    """
+
+    level: str
+    title: str
+    reasons: list[str]
+    steps: list[Step]
+
+
+class _Point(NamedTuple):
+    """Something that speaks against a result, how much, and its cure."""
+
+    level: str
+    reason: str
+    step: Step
+
+
+_TITLES = {
+    GOOD: "Nothing found against using this result",
+    CARE: "Usable with care",
+    BAD: "Not usable yet",
+}
+
+
+def verdict(record: Record, run: str) -> Verdict:
+    """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
+    folder = shlex.quote(run)
+    found = [
+        *_ending(record, folder),
+        *_plausibility(record, folder),
+        *_prediction(record),
+        *_parameters(record, folder),
+    ]
+    levels = {point.level for point in found}
+    level = BAD if BAD in levels else CARE if CARE in levels else GOOD
+    found.sort(key=lambda point: point.level != BAD)
+    model = shlex.quote(f"{run}/calibrated.toml")
+    use = Step(
+        "Compute the map of the calibrated injector for the control unit.", f"commonrail map {model} --out map.dcm"
+    )
+    steps = list(dict.fromkeys(point.step for point in found))
+    return Verdict(
+        level,
+        _TITLES[level],
+        [point.reason for point in found] or _praise(record),
+        steps if level == BAD else [*steps, use],
+    )
+
+
+def _ending(record: Record, folder: str) -> Iterator[_Point]:
+    """Search that failed, was stopped or has not converged."""
+    best, start = (number(record["objective"].get(key)) for key in ("best", "start"))
+    if best is None:
+        step = Step("Correct the injector or the operating points until the start values can be simulated.")
+        yield _Point(BAD, "No candidate could be simulated.", step)
+        return
+    if record["status"] == "interrupted":
+        step = Step("Run the search to its end.", f"commonrail resume {folder}")
+        yield _Point(BAD, "The search was stopped before its end.", step)
+    elif record.get("convergence", {}).get("converged") is False:
+        sentence = str(record["convergence"]["sentence"]).removeprefix("not converged: ")
+        step = Step("Continue the search.", f"commonrail resume {folder} --generations 50")
+        yield _Point(CARE, f"The search has not converged: {sentence}.", step)
+    if start is not None and not best < start:
+        step = Step("Check bounds and data: the start values fit as well as anything that was tried.")
+        yield _Point(BAD, "The objective did not fall below that of the start values.", step)
+
+
+def _plausibility(record: Record, folder: str) -> Iterator[_Point]:
+    if count := len(record.get("warnings", [])):
+        reason = f"{count} implausible finding{'s' if count > 1 else ''}, named at the top of this page."
+        step = Step(
+            "Check the findings at the top of this page against the test bench, correct the study, calibrate again."
+        )
+        yield _Point(BAD, reason, step._replace(command=f"commonrail calibrate {folder}/study.toml"))
+    if synthetic := [d["name"] for d in record["data"] if d.get("synthetic")]:
+        reason = f"{_some(synthetic)} {'are' if len(synthetic) > 1 else 'is'} synthetic, not measured."
+        yield _Point(
+            CARE, reason, Step("Replace synthetic data by measured ones before the result is used on an engine.")
+        )
+
+
+def _prediction(record: Record) -> Iterator[_Point]:
+    """Data that the fit has not seen: none, or met worse than a trivial model meets them."""
+    validation = of_role(record["data"], "validation")
+    if not validation and not record.get("refits", {}).get("left_out"):
+        step = Step('Set role = "validation" for one data set of study.toml, or measure another one.')
+        yield _Point(CARE, "No data were held back: errors on unseen points are not known.", step)
+    worse = [d["name"] for d in validation if any(b.get("beaten") is False for b in d.get("baselines", ()))]
+    if worse:
+        step = Step("Free fewer parameters or add data between the fitted ones; see “Figures of merit”.")
+        yield _Point(CARE, f"On {_some(worse)} a trivial model is as good or better.", step)
+
+
+def _parameters(record: Record, folder: str) -> Iterator[_Point]:
+    parameters = record["parameters"]
+    if bounded := [p["name"] for p in parameters if p.get("at_bound")]:
+        step = Step("Widen the bounds of these parameters in study.toml if the parts allow it, and calibrate again.")
+        yield _Point(CARE, f"At a bound: {_some(bounded)}.", step)
+    loose = [p["name"] for p in parameters if p.get("verdict") and p["verdict"] != "pinned"]
+    if loose:
+        reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
+        profiled = record.get("certainty", {}).get("starts", 1) > 1
+        look = Step("Compute full intervals of the parameters.", f"commonrail certainty {folder}")
+        plan = Step(
+            "Plan the measurements that would pin them down.", f"commonrail next {folder} --points 3 --out plan.csv"
+        )
+        yield _Point(CARE, reason, plan if profiled else look)
+
+
+def _praise(record: Record) -> list[str]:
+    lines = ["The search has converged."] if record.get("convergence", {}).get("converged") else []
+    lines.append("No finding is implausible and no parameter is at a bound.")
+    if of_role(record["data"], "validation"):
+        lines.append("Data were held back, and the calibrated model was judged on them.")
+    return lines
+
+
+def _some(names: list[str]) -> str:
+    """Names, the first few of many."""
+    if len(names) <= SHOWN + 1:
+        return listed(names)
+    return f"{', '.join(names[:SHOWN])} and {len(names) - SHOWN} more"

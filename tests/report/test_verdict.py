@@ -1,0 +1,85 @@
+"""Verdict and next steps on the first page of a calibration's report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from commonrail.report.verdict import verdict
+from tests.report.samples import map_record, rate_record
+
+
+def sound() -> dict[str, Any]:
+    """Converged fit of measured data, every parameter pinned, with data that were held back."""
+    record = map_record() | {"convergence": {"converged": True, "sentence": "converged: all agree"}}
+    record["parameters"] = [p | {"verdict": "pinned", "at_bound": False} for p in record["parameters"]]
+    return record
+
+
+def test_a_sound_fit_leads_to_its_use() -> None:
+    found = verdict(sound(), "runs/a b")
+    assert (found.level, found.title) == ("good", "Nothing found against using this result")
+    assert [step.command for step in found.steps] == ["commonrail map 'runs/a b/calibrated.toml' --out map.dcm"]
+    assert "The search has converged." in found.reasons
+
+
+@pytest.mark.parametrize(
+    ("change", "level", "reason", "cure"),
+    [
+        ({"status": "interrupted"}, "bad", "was stopped before its end", "commonrail resume runs/a"),
+        ({"objective": {"start": 1.0, "best": None}}, "bad", "No candidate could be simulated", ""),
+        ({"objective": {"start": 1.0, "best": 1.0}}, "bad", "did not fall", ""),
+        (
+            {"convergence": {"converged": False, "sentence": "not converged: 1 of 3 ends agree"}},
+            "care",
+            "has not converged: 1 of 3 ends agree.",
+            "commonrail resume runs/a --generations 50",
+        ),
+        (
+            {"warnings": [{"code": "shift", "subject": "s", "sentence": "t"}]},
+            "bad",
+            "1 implausible finding,",
+            "calibrate",
+        ),
+    ],
+)
+def test_what_speaks_against_a_fit_has_a_reason_and_a_cure(
+    change: dict[str, Any], level: str, reason: str, cure: str
+) -> None:
+    found = verdict(sound() | change, "runs/a")
+    assert found.level == level
+    assert any(reason in text for text in found.reasons)
+    assert cure in found.steps[0].command
+    assert any("commonrail map" in step.command for step in found.steps) == (level != "bad")
+
+
+def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
+    record = sound()
+    record["parameters"][0]["at_bound"] = True
+    record["parameters"][1]["verdict"] = "only in combination"
+    found = verdict(record, "runs/a")
+    assert found.level == "care"
+    assert "At a bound: plunger_needle.k1." in found.reasons
+    assert "The data do not pin down 1 of 3 parameters: plunger_needle.k2." in found.reasons
+    assert [step.command for step in found.steps][1] == "commonrail certainty runs/a"
+
+
+def test_profiled_intervals_lead_to_a_measuring_plan() -> None:
+    record = sound() | {"certainty": {"starts": 5}}
+    record["parameters"][1]["verdict"] = "only in combination"
+    assert verdict(record, "runs/a").steps[0].command == "commonrail next runs/a --points 3 --out plan.csv"
+
+
+def test_synthetic_data_and_none_that_were_held_back_ask_for_care() -> None:
+    record = rate_record() | {"convergence": {"converged": True, "sentence": ""}}
+    record["data"] = record["data"][:1]
+    reasons = " ".join(verdict(record, "runs/a").reasons)
+    assert "EVI 160 MPa is synthetic" in reasons
+    assert "No data were held back" in reasons
+
+
+def test_a_trivial_model_that_is_as_good_is_told() -> None:
+    record = sound()
+    record["data"][1]["baselines"] = [{"beaten": False}]
+    assert "On map at 80 MPa a trivial model is as good or better." in verdict(record, "runs/a").reasons
