@@ -10,6 +10,7 @@ import pytest
 
 from commonrail.analysis import refits
 from commonrail.analysis.refits import refits_of
+from commonrail.calibration import members
 from commonrail.calibration.judgement import Judgement, LeaveOut
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.study import Study
@@ -85,6 +86,40 @@ def test_every_row_is_predicted_by_the_fit_that_does_not_see_it(
     (interpolation,) = found["baselines"]
     assert interpolation["figures"]["rms_large_percent"] == pytest.approx(other, rel=1e-9)
     assert interpolation["beaten"] is bool(rms < other)
+
+
+STAGED = """
+[[parameter]]
+name = "control_chamber.a_hole_diameter"
+lower = "190 um"
+upper = "240 um"
+
+[optimiser]
+method = "staged least squares"
+members = 8
+generations = 0
+starts = 2
+finalists = 2
+trial_iterations = 0
+stage_iterations = 1
+"""
+
+
+def test_the_mean_of_the_members_is_judged_on_the_same_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(members, "WORST", np.inf)  # whatever the objectives of the descents are
+    (tmp_path / "map.csv").write_text(TABLE, encoding="utf-8")
+    (tmp_path / "study.toml").write_text(map_study(more=STAGED) + JUDGED.replace("seeds = 1\n", ""), encoding="utf-8")
+    (found,) = refits_of(calibrate(load_study(tmp_path / "study.toml"), threads=1), threads=1)["left_out"]
+    errors = []
+    for rail in (60, 80, 120):
+        text = map_study(f'hold_out = {{ rail_pressure = ["{rail} MPa"] }}', more=STAGED)
+        (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+        study = load_study(tmp_path / "study.toml")
+        score: Any = calibrate(study, threads=1).scores["mean"][1]
+        errors.append(score.quantity / np.asarray(study.data[1].measured) - 1.0)
+    rms = 100.0 * np.sqrt(np.mean(np.concatenate(errors) ** 2))
+    assert found["mean"]["rms_large_percent"] == pytest.approx(rms, rel=1e-12)
+    assert found["mean"] != found["figures"]
 
 
 def test_the_map_of_a_sister_part_stands_beside_them(tmp_path: Path) -> None:

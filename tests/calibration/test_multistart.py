@@ -152,3 +152,21 @@ def test_absolute_errors_are_lowered_as_such() -> None:
     search = searched(box(1), residuals, MultiStartSettings(16, 40, 4), lambda x: np.sum(np.abs(residuals(x)), axis=1))
     assert search.best.x[0] == pytest.approx(np.median(data), abs=0.01)  # smoothed over half of the mean error
     assert abs(np.mean(data) - np.median(data)) > 0.05
+
+
+def two_valleys(x: Floats) -> Floats:
+    """Residuals with minima near 0.2 and, a little higher, near 0.8."""
+    return np.stack([20.0 * (x[:, 0] - 0.2) * (x[:, 0] - 0.8), 0.3 * x[:, 0], x[:, 1] - 0.5], axis=1)
+
+
+def test_ends_are_the_optima_of_all_descents_the_best_first() -> None:
+    settings = MultiStartSettings(40, 40, 4)
+    search = searched(box(2), two_valleys, settings)
+    ends = search.ends
+    assert len(ends) == len(search.costs) >= 4
+    assert ends[0].cost == search.best.cost
+    assert [end.cost for end in ends] == sorted(end.cost for end in ends)
+    # both valleys: 0.3 x draws their floors towards 0 by less than 0.01
+    assert {round(float(end.x[0]), 1) for end in ends} == {0.2, 0.8}
+    for end in ends:
+        assert end.cost == pytest.approx(float(squares(two_valleys)(end.x[None, :])[0]), rel=1e-12)

@@ -105,6 +105,18 @@ def test_tables_of_seeds_and_of_what_was_left_out(record: dict[str, Any]) -> Non
     assert [cell.text for cell in left_out.rows[0]][3:] == ["2", "14", "3.50", "0.200", "8.0"]
 
 
+def test_the_mean_of_the_members_follows_the_model(record: dict[str, Any]) -> None:
+    record["refits"]["left_out"][0]["mean"] = FIGURES | {"rms_large_percent": 2.25}
+    _, left_out = judgement_tables(record)
+    assert [(row[2].text, row[5].text) for row in left_out.rows][:2] == [
+        ("model", "3.50"),
+        ("mean of the members", "2.25"),
+    ]
+    assert any(
+        line.startswith("The mean of the members of each search gives 2.25 % rms") for line in judgement_lines(record)
+    )
+
+
 def test_combinations_that_the_data_hold(record: dict[str, Any]) -> None:
     table = combination_table(record)
     assert table is not None

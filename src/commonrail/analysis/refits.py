@@ -14,6 +14,7 @@ from commonrail.errors import SimulationError
 from commonrail.kinds import DataSet, QuantityData, Role, of_role
 from commonrail.kinds.maps.baselines import interpolated
 from commonrail.kinds.maps.folds import Fold, folded_record, levels, without
+from commonrail.kinds.records import JUDGED, MEAN
 from commonrail.units import to_text
 from commonrail.workers.workers import Workers
 
@@ -116,8 +117,9 @@ def _left_out(study: Study, by: str, search: Search, note: Note) -> list[dict[st
 
 def _add(folds: dict[str, list[Fold]], parts: dict[str, Any], found: Calibration, kept: Sequence[DataSet]) -> None:
     """Note the scores of one search on the rows that it has not seen."""
-    scores = dict(zip([data.name for data in found.study.data], found.scores["best"], strict=True))
+    names = [data.name for data in found.study.data]
     maps = [data for data in kept if isinstance(data, QuantityData)]
     for name, (_, held, rows) in parts.items():
-        score: Any = scores[held.name]
-        folds[name].append(Fold(rows, score, interpolated(held, [one for one in maps if one.kind == held.kind])))
+        scores: dict[str, Any] = {label: own[names.index(held.name)] for label, own in found.scores.items()}
+        baseline = interpolated(held, [one for one in maps if one.kind == held.kind])
+        folds[name].append(Fold(rows, scores[JUDGED], baseline, scores.get(MEAN)))

@@ -3,33 +3,31 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from commonrail.arguments import flag, function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
+from commonrail.calibration.members import injector_of, mean_scores
 from commonrail.calibration.optimisers import Best, Counts
 from commonrail.calibration.optimisers.verdict import Verdict
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
+from commonrail.calibration.scoring import Scores, score_all, scores_of
 from commonrail.calibration.search import Listeners, Progress, Search, objective_of
 from commonrail.calibration.study import Study
-from commonrail.choices import Body
 from commonrail.engine.status import Status
 from commonrail.errors import SimulationError, StudyError
 from commonrail.injector.definition import Injector, Source
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.metering import with_meters
-from commonrail.kinds.simulator import Simulator
+from commonrail.kinds.records import JUDGED
 from commonrail.observation.meter import Meter
-from commonrail.observation.quantities import is_of_meter
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 
 __all__ = ["Calibration", "Progress", "calibrate", "check_study", "score_all", "scores_of"]
-
-Scores = tuple[Score, ...]
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,8 @@ class Calibration:
     status, reason : str
         "finished" or "interrupted", and why it stopped.
     scores : dict of str to tuple of Score
-        For "start", "best" and, where the body is flexible, "rigid": every data set, fit and validation.
+        For "start", "best" and, where the body is flexible, "rigid": every data set, fit and validation. Where several
+        optima of maps were found, "mean" is of the mean of what they predict.
     seconds : float
         Time of the search.
     simulations : int
@@ -64,6 +63,8 @@ class Calibration:
         Whether the search has converged, by which rule; None of one that was interrupted.
     ends : tuple of Best
         Optima that the search has found side by side, the best first.
+    members : tuple of Injector
+        Of the optima whose mean is scored, the calibrated injector first; empty where there is none.
     """
 
     study: Study
@@ -82,6 +83,7 @@ class Calibration:
     warnings: tuple[Finding, ...] = ()
     convergence: Verdict | None = None
     ends: tuple[Best, ...] = ()
+    members: tuple[Injector, ...] = ()
 
     @property
     def meters(self) -> tuple[Meter, ...]:
@@ -207,8 +209,12 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
             raise KeyboardInterrupt
         raise SimulationError(_all_failed(study.title, search.failures))
     best = dict(zip(study.space.names, x.tolist(), strict=True))
-    own = {name: value for name, value in best.items() if not is_of_meter(name)}
-    calibrated = replace(study.injector.with_values(own), name=f"{study.injector.name}-calibrated")
+    calibrated = injector_of(study, best)
+    scores = scores_of(study, calibrated, threads, with_rigid=status == "finished", start=start, best=best)
+    members: tuple[Injector, ...] = ()
+    if status == "finished":
+        members, mean = mean_scores(study, calibrated, scores[JUDGED], search.ends, threads)
+        scores |= mean
     return Calibration(
         study,
         calibrated,
@@ -219,12 +225,13 @@ def _calibrate(search: Search, study: Study, threads: int | None, start: Scores)
         search.counts,
         status,
         reason,
-        scores_of(study, calibrated, threads, with_rigid=status == "finished", start=start, best=best),
+        scores,
         seconds,
         search.simulations,
         dict(search.failures),
         convergence=search.verdict() if status == "finished" else None,
         ends=search.ends,
+        members=members,
     )
 
 
@@ -240,55 +247,3 @@ def _all_failed(title: str, failures: Counter[str]) -> str:
         f"{title}: not one of {total} candidates could be simulated; {count} of them: "
         f"{Status[name.upper()].sentence} Check the start values with `commonrail simulate`."
     )
-
-
-def scores_of(
-    study: Study,
-    calibrated: Injector,
-    threads: int | None = None,
-    with_rigid: bool = True,
-    start: Scores | None = None,
-    best: Mapping[str, float] | None = None,
-) -> dict[str, Scores]:
-    """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body.
-
-    Parameters
-    ----------
-    study : Study
-    calibrated : Injector
-    threads : int or None
-    with_rigid : bool
-    start : tuple of DataScore, optional
-        Of the start values, if they are known.
-    best : mapping of str to float, optional
-        Calibrated values: those of meters count for "best"; start values and rigid body keep the study's meters.
-    """
-    injectors = {"best": calibrated}
-    traces = any(d.bounds is not None for d in study.data)  # what a rigid body lacks is seen in a course in time
-    if with_rigid and study.injector.variant.body is Body.FLEXIBLE and traces:
-        rigid = study.injector.variant._replace(body=Body.RIGID)
-        injectors["rigid"] = replace(study.injector, variant=rigid)
-    known = {"start": start or score_all(study, study.injector, threads)}
-    data = {"best": with_meters(study.data, [meter.with_best(best or {}) for meter in study.meters])}
-    return known | {
-        label: score_all(study, injector, threads, data.get(label)) for label, injector in injectors.items()
-    }
-
-
-def score_all(
-    study: Study, injector: Injector, threads: int | None = None, data: Sequence[DataSet] | None = None
-) -> tuple[Score, ...]:
-    """Score of each data set, in their order, with the injector as it is.
-
-    Parameters
-    ----------
-    study : Study
-        Its time step and its `same_bits` are taken.
-    injector : Injector
-    threads : int, optional
-        All usable processors by default.
-    data : sequence of DataSet, optional
-        In place of the study's own.
-    """
-    simulator = Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits)
-    return tuple(d.score(simulator) for d in (study.data if data is None else data))

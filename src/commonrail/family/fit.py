@@ -12,6 +12,7 @@ from commonrail.analysis.identifiability import identify_at
 from commonrail.arguments import function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.injector_type import InjectorType
+from commonrail.calibration.members import mean_of, members_of
 from commonrail.calibration.optimisers import Counts
 from commonrail.calibration.run import score_all
 from commonrail.calibration.search import Listeners, Progress, Search
@@ -20,16 +21,13 @@ from commonrail.family.learnt import learnt_type
 from commonrail.family.objective import FamilyObjective
 from commonrail.family.study import Family
 from commonrail.injector.definition import Injector, Source
-from commonrail.kinds import DataSet, QuantityData, Score
-from commonrail.kinds.maps.data import QuantityScore
+from commonrail.kinds import Score
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 
-__all__ = ["FamilyFit", "FittedPart", "fit_family", "mean_of", "objective_of_parts"]
+__all__ = ["FamilyFit", "FittedPart", "fit_family", "objective_of_parts"]
 
 Floats = NDArray[np.float64]
-
-WORST = 2.0  # objective of a member relative to the best: its misfit is then 1.4 times as large
 
 
 @dataclass(frozen=True)
@@ -166,7 +164,7 @@ def fit_family(
                 raise KeyboardInterrupt
             raise SimulationError(f"{family.title}: no candidate could be simulated for all parts; check the bounds.")
         objective.threads = threads  # workers' copies share the simulators
-        ends = [end for end in search.ends if end.cost <= WORST * cost]
+        ends = members_of(search.ends)
         found = identify_at(family.space, objective, x)
         errors = {name: found[name]["standard_error"] for name in family.space.names}
         joint = dict(zip(family.space.names, x.tolist(), strict=True))
@@ -205,23 +203,3 @@ def _part(family: Family, index: int, ends: Sequence[Floats], threads: int | Non
     best = {key: injectors[0].values[key] for key in study.space.names}
     start = score_all(study, study.injector, threads)
     return FittedPart(injectors[0], best, scores[0], start, tuple(injectors), mean_of(study.data, scores))
-
-
-def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple[Score, ...]:
-    """Scores of the mean of what several models predict; none unless all data are maps and there are several models.
-
-    Parameters
-    ----------
-    data : sequence of DataSet
-    scores : sequence of sequence of Score
-        Of each model.
-    """
-    maps = [one for one in data if isinstance(one, QuantityData)]
-    if len(maps) < len(data) or len(scores) < 2:
-        return ()
-    found = []
-    for one, own in zip(maps, zip(*scores, strict=True), strict=True):
-        scored = [score for score in own if isinstance(score, QuantityScore)]
-        quantity = np.mean([score.quantity for score in scored], axis=0)
-        found.append(one.scored(quantity, np.mean([score.dead_time for score in scored], axis=0)))
-    return tuple(found)

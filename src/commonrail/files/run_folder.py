@@ -20,10 +20,11 @@ from commonrail.files.study_file import load_study
 from commonrail.files.sums import summed
 from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
 from commonrail.kinds import DataSet, Score
-from commonrail.kinds.records import LABELS, MEASURED
+from commonrail.kinds.records import LABELS, MEAN, MEASURED
 from commonrail.observation.quantities import is_of_meter
 
 __all__ = [
+    "MEMBER",
     "RESULT",
     "TRACES",
     "create_run_folder",
@@ -38,8 +39,9 @@ __all__ = [
 ]
 
 RESULT, STUDY, TRACES, CALIBRATED = "result.json", "study.toml", "traces.csv", "calibrated.toml"
+MEMBER = "member-{}.toml"  # injectors of the other optima whose mean is scored, from number 2 on
 
-_COLUMNS = (MEASURED, *LABELS)
+_COLUMNS = (MEASURED, *(label for label in LABELS if label != MEAN))  # of courses in time, which have no mean
 
 
 def create_run_folder(path: str | Path) -> Path:
@@ -119,11 +121,17 @@ def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[
 
 
 def write_results(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write calibrated.toml, result.json and traces.csv, and their checksums."""
+    """Write calibrated.toml, the other members, result.json and traces.csv, and their checksums."""
     title = calibration.study.title
     notes = {name: f'calibrated by "{title}"' for name in calibration.best if not is_of_meter(name)}
-    with summed(folder, RESULT, CALIBRATED, TRACES):
+    others = {MEMBER.format(number): one for number, one in enumerate(calibration.members[1:], 2)}
+    with summed(folder, RESULT, CALIBRATED, TRACES, *others):
         dump_injector(calibration.injector, folder / CALIBRATED, notes, meters=calibration.meters)
+        for name in set(_members(folder)) - set(others):  # of the run before it was extended
+            with writing(folder / name):
+                (folder / name).unlink()
+        for name, injector in others.items():
+            dump_injector(injector, folder / name, notes)
         write_record(folder / RESULT, result_record(calibration, identified))
         _write_traces(folder / TRACES, calibration)
 
@@ -190,9 +198,14 @@ def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str
     if "posterior" not in certainty:  # that of a former certainty has other noise
         with writing(folder / POSTERIOR):
             (folder / POSTERIOR).unlink(missing_ok=True)
-    with summed(folder, RESULT, CALIBRATED, TRACES, POSTERIOR):
+    with summed(folder, RESULT, CALIBRATED, TRACES, POSTERIOR, *_members(folder)):
         write_record(folder / RESULT, record)
     return record
+
+
+def _members(folder: Path) -> list[str]:
+    """Names of the members' files in a run folder."""
+    return sorted(path.name for path in folder.glob(MEMBER.format("*")))
 
 
 def _write_traces(path: Path, calibration: Calibration) -> None:

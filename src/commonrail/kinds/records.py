@@ -22,7 +22,8 @@ MICROSECOND = 1e6  # of 1 s
 MPA = 1e-6  # of 1 Pa
 
 # What a calibration compares, in the order in which a reader meets it; the paper says rigid, theoretical, optimised.
-LABELS = {"rigid": "rigid body", "start": "start values", "best": "calibrated"}
+MEAN = "mean"  # the label of what several optima predict on average
+LABELS = {"rigid": "rigid body", "start": "start values", "best": "calibrated", MEAN: "mean of the members"}
 JUDGED = "best"  # the label whose errors are told
 MEASURED = "measured"
 

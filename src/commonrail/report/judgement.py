@@ -8,7 +8,7 @@ from typing import Any
 from commonrail.display.table import Part, Table, table_of
 from commonrail.display.text import MISSING, fixed, listed, number, signed, significant
 from commonrail.kinds.maps.bands import band_sentence
-from commonrail.kinds.records import MICROSECOND, MM3, Record
+from commonrail.kinds.records import LABELS, MEAN, MICROSECOND, MM3, Record
 
 __all__ = ["combination_table", "judgement_lines", "judgement_tables"]
 
@@ -109,6 +109,8 @@ def _left_out_lines(one: Record) -> list[str]:
         f"Each {by} of {one['name']} held out in turn, {one['searches']} searches, and predicted: "
         f"{_metrics(one['figures'])}."
     ]
+    if "mean" in one:
+        lines.append(f"The mean of the members of each search gives {_metrics(one['mean'])}.")
     if one.get("failed"):
         lines.append(f"The search without {listed(one['failed'])} could simulate no candidate.")
     for baseline in one["baselines"]:
@@ -136,6 +138,8 @@ def _left_out_table(found: Sequence[Record]) -> Table:
     rows: list[tuple[Record, str, Record]] = []
     for one in found:
         rows.append((one, "model", one["figures"]))
+        if "mean" in one:
+            rows.append((one, LABELS[MEAN], one["mean"]))
         rows += [(one, baseline["text"], baseline["figures"]) for baseline in one["baselines"]]
     limit = significant(found[0]["figures"]["limit_quantity"], 3, MM3)
     parts = (

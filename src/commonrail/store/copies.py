@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from tomlkit.items import AoT, Array
 from commonrail.calibration.study import Study
 from commonrail.errors import StudyError
 from commonrail.files.atomic import replacing, write_text, writing
-from commonrail.files.run_folder import RESULT, STUDY, TRACES
+from commonrail.files.run_folder import MEMBER, RESULT, STUDY, TRACES
 from commonrail.files.study_file import load_study
 from commonrail.files.sums import SUMS
 from commonrail.reading.guarded_file import read_plain, sha256
@@ -121,6 +122,12 @@ def _copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path,
     return kept
 
 
+def _is_result(place: Path) -> bool:
+    """True for the name of a file that a run writes itself."""
+    name = place.as_posix().lower()
+    return name in RESERVED or fnmatchcase(name, MEMBER.format("*"))
+
+
 def _places(sources: list[Path], main: str = STUDY, *, apart: bool = False) -> dict[Path, Path]:
     """Relative path of each copy; the first file is `main`, and if `apart` no other one lies beside it."""
     base = sources[0].parent
@@ -128,7 +135,7 @@ def _places(sources: list[Path], main: str = STUDY, *, apart: bool = False) -> d
     for source in sources[1:]:
         if source.is_relative_to(base):
             place = source.relative_to(base)
-            place = Path(OUTSIDE, place) if apart or place.as_posix().lower() in RESERVED else place
+            place = Path(OUTSIDE, place) if apart or _is_result(place) else place
         else:
             place = Path(OUTSIDE, source.name)
         while place in places.values():

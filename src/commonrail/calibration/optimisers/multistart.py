@@ -134,6 +134,11 @@ class MultiStartLeastSquares(Stepwise):
         return Verdict.of(converged, sentence, figures)
 
     @property
+    def ends(self) -> tuple[Best, ...]:
+        """Points of the descents, of both waves if there were two."""
+        return self._ranked(self._ends.unit, self._costs)
+
+    @property
     def population(self) -> FloatArray:
         """Points (n, d) of the descents, SI."""
         return self.space.from_unit(self._ends.unit)

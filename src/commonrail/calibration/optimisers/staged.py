@@ -68,9 +68,7 @@ class StagedLeastSquares(Stepwise):
     def ends(self) -> tuple[Best, ...]:
         """Points of the descents from the screened or evolved members; hops, which start near the best, refine it."""
         unit, costs = (self._ended_unit, self._ended_costs) if self._hopping else (self._descents.unit, self._costs)
-        found = [Best(x, float(cost)) for x, cost in zip(self.space.from_unit(unit), costs, strict=True)]
-        ranked = sorted((end for end in found if np.isfinite(end.cost)), key=lambda end: end.cost)
-        return (self._best, *ranked[1:])
+        return self._ranked(unit, costs)
 
     @property
     def population(self) -> FloatArray:

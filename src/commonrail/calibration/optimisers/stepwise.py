@@ -77,6 +77,12 @@ class Stepwise(Optimiser):
         if winner >= 0 and costs[winner] < self._best.cost:
             self._best = Best(x[winner].copy(), float(costs[winner]))
 
+    def _ranked(self, unit: FloatArray, costs: FloatArray) -> tuple[Best, ...]:
+        """Ends (n, d) of descents, unit coordinates, by rising cost (n,); the best point stands for the first one."""
+        found = [Best(x, float(cost)) for x, cost in zip(self.space.from_unit(unit), costs, strict=True)]
+        ranked = sorted((end for end in found if np.isfinite(end.cost)), key=lambda end: end.cost)
+        return (self._best, *ranked[1:])
+
     def _origin(self) -> dict[str, Any]:
         return super()._origin() | self._settings(self._stated)
 

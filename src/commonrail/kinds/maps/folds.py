@@ -21,11 +21,12 @@ _COLUMNS = {"rail_pressure": 0, "energising_time": 1}
 
 
 class Fold(NamedTuple):
-    """Rows (n,) of a map that were left out, the model's score on them, and their interpolation from the others."""
+    """Rows (n,) of a map that were left out, and scores on them: of the model, its interpolation, its members' mean."""
 
     rows: NDArray[np.bool_]
     model: QuantityScore
     baseline: Interpolated | None
+    mean: QuantityScore | None = None
 
 
 def levels(data: QuantityData, by: str) -> list[float]:
@@ -65,6 +66,9 @@ def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
     part = chosen_rows(data, rows)
     model = _joined(data, rows, [(fold.rows, fold.model) for fold in folds])
     record: dict[str, Any] = {"name": data.name, "values": int(part.judged.sum()), "figures": part.figures_of(model)}
+    means = [(fold.rows, fold.mean) for fold in folds if fold.mean is not None]
+    if len(means) == len(folds):
+        record["mean"] = part.figures_of(_joined(data, rows, means))
     found = [sister_baseline(part, model)]
     others = [(fold.rows, fold.baseline) for fold in folds if fold.baseline is not None]
     if len(others) == len(folds):

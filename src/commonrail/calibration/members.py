@@ -1,0 +1,88 @@
+"""Members of a fit: optima of one search that explain the data about as well, and the mean of what they predict.
+
+Where data leave many combinations of parameters open, optima that fit alike differ between the measured points, and
+errors there cancel in part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from commonrail.calibration.optimisers import Best
+from commonrail.calibration.scoring import Scores, score_all
+from commonrail.calibration.study import Study
+from commonrail.injector.definition import Injector
+from commonrail.kinds import DataSet, QuantityData, Score
+from commonrail.kinds.maps.data import QuantityScore
+from commonrail.kinds.records import MEAN
+from commonrail.observation.quantities import is_of_meter
+
+__all__ = ["WORST", "injector_of", "mean_of", "mean_scores", "members_of"]
+
+WORST = 2.0  # objective of a member relative to the best: its misfit is then 1.4 times as large
+
+
+def members_of(ends: Sequence[Best]) -> list[Best]:
+    """Optima whose objective is at most `WORST` times that of the best.
+
+    Parameters
+    ----------
+    ends : sequence of Best
+        The best first.
+    """
+    return [end for end in ends if end.cost <= WORST * ends[0].cost]
+
+
+def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple[Score, ...]:
+    """Scores of the mean of what several models predict; none unless all data are maps and there are several models.
+
+    Parameters
+    ----------
+    data : sequence of DataSet
+    scores : sequence of sequence of Score
+        Of each model.
+    """
+    maps = [one for one in data if isinstance(one, QuantityData)]
+    if len(maps) < len(data) or len(scores) < 2:
+        return ()
+    found = []
+    for one, own in zip(maps, zip(*scores, strict=True), strict=True):
+        scored = [score for score in own if isinstance(score, QuantityScore)]
+        quantity = np.mean([score.quantity for score in scored], axis=0)
+        found.append(one.scored(quantity, np.mean([score.dead_time for score in scored], axis=0)))
+    return tuple(found)
+
+
+def injector_of(study: Study, best: Mapping[str, float], number: int = 1) -> Injector:
+    """Injector with the values of an optimum, the best being number 1."""
+    own = {name: value for name, value in best.items() if not is_of_meter(name)}
+    name = f"{study.injector.name}-calibrated" + (f"-{number}" if number > 1 else "")
+    return replace(study.injector.with_values(own), name=name)
+
+
+def mean_scores(
+    study: Study, calibrated: Injector, best: Scores, ends: Sequence[Best], threads: int | None
+) -> tuple[tuple[Injector, ...], dict[str, Scores]]:
+    """Injectors of the members, and the scores of the mean of what they predict; nothing where there is no mean.
+
+    Parameters
+    ----------
+    study : Study
+    calibrated : Injector
+        The first member.
+    best : tuple of Score
+        Its scores.
+    ends : sequence of Best
+    threads : int or None
+    """
+    if study.meters or any(not isinstance(data, QuantityData) for data in study.data):
+        return (), {}
+    injectors, scores = [calibrated], [best]
+    for number, end in enumerate(members_of(ends)[1:], 2):
+        injectors.append(injector_of(study, dict(zip(study.space.names, end.x.tolist(), strict=True)), number))
+        scores.append(score_all(study, injectors[-1], threads))
+    mean = mean_of(study.data, scores)
+    return (tuple(injectors), {MEAN: mean}) if mean else ((), {})

@@ -1,0 +1,69 @@
+"""Scores of a study's data sets under its start values, its calibrated ones and a rigid body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from commonrail.calibration.study import Study
+from commonrail.choices import Body
+from commonrail.injector.definition import Injector
+from commonrail.kinds import DataSet, Score
+from commonrail.kinds.metering import with_meters
+from commonrail.kinds.simulator import Simulator
+
+__all__ = ["Scores", "score_all", "scores_of"]
+
+Scores = tuple[Score, ...]
+
+
+def scores_of(
+    study: Study,
+    calibrated: Injector,
+    threads: int | None = None,
+    with_rigid: bool = True,
+    start: Scores | None = None,
+    best: Mapping[str, float] | None = None,
+) -> dict[str, Scores]:
+    """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body.
+
+    Parameters
+    ----------
+    study : Study
+    calibrated : Injector
+    threads : int or None
+    with_rigid : bool
+    start : tuple of DataScore, optional
+        Of the start values, if they are known.
+    best : mapping of str to float, optional
+        Calibrated values: those of meters count for "best"; start values and rigid body keep the study's meters.
+    """
+    injectors = {"best": calibrated}
+    traces = any(d.bounds is not None for d in study.data)  # what a rigid body lacks is seen in a course in time
+    if with_rigid and study.injector.variant.body is Body.FLEXIBLE and traces:
+        rigid = study.injector.variant._replace(body=Body.RIGID)
+        injectors["rigid"] = replace(study.injector, variant=rigid)
+    known = {"start": start or score_all(study, study.injector, threads)}
+    data = {"best": with_meters(study.data, [meter.with_best(best or {}) for meter in study.meters])}
+    return known | {
+        label: score_all(study, injector, threads, data.get(label)) for label, injector in injectors.items()
+    }
+
+
+def score_all(
+    study: Study, injector: Injector, threads: int | None = None, data: Sequence[DataSet] | None = None
+) -> tuple[Score, ...]:
+    """Score of each data set, in their order, with the injector as it is.
+
+    Parameters
+    ----------
+    study : Study
+        Its time step and its `same_bits` are taken.
+    injector : Injector
+    threads : int, optional
+        All usable processors by default.
+    data : sequence of DataSet, optional
+        In place of the study's own.
+    """
+    simulator = Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits)
+    return tuple(d.score(simulator) for d in (study.data if data is None else data))

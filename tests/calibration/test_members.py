@@ -1,0 +1,70 @@
+"""Members of a fit: which optima they are, and the mean of what they predict."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import commonrail as cr
+from commonrail.calibration import members
+from commonrail.calibration.members import members_of
+from commonrail.calibration.optimisers import Best
+from commonrail.files.sums import SUMS
+from commonrail.store.run import calibrate_into
+from tests.family.samples import INJECTOR, MASS, PRELOAD, study_of
+
+POINTS = (80.0, 400.0), (80.0, 900.0), (160.0, 300.0), (160.0, 900.0)
+
+
+def study(starts: int = 3, generations: int = 2) -> cr.Study:
+    """Fit whose descents are too short to agree."""
+    truth = INJECTOR.with_values({PRELOAD: 1.1 * INJECTOR.values[PRELOAD]})
+    settings = cr.StagedSettings(
+        members=16, generations=generations, starts=starts, trial_iterations=0, finalists=starts, stage_iterations=1
+    )
+    return replace(study_of(truth, POINTS, PRELOAD, MASS), method=cr.Method(settings))
+
+
+def test_members_are_the_optima_of_at_most_twice_the_best_objective() -> None:
+    ends = [Best(np.array([float(i)]), cost) for i, cost in enumerate((3.0, 3.5, 6.0, 6.1, 50.0))]
+    assert [end.cost for end in members_of(ends)] == [3.0, 3.5, 6.0]
+
+
+def test_the_mean_is_scored_beside_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(members, "WORST", np.inf)
+    found = cr.calibrate(study())
+    assert len(found.members) == 3
+    assert found.members[0] == found.injector
+    (data,) = found.study.data
+    each = [cr.simulate_batch(one, data.points, time_step=1e-6).injected_volume[0] for one in found.members]
+    assert np.ptp(each, axis=0).max() > 1e-12  # they differ
+    (mean,) = found.scores["mean"]
+    # the same kernel in batches of other sizes: rounding
+    assert mean.values == pytest.approx(np.mean(each, axis=0), rel=1e-12)
+
+
+def test_one_descent_has_no_mean() -> None:
+    found = cr.calibrate(study(starts=1))
+    assert found.members == ()
+    assert "mean" not in found.scores
+
+
+def test_the_run_folder_holds_the_members(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(members, "WORST", np.inf)
+    found = calibrate_into(tmp_path / "run", study())
+    for number, injector in enumerate(found.members[1:], 2):
+        kept = cr.load_injector(tmp_path / "run" / f"member-{number}.toml")
+        assert kept.values == injector.values
+        assert kept.sources[PRELOAD].mark == "F"
+    sums = (tmp_path / "run" / SUMS).read_text()
+    assert "member-2.toml" in sums
+    assert "member-3.toml" in sums
+    record = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert record["labels"]["mean"] == "mean of the members"
+    values = [row["mean"] for row in record["data"][0]["rows"]]
+    (mean,) = found.scores["mean"]
+    assert values == mean.values.tolist()
