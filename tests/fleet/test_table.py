@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.fleet import parquet_table as parquet_table_module
 from commonrail.fleet.supply import check_name
 from commonrail.fleet.table import Table, find_column, read_table
+from commonrail.reading import parquet_table as parquet_table_module
 from commonrail.reading.sheet import name_and_unit
 
 HEADER = ["injector", "data", "quantity [mm3]"]

@@ -13,16 +13,13 @@ from commonrail.cli.output import check_file
 from commonrail.errors import InputError
 
 if TYPE_CHECKING:
-    from commonrail.reading.grid import Grid
     from commonrail.reading.map_table import FoundMap
 
 __all__ = ["inspect"]
 
-MOST_SHOWN = 12  # cells of a header
-
 
 def inspect(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="CSV or text table, Excel workbook, or DCM file.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="CSV, Excel, MDF4, MAT, Parquet or DCM file.")],
     *,
     sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
     encoding: Annotated[
@@ -38,58 +35,35 @@ def inspect(
 ) -> None:
     """List what a data file holds and what it is taken for.
 
-    A quantity map may be a table with a row for each point, or a matrix of rail pressures and energising times,
-    either way round. Encoding, separators, decimal sign and axes are detected and reported.
+    Channels with their units and ranges, a quantity map in rows or as a matrix, traces beside each other, or a
+    record of repeated shots. Encoding, separators, decimal sign and axes are detected and reported.
 
     \b
     Examples:
+      commonrail inspect rates.mf4
       commonrail inspect bench.xlsx --out data/quantity.csv
       commonrail inspect map.csv --encoding cp1252 --quantity-unit mm3
     """
-    from commonrail.reading.grid import read_grid
-    from commonrail.reading.map_table import GivenUnits, find_map
+    from commonrail.files.survey import survey
+    from commonrail.reading.file_form import FileForm
+    from commonrail.reading.map_table import GivenUnits
 
     check_file(out, "--out")
     if file.suffix.lower() == ".dcm":
         _show(_dcm(file), json)
         return
-    grid = read_grid(file, encoding, sheet)
-    try:
-        found = find_map(grid, GivenUnits(pressure_unit, time_unit, quantity_unit))
-    except InputError as error:
-        if out is not None or pressure_unit or time_unit or quantity_unit:
-            raise
-        _show(_table_facts(grid, str(error)), json)
-        return
-    if out is not None:
-        _write(out, found, file)
-    _show(_facts(file, found) | ({"files": [str(out)]} if out is not None else {}), json)
+    given = GivenUnits(pressure_unit, time_unit, quantity_unit)
+    found = survey(file, FileForm(encoding or "", sheet=sheet or ""), given)
+    if found.found is None and (out is not None or any(given.by_kind().values())):
+        reason = found.facts.get("reason", f"it is taken for {found.taken_for}.")
+        raise InputError(f"{file}: {reason}")
+    if out is not None and found.found is not None:
+        _write(out, found.found, file)
+    facts = {"file": str(file), "taken for": found.taken_for, **found.facts}
+    facts |= {"read as": found.said} if found.said else {}
+    _show(facts | ({"files": [str(out)]} if out is not None else {}), json)
     if out is not None and not json:
         say(f"wrote {out}")
-
-
-def _facts(file: Path, found: FoundMap) -> dict[str, Any]:
-    axes = {"rail pressure": found.rail_pressure, "energising time": found.energising_time, "quantity": found.quantity}
-    ranges = {
-        name: f"{values.min():g} to {values.max():g} {found.units[name]}"
-        + (f", {len(set(values.tolist()))} values" if name != "quantity" else f", {len(values)} points")
-        for name, values in axes.items()
-    }
-    return {"file": str(file), "taken for": f"a quantity map: {found.form}", **ranges, "read as": "; ".join(found.said)}
-
-
-def _table_facts(grid: Grid, reason: str) -> dict[str, Any]:
-    """Facts of a table in which no map is found."""
-    heads = [str(cell) for cell in grid.rows[0]]
-    shown = ", ".join(heads[:MOST_SHOWN]) + (f" and {len(heads) - MOST_SHOWN} more" if len(heads) > MOST_SHOWN else "")
-    return {
-        "file": str(grid.path),
-        "taken for": "a table, no quantity map",
-        "reason": reason.removeprefix(f"{grid.path}: "),
-        "rows": str(len(grid.rows)),
-        "first row": shown,
-        "read as": "; ".join(grid.said),
-    }
 
 
 def _dcm(file: Path) -> dict[str, Any]:

@@ -1,15 +1,19 @@
-"""commonrail new: a commented injector, study and data file to start from."""
+"""commonrail new: a commented injector, study and data file to start from, or a study of data files."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from commonrail.cli.console import print_json
+from commonrail.cli.console import print_json, print_pairs
 from commonrail.cli.options import Json
 from commonrail.cli.output import check_folder
+from commonrail.errors import InputError
+
+if TYPE_CHECKING:
+    from commonrail.files.study_from_files import Started
 
 __all__ = ["new"]
 
@@ -17,19 +21,38 @@ __all__ = ["new"]
 def new(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or empty folder.")],
     *,
+    injector: Annotated[
+        str | None, typer.Option(metavar="MODEL", help="Injector of the study: a name of the catalogue, or a file.")
+    ] = None,
+    from_: Annotated[
+        list[Path] | None,
+        typer.Option("--from", metavar="FILE", help="Data file for the study, see inspect; repeatable."),
+    ] = None,
+    cylinder_pressure: Annotated[str, typer.Option(help="Cylinder pressure of the bench, e.g. 5MPa.")] = "",
+    return_pressure: Annotated[str, typer.Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "",
     json: Json = False,
 ) -> None:
     """Write a small study to start from.
 
-    Its example curve is synthetic and marked so.
+    Its example curve is synthetic and marked so. With --from it is a study of your own files: maps, traces or
+    records of shots, copied and described as they were understood.
 
     \b
-    Example:
+    Examples:
       commonrail new my-injector
+      commonrail new my-study --injector cri2-16 --from map.xlsx --from rates.mf4 --cylinder-pressure 0.5MPa
     """
+    check_folder(folder)
+    sources = list(from_ or [])
+    if sources or injector is not None:
+        if injector is None or not sources:
+            raise InputError("Give --injector and one or more files with --from, or neither.")
+        _of_files(folder, injector, sources, (cylinder_pressure, return_pressure), json)
+        return
+    if cylinder_pressure or return_pressure:
+        raise InputError("--cylinder-pressure and --return-pressure belong to --from; omit them.")
     from commonrail.files.scaffold import write_new
 
-    check_folder(folder)
     written = write_new(folder)
     if json:
         print_json({"kind": "new", "files": [str(path) for path in written]})
@@ -37,3 +60,30 @@ def new(
     for path in written:
         typer.echo(str(path))
     typer.echo(f"next: commonrail calibrate {folder / 'study.toml'}")
+
+
+def _of_files(folder: Path, injector: str, sources: list[Path], pressures: tuple[str, str], json: bool) -> None:
+    from commonrail.files.study_from_files import BenchPressures, write_study_from
+    from commonrail.units import parse
+
+    for text, option in zip(pressures, ("--cylinder-pressure", "--return-pressure"), strict=True):
+        if text:
+            parse(text, "Pa", option)
+    started = write_study_from(folder, injector, sources, BenchPressures(*pressures))
+    if json:
+        taken = {found.path.name: found.taken_for for found in started.surveys}
+        files = [str(path) for path in started.files]
+        print_json({"kind": "new", "files": files, "taken for": taken, "open": list(started.open)})
+        return
+    _print(started)
+
+
+def _print(started: Started) -> None:
+    for found in started.surveys:
+        pairs = [("taken for", found.taken_for), *found.facts.items()]
+        print_pairs([*pairs, ("read as", found.said)] if found.said else pairs, found.path.name)
+    for path in started.files:
+        typer.echo(str(path))
+    if started.open:
+        typer.echo(f"state in {started.study}: {', '.join(started.open)}")
+    typer.echo(f"next: check {started.study}, then commonrail calibrate {started.study}")

@@ -111,10 +111,10 @@ def _checked(path: Path, name: str, array: NDArray[Any]) -> NDArray[Any]:
 
 
 def _of_mat5(path: Path, data: bytes) -> Iterator[tuple[str, NDArray[Any] | str]]:
-    from scipy.io import loadmat
+    from scipy import io
 
     _check_packed(path, data)
-    content = loadmat(BytesIO(data), struct_as_record=False, squeeze_me=True)
+    content = io.loadmat(BytesIO(data), struct_as_record=False, squeeze_me=True)
     for name, value in content.items():
         if not name.startswith("__"):
             yield from _flat(path, name, value, 0)

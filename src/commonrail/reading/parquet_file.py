@@ -40,6 +40,10 @@ class ParquetFile:
         self.names = [name for name, _ in named]
         self._units = [unit for _, unit in named]
 
+    def unit(self, name: str) -> str:
+        """Unit of a column, empty if its name has none."""
+        return self._units[self.names.index(name)]
+
     def take(self, columns: Sequence[Column]) -> Table:
         """Content of columns; see `Sheet.take`."""
         places = [find_column(self.path, self.names, column.name) for column in columns]

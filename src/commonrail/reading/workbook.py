@@ -1,36 +1,28 @@
-"""Sheets of a workbook (.xlsx): values as the spreadsheet last computed them; nothing in it is run.
-
-A table of columns in a sheet has one header row, which may stand below other texts; the unit of a column stands in the
-header, ``rate [mm3/ms]``, or in the row below it.
-"""
+"""Sheets of a workbook (.xlsx): values as the spreadsheet last computed them; nothing in it is run."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
 
-import numpy as np
-
 from commonrail.errors import InputError, nearest
 from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.grid import MOST_CELLS, Grid
+from commonrail.reading.grid_sheet import GridSheet
 from commonrail.reading.guarded_file import read_plain
-from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
 
 __all__ = ["WorkbookSheet", "read_sheet", "sheet_names"]
 
 LARGEST_CONTENT = 500_000_000  # of a workbook when it is unpacked [bytes]
 MOST_COLUMNS = 1000
-MOST_ABOVE = 30  # rows in which the header of a table is looked for
 
 
-class WorkbookSheet:
-    """Columns of a sheet of a workbook, a `Sheet`.
+class WorkbookSheet(GridSheet):
+    """Columns of a sheet of a workbook.
 
     Parameters
     ----------
@@ -45,52 +37,7 @@ class WorkbookSheet:
     """
 
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
-        self.path = path
-        self.apart = True
-        self._grid = read_sheet(path, form.sheet or None)
-        rows = self._grid.rows
-        texts = [sum(isinstance(cell, str) and cell != "" for cell in row) for row in rows[:MOST_ABOVE]]
-        if max(texts) < 2:
-            raise InputError(f"{path}: the sheet has no header row with the names of columns.")
-        self._header = next(i for i, count in enumerate(texts) if count >= 2)
-        named = [name_and_unit(str(cell)) for cell in rows[self._header]]
-        self.names = [name for name, _ in named]
-        self._units = [unit for _, unit in named]
-
-    def take(self, columns: Sequence[Column]) -> Table:
-        """Content of columns; see `Sheet.take`."""
-        places = [find_column(self.path, self.names, column.name) for column in columns]
-        numeric = [i for column, i in zip(columns, places, strict=True) if column.unit]
-        start, units = self._header + 1, self._units
-        below = self._grid.rows[start] if start < len(self._grid.rows) else ()
-        if numeric and all(isinstance(_at(below, i), str) for i in numeric) and any(_at(below, i) for i in numeric):
-            units = [str(_at(below, i)).strip("[]") or unit for i, unit in enumerate(self._units)]
-            start += 1
-        rows, lines = self._grid.rows[start:], self._grid.lines[start:]
-        numbers: dict[str, list[float]] = {}
-        texts: dict[str, list[str]] = {}
-        for column, i in zip(columns, places, strict=True):
-            if column.unit:
-                cells = zip(lines, rows, strict=True)
-                numbers[column.name] = [self._number(_at(row, i), column, line) for line, row in cells]
-            else:
-                texts[column.name] = [str(_at(row, i)) for row in rows]
-        given = {column.name: units[i] for column, i in zip(columns, places, strict=True)}
-        found = {name: np.array(values, np.float64) for name, values in numbers.items()}
-        return Table(self.path, found, texts, given, np.array(lines, np.intp), row="row")
-
-    def _number(self, cell: str | float, column: Column, line: int) -> float:
-        if isinstance(cell, float):
-            return cell
-        if cell == "" and not column.required:
-            return math.nan
-        found = f'"{cell[:40]}" is a text' if cell else "the cell is empty"
-        raise cell_place(self.path, line, column.name, "row").error(f"{found}, and a number is expected")
-
-
-def _at(row: Sequence[str | float], column: int) -> str | float:
-    """Cell of a row, empty behind its last one."""
-    return row[column] if column < len(row) else ""
+        super().__init__(read_sheet(path, form.sheet or None))
 
 
 def sheet_names(path: Path) -> list[str]:

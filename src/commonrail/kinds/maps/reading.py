@@ -13,8 +13,8 @@ from pydantic import Field, PlainValidator
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError, InputError
+from commonrail.kinds.maps.found import found_table
 from commonrail.kinds.maps.hold_out import HoldOutModel
-from commonrail.kinds.maps.matrix import matrix_table
 from commonrail.kinds.maps.sister import SisterModel
 from commonrail.kinds.noise import NOISE, Noise
 from commonrail.kinds.reading import Context, DataModel, drive_unit, mass_density
@@ -64,7 +64,7 @@ class MapModel(DataModel):
     selects_rows: ClassVar[bool] = True
     quantity_column: ClassVar[str]
 
-    layout: Literal["rows", "matrix"] = "rows"
+    layout: Literal["rows", "matrix", "found"] = "rows"
     repeated: Literal["each", "mean"] = "each"
     rail_pressure_unit: str | None = None
     energising_time_unit: str | None = None
@@ -192,11 +192,10 @@ def _map_rows(model: MapModel, context: Context, at: Place) -> list[_Row]:
 
 def _map_table(model: MapModel, context: Context, at: Place) -> Table:
     name = model.quantity_column
-    if model.layout == "matrix":
+    if model.layout != "rows":
         stated = (model.rail_pressure_unit, model.energising_time_unit, model.quantity_unit)
-        return matrix_table(
-            context.path(model.file, at), model.form, GivenUnits(*(unit or "" for unit in stated)), name
-        )
+        given = GivenUnits(*(unit or "" for unit in stated))
+        return found_table(context.path(model.file, at), model.form, given, name, matrix=model.layout == "matrix")
     wanted = [*_point_columns(model), Column(name, ("m3", "kg"), model.quantity_unit, domain=Domain.NON_NEGATIVE)]
     return context.columns(model.file, at, wanted, 1, model.form)
 

@@ -1,4 +1,4 @@
-"""Quantity map of a file that holds it as a matrix, as the columns that a map is read from."""
+"""Quantity map found in a file, a matrix or a table with other names, as the columns that a map is read from."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from commonrail.reading.mat_map import find_mat_map
 from commonrail.reading.sheet import Table
 from commonrail.units import convert
 
-__all__ = ["matrix_table"]
+__all__ = ["found_table"]
 
 _SI = {"rail pressure": "Pa", "energising time": "s"}
 _NO_MATRIX = (".mf4", ".mdf", ".parquet", ".pq")
 
 
-def matrix_table(path: Path, form: FileForm, given: GivenUnits, quantity: str) -> Table:
-    """Columns rail_pressure, energising_time and quantity in SI units, a row for each cell of the matrix.
+def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *, matrix: bool) -> Table:
+    """Columns rail_pressure, energising_time and quantity in SI units, a row for each point.
 
     Parameters
     ----------
@@ -35,6 +35,8 @@ def matrix_table(path: Path, form: FileForm, given: GivenUnits, quantity: str) -
         They count before those of the file.
     quantity : str
         Name of the column of the quantities.
+    matrix : bool
+        Whether only a matrix is taken.
 
     Raises
     ------
@@ -47,6 +49,8 @@ def matrix_table(path: Path, form: FileForm, given: GivenUnits, quantity: str) -
         found = find_mat_map(MatFile(path), given)
     else:
         found = find_map(read_grid(path, form.encoding or None, form.sheet or None), given)
+    if matrix and not found.form.startswith("a matrix"):
+        raise InputError(f'{path}: this is {found.form} and no matrix; state layout = "found".')
     note(f"{path}: read as {found.form}; {'; '.join(found.said)}.")
     return _table(path, found, quantity)
 

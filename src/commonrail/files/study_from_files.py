@@ -1,0 +1,145 @@
+"""A study written from an injector and data files: one block for each file, as `survey` understands it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from commonrail.errors import InputError
+from commonrail.files.atomic import replacing, write_text, writing
+from commonrail.files.injector_file import load_injector
+from commonrail.files.survey import UNKNOWN, Survey, survey
+from commonrail.injector.definition import Injector
+from commonrail.reading.guarded_file import read_plain
+
+__all__ = ["BenchPressures", "Started", "write_study_from"]
+
+# Free parameters to begin with: what the quantity depends on most and drawings know least.
+_FREE = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter", "nozzle.discharge_maximum")
+_FREE_OF_DIRECT = ("nozzle.discharge_maximum", "needle_seat.diameter")
+
+_MEANINGS = {
+    "cylinder_pressure": "pressure behind the nozzle",
+    "return_pressure": "pressure at the end of the return line",
+    "rail_pressure": "the file does not tell it",
+    "energising_time": "the file does not tell it",
+}
+
+
+class BenchPressures(NamedTuple):
+    """Pressures that no data file tells, as texts with their units; empty where they are to be stated later."""
+
+    cylinder: str = ""
+    back: str = ""
+
+
+class Started(NamedTuple):
+    """A study that was written: its file, all files, what each data file was taken for, and what is to be stated."""
+
+    study: Path
+    files: tuple[Path, ...]
+    surveys: tuple[Survey, ...]
+    open: tuple[str, ...]
+
+
+def write_study_from(folder: Path, injector: str, sources: Sequence[Path], pressures: BenchPressures) -> Started:
+    """Write a study into a new or empty folder, with copies of the data files.
+
+    Parameters
+    ----------
+    folder : Path
+    injector : str
+        Name of the catalogue, or a TOML file, which is copied.
+    sources : sequence of Path
+        Data files, see `survey`.
+    pressures : BenchPressures
+
+    Raises
+    ------
+    InputError
+        If something is in the folder already, a file cannot be read, is no data of a study, or two have one name.
+    OutputError
+        If the folder cannot be written.
+    """
+    model = load_injector(injector)
+    surveys = tuple(survey(path) for path in sources)
+    for found in surveys:
+        if not found.block:
+            raise InputError(
+                f"{found.path}: taken for {found.taken_for}; write its block by hand, or correct the file."
+            )
+    names = [path.name for path in sources]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"Two of the data files are called {twice}; rename one.")
+    with writing(folder):
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise InputError(f"{folder}: there already is something; name a new or empty folder.")
+        (folder / "data").mkdir(parents=True, exist_ok=True)
+        copies = [_copy(path, folder / "data" / path.name) for path in sources]
+        if injector.endswith(".toml"):
+            copies.append(_copy(Path(injector), folder / "injector.toml"))
+            injector = "injector.toml"
+        study = folder / "study.toml"
+        text, missing = _text(injector, model, surveys, pressures)
+        write_text(study, text)
+    return Started(study, (study, *copies), surveys, missing)
+
+
+def _copy(source: Path, target: Path) -> Path:
+    with replacing(target, "wb") as stream:
+        stream.write(read_plain(source))
+    return target
+
+
+def _text(
+    injector: str, model: Injector, surveys: Sequence[Survey], pressures: BenchPressures
+) -> tuple[str, tuple[str, ...]]:
+    """Text of the study, and the keys that are to be stated."""
+    lines = [
+        "# A calibration: which data, which parameters are free, within which bounds. Paths start at this folder.",
+        "",
+        'format = "commonrail-study/1"',
+        f"title = {_toml(f'Calibration of {injector}')}",
+        f"injector = {_toml(injector)}",
+        "seed = 1 # the same seed gives the same result",
+        "",
+    ]
+    missing: list[str] = []
+    for i, found in enumerate(surveys):
+        names = [s.path.stem for s in surveys]
+        name = found.path.name if names.count(found.path.stem) > 1 else found.path.stem
+        keys: dict[str, Any] = {"kind": found.block["kind"], "name": name, "role": "fit"}
+        keys |= found.block | {"file": f"data/{found.path.name}"}
+        keys |= {"cylinder_pressure": pressures.cylinder or UNKNOWN, "return_pressure": pressures.back or UNKNOWN}
+        keys |= {"source": f"{found.path.name}, as it came"}
+        missing += [f"data[{i + 1}].{key}" for key, value in keys.items() if value == UNKNOWN]
+        lines += [f"# {found.taken_for}{'; ' + found.said if found.said else ''}", "[[data]]"]
+        lines += [_line(key, value) for key, value in keys.items()] + [""]
+    for parameter in _FREE if _FREE[0] in model.values else _FREE_OF_DIRECT:
+        lines += ["[[parameter]]", f"name = {_toml(parameter)}", 'below = "10 %"', 'above = "10 %"', ""]
+    lines += ["[optimiser] # differential evolution, then least squares from its best member"]
+    lines += ["members = 24", "generations = 30", "polish = 1", ""]
+    return "\n".join(lines), tuple(missing)
+
+
+def _line(key: str, value: Any) -> str:
+    comments = {
+        "role": '"fit", or "validation": compared, not fitted',
+        "window": "samples that count, from the start of energising",
+        "shots": "offset: from the trigger's edge to the start of energising",
+        **({key: f"STATE IT: {_MEANINGS[key]}" for key in _MEANINGS} if value == UNKNOWN else {}),
+    }
+    return f"{key} = {_toml(value)}" + (f" # {comments[key]}" if key in comments else "")
+
+
+def _toml(value: Any) -> str:
+    """Value as TOML: a text, a list or an inline table of texts."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    import tomlkit
+
+    return tomlkit.string(str(value)).as_string()

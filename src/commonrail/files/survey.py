@@ -1,0 +1,302 @@
+"""Content of a data file, and the block of a study that reads it: what `inspect` lists and `new` writes.
+
+Nothing is guessed in silence: what a file is taken for follows from units, and where several channels fit, from names
+that are written down in `Survey.block`, to be checked.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from commonrail.errors import InputError
+from commonrail.reading.file_form import PLAIN, FileForm
+from commonrail.reading.grid import Grid, read_grid
+from commonrail.reading.grid_sheet import GridSheet
+from commonrail.reading.map_table import FoundMap, GivenUnits, find_map
+from commonrail.reading.mat_file import MatFile
+from commonrail.reading.mat_map import find_mat_map
+from commonrail.reading.mdf_file import TIME, MdfFile
+from commonrail.reading.pattern import ColumnPattern
+from commonrail.reading.place import Place
+from commonrail.reading.sheet import Column, Sheet
+from commonrail.reading.tables import open_sheet
+from commonrail.reading.wide_table import find_traces
+from commonrail.units import compatible, to_text
+
+__all__ = ["Channel", "Survey", "survey"]
+
+BINARY = (".mf4", ".mdf", ".mat", ".parquet", ".pq")
+UNKNOWN = "?"  # what a block needs and the file does not tell
+
+# What a channel of this SI unit can be.
+_MEANINGS = {
+    "m3/s": "rate of injection by volume",
+    "kg/s": "rate of injection by mass",
+    "Pa": "pressure",
+    "s": "time",
+    "A": "current",
+    "V": "voltage",
+    "m3": "quantity by volume",
+    "kg": "quantity by mass",
+    "K": "temperature",
+    "m": "lift",
+    "1": "plain number",
+}
+RATES = ("m3/s", "kg/s")
+_TRIGGER = re.compile(r"trig|ttl|sync", re.I)
+_SET = re.compile(r"set|soll|cmd|nominal", re.I)
+_POINT = re.compile(r"(\d+(?:[.,]\d+)?)(\s*[_ ]?)(MPa|bar|hPa|us|µs|ms)(?![A-Za-z])")
+_LAST_NUMBER = re.compile(r"(\d+)(?=\D*$)")
+
+
+class Channel(NamedTuple):
+    """A column or channel: unit of the file, number of values, smallest and largest one, time between samples [s]."""
+
+    name: str
+    unit: str
+    size: int
+    low: float
+    high: float
+    step: float | None = None
+
+    @property
+    def kind(self) -> str:
+        """SI unit of what it measures, empty if that is unknown."""
+        return next((si for si in _MEANINGS if _fits(self.unit, si)), "") if self.unit else ""
+
+    def text(self) -> str:
+        """One line on it."""
+        unit = self.unit or "no unit"
+        every = f", every {to_text(self.step, 's')}" if self.step else ""
+        meaning = f"; {_MEANINGS[self.kind]}" if self.kind else ""
+        return f"{self.size} values, {self.low:.6g} to {self.high:.6g} {unit}{every}{meaning}"
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Content of a data file.
+
+    Attributes
+    ----------
+    path : Path
+    taken_for : str
+    facts : dict of str to str
+        Channels, axes and ranges.
+    said : str
+        What was detected of the file's form.
+    block : dict of str to object
+        Keys of a block of a study that reads the file; empty if it is no data of a study. `UNKNOWN` stands for what
+        must be stated.
+    found : FoundMap or None
+        Quantity map of the file.
+    """
+
+    path: Path
+    taken_for: str
+    facts: dict[str, str]
+    said: str = ""
+    block: dict[str, Any] = field(default_factory=dict)
+    found: FoundMap | None = None
+
+
+def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:
+    """Look through a data file.
+
+    Parameters
+    ----------
+    path : Path
+    form : FileForm
+        Encoding and sheet, where they are stated; the decimal sign is detected.
+    given : GivenUnits
+        Units of a map that its file does not give.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    if path.suffix.lower() in BINARY:
+        return _of_channels(path, open_sheet(path, form), given)
+    grid = read_grid(path, form.encoding or None, form.sheet or None)
+    reasons = []
+    for way in (_map, _traces, _columns):
+        try:
+            return way(grid, form, given)
+        except InputError as error:
+            reasons.append(str(error).removeprefix(f"{path}: "))
+    facts = {"reason": reasons[0], "rows": str(len(grid.rows)), "first row": _shown(grid.rows[0])}
+    return Survey(path, "a table, no quantity map and no trace", facts, "; ".join(grid.said))
+
+
+def _map(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
+    return _of_map(grid.path, find_map(grid, given), form, given)
+
+
+def _of_map(path: Path, found: FoundMap, form: FileForm, given: GivenUnits) -> Survey:
+    axes = {"rail pressure": found.rail_pressure, "energising time": found.energising_time, "quantity": found.quantity}
+    facts = {
+        name: f"{values.min():g} to {values.max():g} {found.units[name]}"
+        + (f", {len(set(values.tolist()))} values" if name != "quantity" else f", {len(values)} points")
+        for name, values in axes.items()
+    }
+    layout = "matrix" if found.form.startswith("a matrix") else "found"
+    block = {"kind": "quantities", "file": path.name, "layout": layout} | _form_keys(form)
+    keys = ("rail_pressure_unit", "energising_time_unit", "quantity_unit")
+    block |= {key: unit for key, unit in zip(keys, given.by_kind().values(), strict=True) if unit}
+    repeats = len(found.quantity) > len(
+        {*zip(found.rail_pressure.tolist(), found.energising_time.tolist(), strict=True)}
+    )
+    block |= {"repeated": "mean"} if repeats else {}
+    return Survey(path, f"a quantity map: {found.form}", facts, "; ".join(found.said), block, found)
+
+
+def _traces(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
+    stated = {"rail pressure": given.pressure, "energising time": given.time}
+    wide = find_traces(grid, TIME, stated)
+    facts = {
+        name: ", ".join(to_text(float(v), {"rail pressure": "Pa"}.get(name, "s")) for v in values)
+        for name, values in wide.points.items()
+    }
+    time = wide.table.columns[TIME]
+    facts |= {"time": f"{len(time)} samples from {to_text(float(time[0]), 's')} to {to_text(float(time[-1]), 's')}"}
+    block = {"kind": "rate", "file": grid.path.name, "layout": "header rows"} | _form_keys(form)
+    missing = {key: UNKNOWN for key in ("rail pressure", "energising time") if key not in wide.points}
+    block |= {key.replace(" ", "_"): value for key, value in missing.items()}
+    taken = f"{len(wide.names)} traces below rows with their operating points"
+    return Survey(grid.path, taken, facts, "; ".join(grid.said), block)
+
+
+def _columns(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
+    found = _of_channels(grid.path, GridSheet(grid), given)
+    if not found.block:
+        return Survey(grid.path, found.taken_for, found.facts, "; ".join(grid.said))
+    keys = _form_keys(form)
+    encoding = grid.said[0].removeprefix("encoding ")
+    if grid.path.suffix.lower() != ".xlsx":
+        keys |= {"encoding": encoding} if encoding not in ("utf-8", "utf-8-sig") else {}
+        keys |= {"decimal": ","} if "decimal comma" in grid.said else {}
+    block = {"kind": found.block["kind"], "file": grid.path.name, **keys} | found.block
+    return Survey(grid.path, found.taken_for, found.facts, "; ".join(grid.said), block)
+
+
+def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
+    """Survey of a file with named channels."""
+    channels = _listed(sheet)
+    facts = {channel.name: channel.text() for channel in channels}
+    if isinstance(sheet, MatFile):
+        try:
+            found = _of_map(path, find_mat_map(sheet, given), PLAIN, given)
+            return Survey(path, found.taken_for, facts | found.facts, found.said, found.block, found.found)
+        except InputError as error:
+            facts["no map"] = str(error).removeprefix(f"{path}: ")
+    taken, block = _block(path, channels, isinstance(sheet, MdfFile))
+    return Survey(path, taken, facts, "", block)
+
+
+def _listed(sheet: Sheet) -> list[Channel]:
+    """Channels with numbers."""
+    own_times = isinstance(sheet, MdfFile)
+    found = []
+    for name in sheet.names:
+        unit = str(sheet.unit(name)) if hasattr(sheet, "unit") else ""
+        wanted = [Column(name, "1", required=False)]
+        try:
+            table = sheet.take([Column(TIME, "s", increasing=True), *wanted] if own_times else wanted)
+        except InputError:
+            continue  # texts, or nothing
+        values = table.columns[name]
+        values = values[np.isfinite(values)]
+        if len(values):
+            times = table.columns[TIME] if own_times else np.empty(0)
+            step = float(np.median(np.diff(times))) if len(times) > 1 else None
+            found.append(Channel(name, unit, len(values), float(values.min()), float(values.max()), step))
+    if not found:
+        raise InputError(f"{sheet.path}: no column holds numbers below a header.")
+    return found
+
+
+def _block(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[str, dict[str, Any]]:
+    """What channels are taken for, and the block of a study that reads them."""
+    rates = [c for c in channels if c.kind in RATES]
+    times = [c for c in channels if c.kind == "s"]
+    base: dict[str, Any] = {"kind": "rate", "file": path.name}
+    if not rates:
+        return "channels without a rate of injection, whose unit would be one such as mm3/ms or mg/ms", {}
+    if not own_times:
+        named = [c for c in times if c.name.rpartition(".")[2].lower() in ("time", "t", "zeit")] or times
+        if len(named) != 1:
+            what = "no column is a time" if not named else f"{_names(named)} may be the time"
+            return f"channels of which the times are not clear: {what}", {}
+        base |= {"time": named[0].name} if named[0].name != TIME else {}
+    pattern = _pattern([c.name for c in rates])
+    if pattern is not None:
+        count = len(rates)
+        return f'{count} traces whose names state their operating points, "{pattern}"', base | {"columns": pattern}
+    if len(rates) > 1:
+        return f"channels of which several may be the rate of injection, {_names(rates)}; name one by rate = …", {}
+    base["rate"] = rates[0].name
+    shots = _shots(channels) if own_times else None
+    if shots is not None:
+        window = {"window": ["-0.1 ms", "3 ms"]}
+        return f'a record of shots, found by the trigger "{shots["trigger"]}"', base | {"shots": shots} | window
+    return "a trace", base | {"rail_pressure": UNKNOWN, "energising_time": UNKNOWN}
+
+
+def _shots(channels: Sequence[Channel]) -> dict[str, Any] | None:
+    """Keys of the shots of a record: its trigger and the channels of the operating point."""
+    triggers = [c for c in channels if _TRIGGER.search(c.name)] or [c for c in channels if c.kind == "V"]
+    if len(triggers) != 1:
+        return None
+    found: dict[str, Any] = {"trigger": triggers[0].name, "offset": "0 us"}
+    for key, kind in (("rail_pressure", "Pa"), ("energising_time", "s")):
+        fitting = [c for c in channels if c.kind == kind]
+        chosen = [c for c in fitting if _SET.search(c.name)] if len(fitting) > 1 else fitting
+        found |= {key: chosen[0].name} if len(chosen) == 1 else {}
+    return found
+
+
+def _pattern(names: Sequence[str]) -> str | None:
+    """Pattern of names that state operating points, if all have one form."""
+    if len(names) < 2:
+        return None
+    made = [_POINT.sub(lambda m: _placeholder(m) + m[2] + m[3], name) for name in names]
+    made = made if len(set(made)) == 1 else [_LAST_NUMBER.sub("{shot}", name) for name in made]
+    pattern = made[0]
+    if len(set(made)) > 1 or "{" not in pattern.replace("{shot}", ""):
+        return None
+    try:
+        read = ColumnPattern(pattern, {}, Place(""))
+    except InputError:
+        return None
+    return pattern if all(read.read(name) for name in names) else None
+
+
+def _placeholder(found: re.Match[str]) -> str:
+    return "{et}" if found[3] in ("us", "µs", "ms") else "{p}"
+
+
+def _form_keys(form: FileForm) -> dict[str, Any]:
+    stated: Mapping[str, str] = {"encoding": form.encoding, "sheet": form.sheet}
+    return {key: value for key, value in stated.items() if value}
+
+
+def _names(channels: Sequence[Channel]) -> str:
+    return " and ".join(f'"{c.name}"' for c in channels[:4]) + (" and others" if len(channels) > 4 else "")
+
+
+def _shown(row: Sequence[str | float], most: int = 12) -> str:
+    heads = [str(cell) for cell in row]
+    return ", ".join(heads[:most]) + (f" and {len(heads) - most} more" if len(heads) > most else "")
+
+
+def _fits(unit: str, kind: str) -> bool:
+    try:
+        return compatible(unit, kind)
+    except InputError:
+        return False
