@@ -64,7 +64,7 @@ def a_bad_block_is_refused_with_a_sentence(kind: Kind, injector: Injector, folde
     header, _, rows = sample.table(values).partition("\n")
     for table, word in (
         (header.replace("m3", "bar") + "\n" + rows, "bar"),
-        (header + "\n" + rows.replace("1e-09", "much", 1), "line 2"),
+        (header + "\n" + rows.replace(sample.cell, "much", 1), "line 2"),
     ):
         bad = replace(sample, table=lambda _, text=table: text)
         refused(lambda bad=bad: bad.read(kind, injector, folder, values), word)
@@ -125,7 +125,7 @@ def a_search_and_a_score_agree(kind: Kind, injector: Injector, folder: Path) -> 
     found = objective.costs(values)
     assert found.costs[0] == pytest.approx(data.weight * j, rel=ROUNDING)
     assert objective.misfits(values)[0, 0] == pytest.approx(j, rel=ROUNDING)
-    assert found.simulations == objective.injections == len(data.points)
+    assert found.simulations == objective.injections == data.injections
     heavy = Objective(injector, FREE, [replace(data, weight=5.0)], STEP, 1)
     assert heavy.costs(values).costs[0] == pytest.approx(2.0 * found.costs[0], rel=1e-12)
     pair = Objective(injector, FREE, [data, data.renamed("twin")], STEP, 1)

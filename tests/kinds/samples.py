@@ -26,11 +26,12 @@ PRESSURES = 'cylinder_pressure = "5 MPa"\nreturn_pressure = "0.5 MPa"\n'
 
 @dataclass(frozen=True)
 class Sample:
-    """Keys of a kind's own, its table of measured values [SI], and words that a message on a bad table has."""
+    """Keys of a kind's own, its table of measured values [SI], and a cell in the first row of the table of 1e-9."""
 
     keys: str
     table: Callable[[np.ndarray], str]
     count: int
+    cell: str = "1e-09"
 
     def read(self, kind: type[DataSet], injector: Injector, folder: Path, values: np.ndarray, more: str = "") -> Any:
         """Data set of a kind from files in a folder, with some measured values."""
@@ -59,6 +60,25 @@ def map_table(values: np.ndarray, column: str = "quantity") -> str:
     return f"rail_pressure [MPa],energising_time [us],{column} [m3]\n" + "".join(rows)
 
 
+def train_table(values: np.ndarray) -> str:
+    """Rates of two injections of 400 us with given quantities, 5 us apart."""
+    rates = np.zeros(600)
+    for i, value in enumerate(values):
+        first = 60 + 260 * i
+        rates[first : first + 80] = value / 400e-6
+    return curve_table(rates)
+
+
+TRAIN = """
+rail_pressure = "160 MPa"
+energisings = [{ start = "0 us", duration = "300 us" }, { start = "1300 us", duration = "300 us" }]
+threshold = "1 mm3/ms"
+features = [
+  { feature = "quantity", injection = 1, tolerance = "0.1 mm3" },
+  { feature = "quantity", injection = 2, tolerance = "0.2 mm3" },
+]
+"""
+
 SAMPLES = {
     "rate": Sample('rail_pressure = "160 MPa"\nenergising_time = "400 us"\n', curve_table, 190),
     "quantities": Sample('absolute = "0.2 mm3"\nrelative = 0.05\n', map_table, 4),
@@ -67,4 +87,5 @@ SAMPLES = {
         partial(map_table, column="return_quantity"),
         4,
     ),
+    "features": Sample(TRAIN, train_table, 2, "0.0"),
 }

@@ -9,6 +9,7 @@ from types import UnionType
 
 from commonrail.kinds.base import DataSet, Role, Score
 from commonrail.kinds.curves.data import RateData, RateScore
+from commonrail.kinds.features.data import FeatureData, FeatureScore
 from commonrail.kinds.maps.data import QuantityData, QuantityScore
 from commonrail.kinds.maps.returned import ReturnData
 
@@ -16,6 +17,8 @@ __all__ = [
     "ANY_KIND",
     "KINDS",
     "DataSet",
+    "FeatureData",
+    "FeatureScore",
     "QuantityData",
     "QuantityScore",
     "RateData",
@@ -28,7 +31,7 @@ __all__ = [
 ]
 
 # By `kind` in files; an objective, a report and its tables take them in this order.
-KINDS: Mapping[str, type[DataSet]] = {kind.kind: kind for kind in (RateData, QuantityData, ReturnData)}
+KINDS: Mapping[str, type[DataSet]] = {kind.kind: kind for kind in (RateData, QuantityData, ReturnData, FeatureData)}
 ANY_KIND: UnionType = reduce(or_, KINDS.values())  # type: ignore[assignment]  # or_ of types is a union
 
 

@@ -97,6 +97,13 @@ class Features:
         name, found = known_feature(name), self.of(injection)
         return math.nan if found is None else found.values[name]
 
+    def reason(self, injection: int = 1) -> FeatureStatus:
+        """Status that explains a missing feature of one injection, numbered as for `of`."""
+        found = self.of(injection)
+        if found is None:
+            return FeatureStatus.NO_INJECTION if self.injections else self.status
+        return found.statuses[0] if found.statuses else FeatureStatus.OK
+
     @property
     def silent(self) -> tuple[int, ...]:
         """Numbers of the energisings without an injection."""
