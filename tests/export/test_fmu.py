@@ -1,9 +1,10 @@
-"""The exported FMU of version 2.0 in a foreign importer, FMPy."""
+"""Exported FMUs of both versions of the standard in a foreign importer, FMPy."""
 
 from __future__ import annotations
 
 import ctypes
 import re
+import shutil
 import subprocess
 import zipfile
 from pathlib import Path
@@ -42,6 +43,14 @@ def fmu(own, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
+def fmu3(own, tmp_path_factory) -> Path:
+    """The same by version 3.0."""
+    path = tmp_path_factory.mktemp("fmu") / "injector.fmu"
+    write_fmu(load_injector(DRAWN), path, [target_named(own)], 3)
+    return path
+
+
+@pytest.fixture(scope="module")
 def binary(fmu, tmp_path_factory) -> Path:
     """Its shared library."""
     folder = tmp_path_factory.mktemp("binary")
@@ -51,17 +60,90 @@ def binary(fmu, tmp_path_factory) -> Path:
     return folder / name
 
 
+OPTIONS = {
+    "stop_time": 2e-3,
+    "step_size": 1e-5,
+    "output_interval": 1e-5,
+    "start_values": START,
+    "output": WATCHED,
+}
+
+
 def run(fmu, step=1e-5, stop=2e-3, start=START, **options):
     """Outputs of a simulation in FMPy."""
-    return fmpy.simulate_fmu(
-        str(fmu), stop_time=stop, step_size=step, output_interval=step, start_values=start, output=WATCHED, **options
-    )
+    changed = {"stop_time": stop, "step_size": step, "output_interval": step, "start_values": start}
+    return fmpy.simulate_fmu(str(fmu), **{**OPTIONS, **changed, **options})
 
 
-def test_the_validator_finds_no_problem(fmu):
+@pytest.mark.parametrize("version", ["fmu", "fmu3"])
+def test_the_validator_finds_no_problem(version, request):
     from fmpy.validation import validate_fmu
 
-    assert validate_fmu(str(fmu)) == []
+    assert validate_fmu(str(request.getfixturevalue(version))) == []
+
+
+def test_both_versions_have_the_same_bits(fmu, fmu3):
+    assert run(fmu3).tobytes() == run(fmu).tobytes()
+
+
+def test_the_sources_alone_make_the_same_fmu(fmu, own, tmp_path):
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("there is no C compiler on this machine")
+    with zipfile.ZipFile(fmu) as archive:
+        archive.extractall(tmp_path)
+        names = archive.namelist()
+    root = Xml.parse(tmp_path / "modelDescription.xml").getroot()
+    listed = [one.get("name", "") for one in root.findall("CoSimulation/SourceFiles/File")]
+    (library,) = (name for name in names if name.startswith("binaries/"))
+    command = [
+        compiler,
+        "-std=c11",
+        "-Wall",
+        "-Werror",
+        "-O1",
+        "-fPIC",
+        "-shared",
+        *listed,
+        "-lm",
+        "-o",
+        f"../{library}",
+    ]
+    subprocess.run(command, cwd=tmp_path / "sources", check=True)
+    found, expected = fmpy.simulate_fmu(str(tmp_path), **OPTIONS), run(fmu)
+    for name in WATCHED:
+        assert np.max(np.abs(found[name] - expected[name])) <= ROUNDING * np.max(np.abs(expected[name])), name
+
+
+def test_a_state_of_version_3_comes_back_with_the_same_bits(fmu3):
+    from fmpy.fmi3 import FMU3Slave
+
+    description = fmpy.read_model_description(str(fmu3))
+    references = {variable.name: variable.valueReference for variable in description.modelVariables}
+    one = FMU3Slave(
+        guid=description.guid,
+        unzipDirectory=fmpy.extract(str(fmu3)),
+        modelIdentifier=description.coSimulation.modelIdentifier,
+        instanceName="one",
+    )
+    one.instantiate()
+    one.setFloat64([references[name] for name in START], list(START.values()))
+    one.enterInitializationMode()
+    one.exitInitializationMode()
+
+    def march(first, count):
+        for k in range(first, first + count):
+            one.doStep(k * 1e-5, 1e-5)
+        return one.getFloat64([references[name] for name in WATCHED[:-1]])
+
+    march(0, 30)
+    kept = one.serializeFMUState(one.getFMUState())
+    expected = march(30, 50)
+    march(80, 20)
+    one.setFMUState(one.deserializeFMUState(kept))
+    assert march(30, 50) == expected
+    one.terminate()
+    one.freeInstance()
 
 
 def test_it_has_the_channels_of_the_lanes(fmu):
