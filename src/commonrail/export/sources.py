@@ -19,6 +19,8 @@ from commonrail.engine.time_step import TIME_STEPS
 from commonrail.export.conditions import step_condition
 from commonrail.export.entries import channels, sizes
 from commonrail.export.fuel_table import FuelTable, fuel_table
+from commonrail.export.kernel_source import kernel_source
+from commonrail.export.objects import linked_text
 from commonrail.export.texts import entry_texts
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.injector.variants import Variant
@@ -104,7 +106,11 @@ def model_of(injector: Injector) -> Model:
         name,
         digest,
         named(template("commonrail.h").replace("/*SIZES*/\n", public), name),
-        {f"{name}.c": named(template("core.c"), name), f"{name}_model.h": named(model, name)},
+        {
+            f"{name}.c": named(template("core.c"), name),
+            f"{name}_model.h": named(model, name),
+            f"{name}_kernel.c": kernel_source(linked_text(wired, name)),
+        },
     )
 
 
