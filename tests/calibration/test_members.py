@@ -13,7 +13,9 @@ import commonrail as cr
 from commonrail.calibration import members
 from commonrail.calibration.members import members_of
 from commonrail.calibration.optimisers import Best
+from commonrail.files.run_folder import write_results
 from commonrail.files.sums import SUMS
+from commonrail.store.copies import copies_of
 from commonrail.store.run import calibrate_into
 from tests.family.samples import INJECTOR, MASS, PRELOAD, study_of
 
@@ -68,3 +70,12 @@ def test_the_run_folder_holds_the_members(tmp_path: Path, monkeypatch: pytest.Mo
     values = [row["mean"] for row in record["data"][0]["rows"]]
     (mean,) = found.scores["mean"]
     assert values == mean.values.tolist()
+    write_results(tmp_path / "run", replace(found, members=found.members[:2]), {})
+    assert sorted(path.name for path in (tmp_path / "run").glob("member-*")) == ["member-2.toml"]
+    assert "member-3.toml" not in (tmp_path / "run" / SUMS).read_text()
+
+
+def test_an_input_with_the_name_of_a_member_is_kept_apart(tmp_path: Path) -> None:
+    files = {tmp_path / name: "0" for name in ("study.toml", "member-2.toml", "Member-3.TOML", "members.toml")}
+    kept = copies_of(replace(study(), files=files))
+    assert kept == ["study.toml", "inputs/member-2.toml", "inputs/Member-3.TOML", "members.toml"]
