@@ -1,8 +1,9 @@
 """Kill a calibration at random instants, resume it, and check that nothing was lost: ``python tools/soak.py 200``.
 
 Every round starts ``commonrail calibrate`` on a study as a process of its own and ends it with SIGKILL at a random
-instant, half of them spread over all its usual time and half over that of the search; ``commonrail resume`` then goes
-on, is killed in its turn in every other case, and ends at last. After every kill the journal must pass SQLite's
+instant: in half of the cases once its journal holds a random number of generations, which a busy machine does not
+shift, in the other half at an instant of all its usual time. ``commonrail resume`` then goes on, is killed in its turn
+in every other case, and ends at last. After every kill the journal must pass SQLite's
 integrity check; at the end result.json must be that of a run that was never stopped, byte for byte, but for the one key
 that holds what depends on the clock. Exit status 1 if anything is not so.
 """
@@ -38,18 +39,25 @@ class Round(NamedTuple):
     faults: list[str]
 
 
-class Times(NamedTuple):
-    """Of a run that is not stopped: first and last generation kept, end [s]."""
+class Instant(NamedTuple):
+    """Instant of a kill: seconds from the start, or from when the journal holds so many generations."""
 
-    first: float
-    last: float
+    seconds: float
+    generations: int = 0
+
+
+class Times(NamedTuple):
+    """Of a run that is not stopped: generations in its journal, seconds from one to the next, seconds in all."""
+
+    generations: int
+    pace: float
     end: float
 
-    def draw(self, draw: random.Random) -> float:
+    def draw(self, draw: random.Random) -> Instant:
         """An instant for a kill."""
-        margin = 0.3 * (self.last - self.first)
-        search = (self.first - margin, self.last + margin)
-        return draw.uniform(*(search if draw.random() < 0.5 else (0.0, self.end)))
+        if draw.random() < 0.5:
+            return Instant(draw.uniform(0.0, self.end))
+        return Instant(draw.uniform(0.0, self.pace), draw.randint(1, self.generations))
 
 
 def main() -> None:
@@ -69,7 +77,7 @@ def soak(study: Path, kills: int, seed: int, jobs: int, folder: Path) -> bool:
     """Rounds until there were so many kills; whether anything was not as it should be."""
     finish("calibrate", str(study), "--out", str(folder / "warm"))  # compiles
     times = _times(study, [folder / f"whole-{i}" for i in range(jobs)])
-    print(f"a run takes {times.end:.2f} s, its search from {times.first:.2f} s to {times.last:.2f} s", flush=True)
+    print(f"a run takes {times.end:.2f} s, {times.pace * 1e3:.1f} ms a generation", flush=True)
     expected = timeless(folder / "whole-0")
     draw = random.Random(seed)
     rounds: list[Round] = []
@@ -101,8 +109,10 @@ def _times(study: Path, runs: list[Path]) -> Times:
             seen.append((found[0], time.monotonic() - start))
         time.sleep(0.005)
     end = time.monotonic() - start
-    instants = [instant for _, instant in seen] or [end]  # a busy machine may not look before all is over
-    return Times(instants[0], instants[-1], end)
+    whole = facts(runs[0])
+    assert whole is not None
+    pace = (seen[-1][1] - seen[0][1]) / whole[0] if seen else 0.0  # a busy machine may not look before all is over
+    return Times(whole[0], pace, end)
 
 
 def _round(study: Path, run: Path, times: Times, expected: bytes, seed: int) -> Round:
@@ -113,10 +123,10 @@ def _round(study: Path, run: Path, times: Times, expected: bytes, seed: int) -> 
         command = ["resume", str(run)] if _begun(run) else begin
         if kills and draw.random() > AGAIN:
             break
-        if not _killed(command, times.draw(draw)):
+        if not _killed(command, run, times.draw(draw)):
             break
         kills += 1
-        moments.append(_moment(run))
+        moments.append(_moment(run, times.generations))
         faults += [f"{run.name}: {text}" for text in damage(run)]
     done = process(*(["resume", str(run)] if _begun(run) else begin))
     if done.returncode:
@@ -128,11 +138,13 @@ def _round(study: Path, run: Path, times: Times, expected: bytes, seed: int) -> 
     return Round(kills, moments, faults)
 
 
-def _killed(command: list[str], after: float) -> bool:
+def _killed(command: list[str], run: Path, instant: Instant) -> bool:
     """Start a process and kill it; False if it had ended by itself."""
     process = _start(*command)
+    while instant.generations and process.poll() is None and _generations(run) < instant.generations:
+        time.sleep(0.002)
     try:
-        process.wait(after)
+        process.wait(instant.seconds)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
@@ -150,6 +162,17 @@ def _begun(run: Path) -> bool:
     return facts(run) is not None
 
 
+def _generations(run: Path) -> int:
+    """Generations in the journal of a run at work, which is not touched."""
+    if not (run / JOURNAL).is_file():
+        return 0
+    try:
+        with closing(sqlite3.connect(f"file:{run / JOURNAL}?mode=ro", uri=True)) as journal:
+            return int(journal.execute("SELECT COUNT(*) FROM generation").fetchone()[0])
+    except sqlite3.OperationalError:  # no tables yet
+        return 0
+
+
 def facts(run: Path) -> tuple[int, int] | None:
     """Generations and sessions that ended, of a run that was begun."""
     path = run / JOURNAL
@@ -165,14 +188,14 @@ def facts(run: Path) -> tuple[int, int] | None:
             return None
 
 
-def _moment(run: Path) -> str:
+def _moment(run: Path, whole: int) -> str:
     found = facts(run)
     if found is None:
         return "not begun"
     generations, ended = found
     if ended:
         return "ended"
-    return "no generation" if generations == 0 else "all generations" if generations == 71 else "some generations"
+    return "no generation" if generations == 0 else "all generations" if generations == whole else "some generations"
 
 
 def damage(run: Path) -> list[str]:
