@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
-__all__ = ["Listener", "compiling", "note", "tell_notes", "tell_of_compiling"]
+__all__ = ["Listener", "compiling", "note", "quiet", "tell_notes", "tell_of_compiling"]
 
 Listener = Callable[[], AbstractContextManager[Any]]
 
@@ -36,6 +36,17 @@ def tell_notes(listener: Callable[[str], None]) -> None:
     """Have notes given to a function instead of raised as warnings."""
     global _note
     _note = listener
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Leave notes untold inside the block: they have been told before."""
+    before = _note
+    tell_notes(lambda _: None)
+    try:
+        yield
+    finally:
+        tell_notes(before)
 
 
 def note(text: str) -> None:

@@ -31,10 +31,11 @@ def test_a_matrix_is_listed_and_written_as_a_study_reads_it(command: Command, tm
 
 def test_a_table_that_is_no_map_is_described_with_the_reason(command: Command, tmp_path: Path) -> None:
     data = tmp_path / "rate.csv"
-    data.write_text("time [us],rate [mm3/ms]\n0,0\n3,0.1\n", encoding="utf-8")
+    data.write_text("bench,part\nthree,seventeen\n", encoding="utf-8")
     record = command("inspect", data, "--json").record
-    assert record["taken for"] == "a table, no quantity map"
-    assert record["first row"] == "time [us], rate [mm3/ms]"
+    assert record["taken for"] == "a table, no quantity map and no trace"
+    assert record["first row"] == "bench, part"
+    assert record["reason"] == "there are no rows of numbers."
     assert command("inspect", data, "--out", tmp_path / "x.csv").status == 2
 
 
@@ -42,3 +43,24 @@ def test_the_maps_of_a_dcm_file_are_listed(command: Command, tmp_path: Path) -> 
     path = tmp_path / "et.dcm"
     write_map_file(path, [table()])
     assert "7 × 3 over hPa × mm^3/inj, values in us" in command("inspect", path).out
+
+
+def test_channels_are_listed_with_units_ranges_and_meanings(command: Command, tmp_path: Path) -> None:
+    data = tmp_path / "rate.csv"
+    data.write_text("time [us];rate [mm3/ms];I [A]\n0;0,5;1\n3;1,5;2\n6;2,5;3\n", encoding="utf-8")
+    record = command("inspect", data, "--json").record
+    assert record["taken for"] == "a trace"
+    assert record["rate"] == "3 values, 0.5 to 2.5 mm3/ms; rate of injection by volume"
+    assert record["I"] == "3 values, 1 to 3 A; current"
+    assert record["read as"] == "encoding utf-8; separated by semicolons; decimal comma"
+
+
+def test_several_channels_that_fit_are_named(command: Command, tmp_path: Path) -> None:
+    data = tmp_path / "rate.csv"
+    data.write_text("time [us],a [mm3/ms],b [mg/ms]\n0,0,1\n3,1,2\n", encoding="utf-8")
+    taken = command("inspect", data, "--json").record["taken for"]
+    assert taken == 'channels of which several may be the rate of injection, "a" and "b"; name one by rate = …'
+    new = command("new", tmp_path / "s", "--injector", "cri2-16", "--from", data)
+    assert new.status == 2
+    assert 'several may be the rate of injection, "a" and "b"' in new.sentence
+    assert not (tmp_path / "s").exists()

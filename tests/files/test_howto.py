@@ -64,6 +64,12 @@ def test_injector_page_lists_every_table() -> None:
     assert [room for room in sorted(rooms) if f"`{room}`" not in text] == []
 
 
+def test_blocks_of_the_data_page() -> None:
+    models = {"rate": RateModel, "quantities": QuantitiesModel}
+    blocks = tables("data-files.md")["data"]
+    assert [models[block["kind"]].model_validate(block).kind for block in blocks] == ["quantities", "rate", "rate"]
+
+
 def test_data_page(table_file: Callable[[str], Path]) -> None:
     text = (PAGES / "data-files.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"```\n(# bench.*?)```", text, re.S)

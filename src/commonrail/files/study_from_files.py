@@ -113,7 +113,7 @@ def _text(
         keys: dict[str, Any] = {"kind": found.block["kind"], "name": name, "role": "fit"}
         keys |= found.block | {"file": f"data/{found.path.name}"}
         keys |= {"cylinder_pressure": pressures.cylinder or UNKNOWN, "return_pressure": pressures.back or UNKNOWN}
-        keys |= {"source": f"{found.path.name}, as it came"}
+        keys |= {"source": f"{found.path.name}, as it came", "synthetic": ""}
         missing += [f"data[{i + 1}].{key}" for key, value in keys.items() if value == UNKNOWN]
         lines += [f"# {found.taken_for}{'; ' + found.said if found.said else ''}", "[[data]]"]
         lines += [_line(key, value) for key, value in keys.items()] + [""]
@@ -128,6 +128,7 @@ def _line(key: str, value: Any) -> str:
     comments = {
         "role": '"fit", or "validation": compared, not fitted',
         "window": "samples that count, from the start of energising",
+        "synthetic": "what about the data is not measured",
         "shots": "offset: from the trigger's edge to the start of energising",
         **({key: f"STATE IT: {_MEANINGS[key]}" for key in _MEANINGS} if value == UNKNOWN else {}),
     }

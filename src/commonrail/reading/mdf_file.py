@@ -6,7 +6,10 @@ the linear, rational and tabular rules of the file; a rule that is a formula as 
 
 from __future__ import annotations
 
+import gc
 import logging
+import sys
+import traceback
 import zlib
 from collections import Counter
 from collections.abc import Sequence
@@ -156,7 +159,20 @@ def _opened(path: Path, data: bytes) -> Any:
     try:
         return MDF(BytesIO(data))
     except Exception as error:  # as above
-        raise InputError(f"{path}: this is no MDF record that can be read ({type(error).__name__}).") from error
+        reason = type(error).__name__
+        _forget(error)
+    raise InputError(f"{path}: this is no MDF record that can be read ({reason}).")
+
+
+def _forget(error: Exception) -> None:
+    """Free a record that could not be opened: asammdf's would complain on stderr whenever it is collected."""
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        traceback.clear_frames(error.__traceback__)
+        error.__traceback__ = error.__context__ = None
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
 
 
 def _check_packed(path: Path, data: bytes) -> None:

@@ -18,6 +18,7 @@ from commonrail.files.atomic import replacing, write_text, writing
 from commonrail.files.run_folder import MEMBER, RESULT, STUDY, TRACES
 from commonrail.files.study_file import load_study
 from commonrail.files.sums import SUMS
+from commonrail.notice import quiet
 from commonrail.reading.guarded_file import read_plain, sha256
 from commonrail.store.content import content_of
 from commonrail.store.journal import JOURNAL, LOCK, Input
@@ -52,7 +53,8 @@ def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study]:
     if not study.files:
         return [], study
     inputs = _copy_files(study.files, folder, _places(list(study.files)))
-    own = load_study(folder / STUDY)
+    with quiet():
+        own = load_study(folder / STUDY)
     wanted, text = study.method.evolution.generations, own.text
     if study.seed != own.seed:
         text = set_in_study(text, ("seed",), study.seed)

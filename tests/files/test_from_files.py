@@ -1,0 +1,104 @@
+"""From a bench's files to a calibrated report, as the how-to page walks through it: its commands and its edits."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+import commonrail as cr
+from tests.cli.conftest import Done, run_command
+from tools.bench_files import SHOT_POINTS, TRUTH, write_bench_files
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "howto" / "from-files.md"
+
+pytest.importorskip("asammdf", reason="the extra mdf is not installed")
+pytest.importorskip("openpyxl", reason="the extra excel is not installed")
+
+
+def commands() -> list[list[str]]:
+    """Words of the commands of the page."""
+    blocks = re.findall(r"```sh\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)
+    return [shlex.split(line) for block in blocks for line in block.splitlines()]
+
+
+def edit(study: Path) -> int:
+    """Make the edits of the page; returns how many lines they change."""
+    (block,) = re.findall(r"```diff\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)
+    text, edited = study.read_text(encoding="utf-8"), 0
+    for hunk in block.strip("\n").split("\n\n"):
+        lines = hunk.splitlines()
+        old = "\n".join(line[1:] for line in lines if line[0] in " -") + "\n"
+        new = "\n".join(line[1:] for line in lines if line[0] in " +") + "\n"
+        found = text.count(old)
+        assert found, f"the study has no lines {old!r}"
+        edited += found * sum(line.startswith("+") for line in lines)
+        text = text.replace(old, new)
+    study.write_text(text, encoding="utf-8")
+    return edited
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with the raw files."""
+    folder = tmp_path_factory.mktemp("bench")
+    write_bench_files(folder / "raw")
+    return folder
+
+
+@pytest.fixture
+def walked(bench: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Done]:
+    """The commands of the page up to the edits, done in a folder of their own."""
+    (tmp_path / "raw").symlink_to(bench / "raw")
+    monkeypatch.chdir(tmp_path)
+    return [run_command(*words[1:]) for words in commands()[:-1]]
+
+
+def test_the_study_that_is_written_reads_all_files_after_a_few_edits(walked: list[Done]) -> None:
+    assert [done.status for done in walked] == [0, 0], [done.err for done in walked]
+    page = PAGE.read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```text\n(.*?)```", page, re.S)
+    assert [line for line in shown.splitlines() if line not in walked[0].out] == []
+    assert len(commands()) <= 4
+    assert edit(Path("fit/study.toml")) <= 10
+    data = cr.load_study("fit/study.toml").data
+    rates = [d for d in data if d.name.startswith("rates")]
+    shots = [d for d in data if d.name.startswith("shots")]
+    assert len(rates) == 12
+    assert [d.points[0].pulses[0].duration for d in shots] == pytest.approx([1e-6 * t for _, t in SHOT_POINTS])
+    assert all("mean of 25 shots" in d.source and d.noise.sigma is not None for d in shots)
+    january, march = (d for d in data if d.kind == "quantities")
+    assert [january.role, march.role] == [cr.Role.FIT, cr.Role.VALIDATION]
+    # The same injector on both days, a noise of 0.1 mm³: six standard deviations of the difference are allowed.
+    assert sorted(march.measured) == pytest.approx(sorted(january.measured), abs=6.0 * 0.1e-9 * 2.0**0.5)
+
+
+@pytest.mark.slow
+def test_the_calibration_finds_what_the_files_were_made_with(walked: list[Done]) -> None:
+    edit(Path("fit/study.toml"))
+    done = run_command(*commands()[-1][1:], "--threads", "1")
+    assert done.status == 0, done.err
+    assert Path("fit/run/report.html").is_file()
+    best = cr.load_injector("fit/run/calibrated.toml").values
+    true = cr.load_injector("virtual-lino-2016").with_values(TRUTH).values
+    # The page promises 0.2 %.
+    assert {name: best[name] for name in TRUTH} == pytest.approx({name: true[name] for name in TRUTH}, rel=2e-3)
+
+
+def test_what_no_file_tells_is_named_and_not_invented(bench: Path, tmp_path: Path) -> None:
+    done = run_command("new", tmp_path / "s", "--injector", "cri2-16", "--from", bench / "raw" / "map_january.csv")
+    assert done.status == 0, done.err
+    assert "data[1].cylinder_pressure, data[1].return_pressure" in done.out
+    with pytest.raises(cr.InputError, match=r'data\[1\]\.cylinder_pressure: "\?" does not start with a number'):
+        cr.load_study(tmp_path / "s" / "study.toml")
+
+
+def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:
+    raw = bench / "raw" / "rates.csv"
+    assert "Give --injector and one or more files" in run_command("new", tmp_path / "s", "--from", raw).sentence
+    assert "belong to --from" in run_command("new", tmp_path / "s", "--cylinder-pressure", "5MPa").sentence
+    twice = run_command("new", tmp_path / "s", "--injector", "cri2-16", "--from", raw, "--from", raw)
+    assert "Two of the data files are called rates.csv" in twice.sentence
+    assert not (tmp_path / "s").exists()

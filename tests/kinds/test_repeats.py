@@ -1,0 +1,35 @@
+"""Means of repeated measurements, and their standard errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from commonrail.kinds.repeats import averaged, groups_of
+
+
+def test_rows_of_one_place_come_together_in_the_order_of_their_first() -> None:
+    places = np.array([[160.0, 700.0], [80.0, 300.0], [160.2, 700.0], [80.0, 700.0], [80.0, 300.0]])
+    assert [rows.tolist() for rows in groups_of(places, 0.01)] == [[0, 2], [1, 4], [3]]
+    assert [rows.tolist() for rows in groups_of(places, 1e-6)] == [[0], [1, 4], [2], [3]]
+
+
+def test_the_standard_error_of_a_mean_is_that_of_normal_draws() -> None:
+    random = np.random.default_rng(3)
+    shots = 5.0 + random.normal(0.0, 0.4, (25, 400))
+    found = averaged(shots, [np.arange(25)])
+    # 25 × 400 draws: the estimate scatters by 0.7 %, five times that is allowed.
+    assert found.sigma == pytest.approx(0.4 / np.sqrt(25.0), rel=0.035)
+    assert np.std(found.mean - 5.0) == pytest.approx(found.sigma, rel=0.15)
+    assert found.counts.tolist() == [25]
+
+
+def test_scatter_is_pooled_over_groups_in_units_of_the_scale() -> None:
+    values = np.array([1.0, 3.0, 20.0, 60.0])
+    found = averaged(values, [np.array([0, 1]), np.array([2, 3])], np.array([1.0, 1.0, 20.0, 20.0]))
+    assert found.mean.tolist() == [2.0, 40.0]
+    assert found.sigma == pytest.approx(np.sqrt(2.0 / 2.0))  # each pair has the variance 2, a mean of two half of it
+
+
+def test_nothing_repeated_has_no_error() -> None:
+    assert averaged(np.array([1.0, 2.0]), [np.array([0]), np.array([1])]).sigma is None

@@ -1,0 +1,128 @@
+"""MDF records: channels with their own times, records of two libraries, and what is refused."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from commonrail.errors import InputError
+from commonrail.reading import mdf_file
+from commonrail.reading.mdf_file import MdfFile
+from commonrail.reading.tables import Column, Table, read_columns
+
+asammdf = pytest.importorskip("asammdf", reason="the extra mdf is not installed")
+
+TIME = np.arange(0.0, 1e-3, 1e-5)
+RATE = 20.0 * np.sin(3000.0 * TIME)
+
+
+def signal(values: Any, name: str = "ROI", unit: str = "mm3/ms", time: Any = TIME, **more: Any) -> Any:
+    """A channel as asammdf writes it."""
+    return asammdf.Signal(np.asarray(values, float), time, unit, name, **more)
+
+
+def written(path: Path, *groups: tuple[str, list[Any]], compression: int = 0) -> Path:
+    """A record with groups of channels."""
+    record = asammdf.MDF()
+    for name, signals in groups:
+        record.append(signals, acq_name=name)
+    record.save(path, overwrite=True, compression=compression)
+    record.close()
+    return path
+
+
+def read(path: Path, rate: str = "ROI", time: str = "time") -> Table:
+    return read_columns(path, [Column(time, "s", increasing=True), Column(rate, "m3/s")])
+
+
+@pytest.mark.parametrize("compression", [0, 1, 2])
+def test_a_channel_comes_with_the_times_of_its_own_group(tmp_path: Path, compression: int) -> None:
+    slow = signal([800.0, 1200.0], "p", "bar", np.array([0.0, 5e-4]))
+    path = written(tmp_path / "a.mf4", ("fast", [signal(RATE)]), ("slow", [slow]), compression=compression)
+    table = read(path)
+    np.testing.assert_allclose(table.columns["ROI"], RATE * 1e-6, rtol=1e-12)
+    np.testing.assert_allclose(table.columns["time"], TIME, atol=1e-15)
+    pressure = read_columns(path, [Column("time", "s", increasing=True), Column("p", "Pa")], least=2)
+    assert pressure.columns["p"].tolist() == [800e5, 1200e5]
+    assert MdfFile(path).names == ["ROI", "p"]
+
+
+def test_two_libraries_write_records_that_are_read_alike(tmp_path: Path) -> None:
+    mdfreader = pytest.importorskip("mdfreader", reason="mdfreader is not installed")
+    other = mdfreader.Mdf()
+    other.MDFVersionNumber = 410
+    other.add_channel("t", TIME, "t", master_type=1, unit="s")
+    other.add_channel("ROI", RATE, "t", unit="mm3/ms")
+    other.write(file_name=str(tmp_path / "other.mf4"))
+    own, foreign = read(written(tmp_path / "own.mf4", ("g", [signal(RATE)]))), read(tmp_path / "other.mf4")
+    for name in ("time", "ROI"):
+        np.testing.assert_array_equal(own.columns[name], foreign.columns[name])
+    assert own.given == foreign.given == {"time": "s", "ROI": "mm3/ms"}
+    assert read(tmp_path / "other.mf4", time="t").columns["t"].tolist() == foreign.columns["time"].tolist()
+
+
+def test_channels_of_one_name_are_told_apart_by_their_groups(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mf4", ("800bar 300us", [signal(RATE)]), ("800bar 700us", [signal(2.0 * RATE)]))
+    assert MdfFile(path).names == ["800bar 300us/ROI", "800bar 700us/ROI"]
+    np.testing.assert_allclose(read(path, "800bar 700us/ROI").columns["800bar 700us/ROI"], 2e-6 * RATE)
+
+
+def test_linear_rules_are_applied_and_formulas_are_not_evaluated(tmp_path: Path) -> None:
+    raw = np.arange(100, dtype=float)
+    linear = written(tmp_path / "a.mf4", ("g", [signal(raw, conversion={"a": 0.5, "b": 1.0})]))
+    np.testing.assert_allclose(read(linear).columns["ROI"], (0.5 * raw + 1.0) * 1e-6, rtol=1e-12)
+    formula = written(tmp_path / "b.mf4", ("g", [signal(raw, conversion={"formula": "X1*2"})]))
+    with pytest.raises(InputError, match='channel "ROI": its values are converted by a formula or to texts'):
+        read(formula)
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
+def test_what_cannot_be_read_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path / "a.mf4", ("g", [signal(RATE), signal(RATE, "TRIG", "V")]))
+    with pytest.raises(InputError, match=r'there is no column "RIO" \(did you mean "ROI"\?\); the header has'):
+        read(path, "RIO")
+    with pytest.raises(InputError, match='the times of "ROI" are called "time", not "t"'):
+        read(path, time="t")
+    with pytest.raises(InputError, match="each channel of an MDF record has its own times"):
+        read_columns(path, [Column("ROI", "m3/s"), Column("TRIG", "V")])
+    with pytest.raises(InputError, match="a unit like mm3/ms is expected, not"):
+        read(path, "TRIG")
+    monkeypatch.setattr(mdf_file, "MOST_SAMPLES", 50)
+    with pytest.raises(InputError, match="there are 100 samples, and at most 50 are read"):
+        read(path)
+    (tmp_path / "b.mf4").write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(InputError, match=r"b\.mf4"):
+        read(tmp_path / "b.mf4")
+    (tmp_path / "c.mf4").write_bytes(b"no record at all")
+    with pytest.raises(InputError, match="this is no MDF record that can be read"):
+        read(tmp_path / "c.mf4")
+
+
+def test_a_sample_that_is_no_number_has_its_place(tmp_path: Path) -> None:
+    values = RATE.copy()
+    values[7] = np.nan
+    with pytest.raises(InputError, match='sample 8, column "ROI": the value is not a finite number'):
+        read(written(tmp_path / "a.mf4", ("g", [signal(values)])))
+
+
+def test_a_compressed_block_that_holds_more_than_it_says_is_refused(tmp_path: Path) -> None:
+    packed = zlib.compress(bytes(1_000_000))
+    head = b"##DZ" + bytes(4) + (48 + len(packed)).to_bytes(8, "little") + bytes(8)
+    block = head + b"DT" + bytes(6) + (100).to_bytes(8, "little") + len(packed).to_bytes(8, "little") + packed
+    path = written(tmp_path / "a.mf4", ("g", [signal(RATE)]))
+    path.write_bytes(path.read_bytes() + block)
+    with pytest.raises(InputError, match="a compressed block holds more than it says"):
+        read(path)
+
+
+def test_blocks_that_say_they_are_huge_are_refused(tmp_path: Path) -> None:
+    head = b"##DZ" + bytes(4) + (48).to_bytes(8, "little") + bytes(8)
+    block = head + b"DT" + bytes(6) + (2 * 10**9).to_bytes(8, "little") + (0).to_bytes(8, "little")
+    path = written(tmp_path / "a.mf4", ("g", [signal(RATE)]))
+    path.write_bytes(path.read_bytes() + block)
+    with pytest.raises(InputError, match="unpacked the record has 2000 MB or more"):
+        read(path)
