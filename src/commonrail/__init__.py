@@ -85,7 +85,8 @@ if TYPE_CHECKING:
     from commonrail.fuel.fuel import Fuel
     from commonrail.injector.definition import Injector, Source, parameter_quantities
     from commonrail.injector.variants import Variant
-    from commonrail.kinds import QuantityData, RateData, ReturnData, Role
+    from commonrail.kinds import FeatureData, QuantityData, RateData, ReturnData, Role
+    from commonrail.kinds.features.reading import FeatureTarget
     from commonrail.kinds.maps.sister import Sister
     from commonrail.kinds.noise import Noise
     from commonrail.observation.low_pass import LowPass
@@ -97,6 +98,7 @@ if TYPE_CHECKING:
     from commonrail.signals.features import Features, Injection, features
     from commonrail.signals.rate_trace import RateTrace
     from commonrail.signals.settings import FeatureSettings
+    from commonrail.signals.shots import ShotStatistic, shot_statistics
     from commonrail.signals.status import FeatureStatus
     from commonrail.store.listing import list_runs
     from commonrail.store.run import calibrate_into, resume
@@ -159,7 +161,8 @@ _HOMES = {
     "fuel.fuel": "Fuel",
     "injector.definition": "Injector Source parameter_quantities",
     "injector.variants": "Variant",
-    "kinds": "QuantityData RateData ReturnData Role",
+    "kinds": "FeatureData QuantityData RateData ReturnData Role",
+    "kinds.features.reading": "FeatureTarget",
     "kinds.maps.sister": "Sister",
     "kinds.noise": "Noise",
     "observation.low_pass": "LowPass",
@@ -171,6 +174,7 @@ _HOMES = {
     "signals.features": "Features Injection features",
     "signals.rate_trace": "RateTrace",
     "signals.settings": "FeatureSettings",
+    "signals.shots": "ShotStatistic shot_statistics",
     "signals.status": "FeatureStatus",
     "store.listing": "list_runs",
     "store.run": "calibrate_into resume",
@@ -197,8 +201,10 @@ __all__ = [
     "Dimension",
     "Energising",
     "EvolutionSettings",
+    "FeatureData",
     "FeatureSettings",
     "FeatureStatus",
+    "FeatureTarget",
     "Features",
     "Finding",
     "Fuel",
@@ -236,6 +242,7 @@ __all__ = [
     "SeedProgress",
     "Sensitivity",
     "SensitivitySettings",
+    "ShotStatistic",
     "SimulationError",
     "Sister",
     "Solution",
@@ -294,6 +301,7 @@ __all__ = [
     "sample_feasible",
     "sample_posterior",
     "sensitivity",
+    "shot_statistics",
     "simulate",
     "simulate_batch",
     "simulation_figure",

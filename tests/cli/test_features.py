@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
 import numpy as np
@@ -101,5 +102,26 @@ def test_a_run_shows_measured_and_simulated_features_and_their_difference(comman
     rows = csv.DictReader(line for line in out.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
     delay = next(row for row in rows if row["feature"] == "opening_delay")
     assert float(delay["difference"]) == pytest.approx(1e6 * (pair[1] - pair[0]), abs=1e-6)
-    assert "no injection curves" in command("features", run, "--model", "other").sentence
+    assert "no traces simulated" in command("features", run, "--model", "other").sentence
     assert command("features", run, "--energising-time", "1ms").status == 2
+
+
+def test_features_of_a_run_that_was_fitted_to_features(command: Command, tmp_path: Path) -> None:
+    study = small_study(tmp_path / "small")
+    text = study.read_text(encoding="utf-8").replace('kind = "rate"', 'kind = "features"')
+    delay, quantity = (("opening_delay", "2 us"), ("quantity", "1 mm3"))
+    items = (f'{{ feature = "{name}", tolerance = "{tolerance}" }}' for name, tolerance in (delay, quantity))
+    keys = f"features = [{', '.join(items)}]\n"
+    study.write_text(text.replace("source = ", keys + "source = ", 1), encoding="utf-8")
+    run = tmp_path / "run"
+    done = command("calibrate", study, "--out", run, "--threads", "1")
+    assert done.status == 0, done.err
+    assert "Features of 160 MPa (fit), 160 MPa" in done.out
+    assert "opening_delay 1" in (run / "report.html").read_text(encoding="utf-8")
+    (fitted,) = json.loads((run / "result.json").read_text(encoding="utf-8"))["data"]
+    for label in ("best", "start"):
+        (shown,) = command("features", run, "--model", label, "--json").record["data"]
+        values = shown["simulated"]["injections"][0]["values"]
+        for row in fitted["rows"]:
+            # the record and the verb simulate the same injector in the same steps
+            assert values[row["feature"]] == pytest.approx(row[label], rel=1e-9)

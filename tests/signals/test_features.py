@@ -30,7 +30,11 @@ TIMES = {
 }
 RATES = {"steady_rate": PEAK, "peak_rate": PEAK}
 # Ramps of 150 and 100 us and 450 us between them; after closing a triangle of 10 us and a tenth of the peak.
-QUANTITIES = {"quantity": PEAK * (75e-6 + 450e-6 + 50e-6), "dribble": 0.5 * 10e-6 * 0.1 * PEAK}
+QUANTITIES = {
+    "quantity": PEAK * (75e-6 + 450e-6 + 50e-6),
+    "total_quantity": 575e-6 * PEAK,
+    "dribble": 0.5 * 10e-6 * 0.1 * PEAK,
+}
 
 NOISE = 0.001  # standard deviation of a sample over the peak
 
@@ -123,6 +127,12 @@ def test_a_trace_of_nothing_gives_a_status_and_no_number() -> None:
         assert (found.status, found.injections, found.silent) == (FeatureStatus.NO_INJECTION, (), (1,))
         assert all(math.isnan(found.value(name)) for name in FEATURES)
         assert found.status.sentence.endswith(".")
+
+
+def test_a_stated_threshold_above_the_trace_finds_nothing() -> None:
+    found = features(trapezoid(), settings=FeatureSettings(threshold="60 mm3/ms"))
+    assert (found.status, found.injections) == (FeatureStatus.NO_INJECTION, ())
+    assert found.reason(1) is FeatureStatus.NO_INJECTION
 
 
 def test_an_injection_that_the_trace_cuts_says_so() -> None:

@@ -31,6 +31,7 @@ def test_a_pilot_and_a_main_are_two_injections_with_their_quantities() -> None:
     found = features(straight(*APART, energisings=ENERGISED))
     assert [one.energising for one in found.injections] == [1, 2]
     assert [one["quantity"] for one in found.injections] == pytest.approx(QUANTITIES, rel=1e-9)
+    assert [one["total_quantity"] for one in found.injections] == pytest.approx(QUANTITIES, rel=1e-9)
     assert found.quantity == pytest.approx(sum(QUANTITIES), rel=1e-9)
     # threshold: a tenth of the peak, 25 us up the pilot's ramp of 100 us to 0.4 of it
     expected = [325e-6, 1010e-6 - 700e-6]
@@ -100,6 +101,9 @@ def test_a_second_opening_after_one_energising_is_named() -> None:
     assert [one.energising for one in found.injections] == [1, None]
     assert FeatureStatus.REOPENED in found.injections[1].statuses
     assert math.isnan(found.injections[1]["opening_delay"])
+    assert found.value("quantity") == pytest.approx(QUANTITIES[0], rel=1e-9)
+    assert found.value("total_quantity") == pytest.approx(sum(QUANTITIES), rel=1e-9)
+    assert math.isnan(found.injections[1]["total_quantity"])
 
 
 def test_an_injection_before_any_energising_is_named() -> None:

@@ -8,8 +8,9 @@ from collections.abc import Iterator, Sequence
 from commonrail.display.table import Part, Table, table_of
 from commonrail.display.text import MISSING, listed, quantity
 from commonrail.files.run_features import ComparedFeatures
-from commonrail.signals.features import Features, unit_of
+from commonrail.signals.features import Features, Injection, unit_of
 from commonrail.signals.measures import FEATURES
+from commonrail.signals.rate_trace import RATE_UNITS
 from commonrail.signals.shots import ShotStatistic
 
 __all__ = ["compared_table", "feature_sentences", "feature_table", "shot_table"]
@@ -41,19 +42,26 @@ def feature_table(name: str, found: Features) -> Table:
 
 def feature_sentences(name: str, found: Features) -> Iterator[str]:
     """Threshold and averaging, and what is missing for which reason."""
-    threshold = quantity(found.levels.threshold, found.unit, 3)
+    noise = f", noise of a sample {quantity(found.noise, found.unit, 2)}" if found.noise > 0.0 else ""
     yield (
-        f"{name}: threshold {threshold}, averaged over {quantity(found.levels.width, 's', 3)}, noise of a sample "
-        f"{quantity(found.noise, found.unit, 2)}."
+        f"{name}: threshold {quantity(found.levels.threshold, found.unit, 3)}, averaged over "
+        f"{quantity(found.levels.width, 's', 3)}{noise}."
     )
     if not found.injections:
         yield f"{name}: {found.status.value}. {found.status.sentence}"
     elif found.silent:
         yield f"{name}: no injection after energising {listed([str(i) for i in found.silent])}."
     for number, one in enumerate(found.injections, start=1):
-        which = f"injection {one.energising or number}" if one.energising or not found.energisings else "an injection"
         for status in one.statuses:
-            yield f"{name}, {which}: {status.value}. {status.sentence}"
+            yield f"{name}, {_which(one, number, found)}: {status.value}. {status.sentence}"
+
+
+def _which(one: Injection, number: int, found: Features) -> str:
+    """Injection in words; one without an energising by its instant and quantity."""
+    if one.energising or not found.energisings:
+        return f"injection {one.energising or number}"
+    unit = RATE_UNITS[found.unit]
+    return f"injection of {_text(one['quantity'], unit)} {UNITS[unit][1]} at {_text(one['opening'], 's')} µs"
 
 
 def shot_table(found: Sequence[ShotStatistic], shots: int) -> Table:

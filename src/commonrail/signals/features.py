@@ -185,18 +185,20 @@ def _from_zero(trace: RateTrace) -> RateTrace:
     return trace.with_rate(trace.rate - float(np.mean(trace.at_rest)))
 
 
-def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> Iterator[Injection]:
+def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> list[Injection]:
     course = averaged(trace, levels.width)
     parts = parts_of(course, levels, settings.split)
+    if not parts:
+        return []
     instants = [instants_of(course, part, levels) for part in parts]
     windows = _windows(trace, instants, parts, float(settings.tail))
-    before, used = math.nan, set()
-    for part, at, window in zip(parts, instants, windows, strict=True):
-        measured = measured_between(trace, course, part, window, levels, settings)
-        energising = _energising_of(at.begin, trace.energisings, float(settings.least_delay))
-        yield _injection(measured, trace.energisings, energising, before, energising in used)
-        used.add(energising)
-        before = at.closing
+    measured = [
+        measured_between(trace, course, part, window, levels, settings)
+        for part, window in zip(parts, windows, strict=True)
+    ]
+    numbers = [_energising_of(at.begin, trace.energisings, float(settings.least_delay)) for at in instants]
+    before = [math.nan, *(at.closing for at in instants[:-1])]
+    return [_injection(measured, i, numbers, trace.energisings, before[i]) for i in range(len(parts))]
 
 
 def _windows(
@@ -220,27 +222,30 @@ def _energising_of(opening: float, energisings: Sequence[Energising], delay: flo
 
 
 def _injection(
-    measured: Measured, energisings: Sequence[Energising], energising: int | None, before: float, again: bool
+    measured: Sequence[Measured],
+    i: int,
+    numbers: Sequence[int | None],
+    energisings: Sequence[Energising],
+    before: float,
 ) -> Injection:
-    """Injection with what depends on its energising and on the closing `before` it [s]."""
-    values, errors, statuses = dict(measured.values), dict(measured.standard_errors), list(measured.statuses)
-    pulse = None if energising is None or again else energisings[energising - 1]
+    """Injection i with what depends on its energising, on its reopenings, and on the closing `before` it [s]."""
+    values, errors, statuses = dict(measured[i].values), dict(measured[i].standard_errors), list(measured[i].statuses)
+    again = numbers[i] is not None and numbers[i] in numbers[:i]
+    number = None if again else numbers[i]
+    pulse = None if number is None else energisings[number - 1]
     start, end = (math.nan, math.nan) if pulse is None else (pulse.start, pulse.start + pulse.duration)
+    own = [m.values["quantity"] for m, other in zip(measured, numbers, strict=True) if other == number]
     values |= {
         "opening_delay": values["opening"] - start,
         "closing_delay": values["closing"] - end,
         "separation": values["opening"] - before,
+        "total_quantity": math.nan if again else values["quantity"] if number is None else sum(own),
     }
     if pulse is not None:
         errors |= {"opening_delay": errors["opening"], "closing_delay": errors["closing"]}
     if energisings and pulse is None:
         statuses.append(FeatureStatus.REOPENED if again else FeatureStatus.NO_ENERGISING)
-    return Injection(
-        {name: values[name] for name in FEATURES},
-        errors,
-        tuple(statuses),
-        None if again else energising,
-    )
+    return Injection({name: values[name] for name in FEATURES}, errors, tuple(statuses), number)
 
 
 def known_feature(name: object) -> str:

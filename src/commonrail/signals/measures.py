@@ -44,6 +44,7 @@ FEATURES = {
         ("steady_rate", "rate", "mean of the middle half of the plateau"),
         ("peak_rate", "rate", "largest mean over the peak averaging"),
         ("quantity", "quantity", "quantity of this injection"),
+        ("total_quantity", "quantity", "quantity with what reopenings after the same energising add"),
         ("dribble", "quantity", "quantity after closing"),
     )
 }
