@@ -136,6 +136,21 @@ def test_switching_is_planning(native: Native):
     assert planned.figures().injected > 1e-6
 
 
+def test_the_instants_are_those_of_the_last_switched_injection(native: Native):
+    run, first = Run(native, BOUNDARY), Run(native, BOUNDARY)
+    first.plan((0.0, 400e-6))
+    first.march(1500)
+    for start in (0, 2000):
+        run.march(start - round(native.time(run.state) * 1e6))
+        assert native.switch(run.state, start * 1e-6, 1) == 0
+        run.march(400)
+        assert native.switch(run.state, (start + 400) * 1e-6, 0) == 0
+        run.march(1100)
+        opening = run.figures().opening - start * 1e-6
+        # the waves of the first injection are still in the pipe when the second begins
+        assert opening == pytest.approx(first.figures().opening, rel=0.0 if start == 0 else 0.1, abs=1e-12)
+
+
 def test_two_simulations_in_turns_and_in_threads_do_not_touch(native: Native):
     alone, beside, other = Run(native, BOUNDARY), Run(native, BOUNDARY), Run(native, (80e6, 5e6, 0.5e6, 0.0))
     for run in (alone, beside, other):

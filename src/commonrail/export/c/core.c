@@ -241,6 +241,9 @@ int cr_switch(void *state, double time, int on) {
         }
         h->from[h->energisings] = time;
         h->until[h->energisings++] = HUGE_VAL;
+        double *work = work_of(state);
+        if (work[CR_ROW_CLEAR] == 0.0) /* the needle is closed: the instants will be those of this injection */
+            work[CR_ROW_OPENED] = work[CR_ROW_SHUT] = work[CR_ROW_FIRST_SHUT] = 0.0;
     }
     h->on = on != 0;
     return CR_OK;
