@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -262,3 +263,19 @@ def test_every_choice_of_wiring_has_the_channels_of_the_lanes(wiring, own, tmp_p
     found = deviations(replace(solution, channels=expected), courses)
     assert max(found.values()) < ROUNDING, found
     assert solution.injected_mass > 1e-7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", ["win64", "linux-arm64", "darwin-arm64"])
+def test_zig_links_for_other_platforms(platform, injector, tmp_path):
+    pytest.importorskip("ziglang", reason="zig is not installed: pip install 'commonrail[export]'")
+    library = write_library(injector, tmp_path, [target_named(platform)])
+    content = library.shared[platform].read_bytes()
+    # magic numbers of PE, of ELF with the machine AArch64, of Mach-O with the processor ARM64
+    signs = {"win64": b"MZ", "linux-arm64": b"\x7fELF", "darwin-arm64": b"\xcf\xfa\xed\xfe\x0c\x00\x00\x01"}
+    assert content.startswith(signs[platform])
+    if platform == "linux-arm64":
+        assert content[18:20] == b"\xb7\x00"
+    if platform == "win64":
+        needed = set(re.findall(rb"[\w-]+\.dll", content, re.I)) - {library.shared[platform].name.encode()}
+        assert all(name.startswith(b"api-ms-win-crt-") or name == b"KERNEL32.dll" for name in needed), needed
