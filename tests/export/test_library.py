@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -136,6 +137,21 @@ def test_switching_is_planning(native: Native):
     assert planned.figures().injected > 1e-6
 
 
+def test_the_instants_are_those_of_the_last_switched_injection(native: Native):
+    run, first = Run(native, BOUNDARY), Run(native, BOUNDARY)
+    first.plan((0.0, 400e-6))
+    first.march(1500)
+    for start in (0, 2000):
+        run.march(start - round(native.time(run.state) * 1e6))
+        assert native.switch(run.state, start * 1e-6, 1) == 0
+        run.march(400)
+        assert native.switch(run.state, (start + 400) * 1e-6, 0) == 0
+        run.march(1100)
+        opening = run.figures().opening - start * 1e-6
+        # the waves of the first injection are still in the pipe when the second begins
+        assert opening == pytest.approx(first.figures().opening, rel=0.0 if start == 0 else 0.1, abs=1e-12)
+
+
 def test_two_simulations_in_turns_and_in_threads_do_not_touch(native: Native):
     alone, beside, other = Run(native, BOUNDARY), Run(native, BOUNDARY), Run(native, (80e6, 5e6, 0.5e6, 0.0))
     for run in (alone, beside, other):
@@ -247,3 +263,19 @@ def test_every_choice_of_wiring_has_the_channels_of_the_lanes(wiring, own, tmp_p
     found = deviations(replace(solution, channels=expected), courses)
     assert max(found.values()) < ROUNDING, found
     assert solution.injected_mass > 1e-7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", ["win64", "linux-arm64", "darwin-arm64"])
+def test_zig_links_for_other_platforms(platform, injector, tmp_path):
+    pytest.importorskip("ziglang", reason="zig is not installed: pip install 'commonrail[export]'")
+    library = write_library(injector, tmp_path, [target_named(platform)])
+    content = library.shared[platform].read_bytes()
+    # magic numbers of PE, of ELF with the machine AArch64, of Mach-O with the processor ARM64
+    signs = {"win64": b"MZ", "linux-arm64": b"\x7fELF", "darwin-arm64": b"\xcf\xfa\xed\xfe\x0c\x00\x00\x01"}
+    assert content.startswith(signs[platform])
+    if platform == "linux-arm64":
+        assert content[18:20] == b"\xb7\x00"
+    if platform == "win64":
+        needed = set(re.findall(rb"[\w-]+\.dll", content, re.I)) - {library.shared[platform].name.encode()}
+        assert all(name.startswith(b"api-ms-win-crt-") or name == b"KERNEL32.dll" for name in needed), needed

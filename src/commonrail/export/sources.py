@@ -13,6 +13,7 @@ from typing import NamedTuple
 from commonrail.choices import Actuation, Boundary
 from commonrail.engine import plan
 from commonrail.engine.notes import Outcome
+from commonrail.engine.rows import make_rows
 from commonrail.engine.status import Status
 from commonrail.engine.statuses import BACKFLOW
 from commonrail.engine.time_step import TIME_STEPS
@@ -133,6 +134,7 @@ def _identifier(name: str) -> str:
 def _tables(injector: Injector) -> str:
     """Text of the private header: sizes, parameters, channels, fuel, sentences, the condition on the step."""
     wired, size = injector.wired(), sizes(injector.wired())
+    rows = make_rows(wired, 1)
     fuel = fuel_table(injector.fuel, injector.values[FUEL_TEMPERATURE])
     low, high = injector.fuel.pressure_range
     defines = {
@@ -143,6 +145,7 @@ def _tables(injector: Injector) -> str:
         "COLUMNS": size.parameters + size.fuel,
         "KERNEL_FIGURES": size.figures,
         **{f"F_{name.upper()}": i for i, name in enumerate(Outcome._fields)},
+        **{f"ROW_{name.upper()}": getattr(rows, name) for name in ("opened", "shut", "first_shut", "clear")},
         "DEGREE": fuel.series.shape[1] - 1,
         "COLDEST": repr(fuel.coldest),
         "HOTTEST": repr(fuel.hottest),
