@@ -94,6 +94,8 @@ if TYPE_CHECKING:
     from commonrail.report.build import write_report
     from commonrail.report.simulation import simulation_figure
     from commonrail.reproduction.run import Reproduction, reproduce
+    from commonrail.stepper.linear import LinearModel
+    from commonrail.stepper.stepper import Stepper
     from commonrail.store.listing import list_runs
     from commonrail.store.run import calibrate_into, resume
 
@@ -164,6 +166,8 @@ _HOMES = {
     "report.build": "write_report",
     "report.simulation": "simulation_figure",
     "reproduction.run": "Reproduction reproduce",
+    "stepper.linear": "LinearModel",
+    "stepper.stepper": "Stepper",
     "store.listing": "list_runs",
     "store.run": "calibrate_into resume",
 }
@@ -199,6 +203,7 @@ __all__ = [
     "Limit",
     "Loss",
     "Likelihood",
+    "LinearModel",
     "LowPass",
     "Meter",
     "Metered",
@@ -230,6 +235,7 @@ __all__ = [
     "Space",
     "StagedSettings",
     "Status",
+    "Stepper",
     "Study",
     "StudyError",
     "TolerancePoint",
