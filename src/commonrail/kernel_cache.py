@@ -29,7 +29,7 @@ from numba.core.serialize import dumps
 from commonrail.compile_target import compiler_settings
 from commonrail.notice import compiling, note
 
-__all__ = ["KernelCache", "cache_folder", "damaged", "objection", "places"]
+__all__ = ["KernelCache", "cache_folder", "damaged", "kept_or_made", "objection", "places"]
 
 LONGEST_WAIT = 120.0  # for another process that compiles the same kernel [s]
 ENDING = ".kernel"
@@ -149,6 +149,34 @@ def _write(path: Path, payload: bytes) -> None:
 def damaged(folder: Path) -> list[Path]:
     """Return the kernels of a folder that would not be loaded."""
     return [path for path in sorted(folder.glob(f"*{ENDING}")) if _read(path)[0] is None]
+
+
+def kept_or_made(name: str, make: Callable[[], bytes]) -> bytes:
+    """Return the payload of a file beside the kernels; it is made and kept where there is none.
+
+    Parameters
+    ----------
+    name : str
+        Of the file. The folder stands for the physics: whatever else decides over the payload belongs into the name.
+    make : function
+        Makes the payload.
+    """
+    folder = cache_folder()
+    if folder is None:
+        with compiling():
+            return make()
+    path = folder / name
+    found, _ = _read(path)
+    if found is None:
+        with compiling(), _turn(path.with_suffix(".lock")):
+            found, fault = _read(path)
+            if fault:
+                note(f"{path}: {fault}; it is made anew.")
+            if found is None:
+                found = make()
+                with contextlib.suppress(OSError):
+                    _write(path, found)
+    return found
 
 
 @contextlib.contextmanager

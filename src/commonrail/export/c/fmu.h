@@ -1,0 +1,56 @@
+/* One instance of the FMU, common to both versions of the standard. */
+#ifndef CR_FMU
+#define CR_FMU
+#include "cr_commonrail.h"
+
+/*START*/
+/* Value references: parameters from 0, then these. */
+enum {
+    VR_STEP = 1000,   /* inner time step [s] */
+    VR_PLAN = 1001,   /* start and duration of each planned energising [s] */
+    VR_INPUT = 2000,  /* fields of cr_boundary */
+    VR_COMMAND = 2100,
+    VR_CHANNEL = 3000,
+    VR_RATE = 4000,   /* mean injection rate over the inner steps of the last communication step [kg/s] */
+    VR_RETURN_RATE,   /* the same of the return flow [kg/s] */
+    VR_OPENING,       /* instants of the needle [s], 0 where there is none yet */
+    VR_CLOSING,
+    VR_FIRST_CLOSING,
+    VR_OPEN,          /* the needle is open */
+    VR_STATUS
+};
+#define PLANNED 4
+
+typedef enum { INSTANTIATED, INITIALISING, STEPPING, TERMINATED } Phase;
+
+typedef struct { /* plain data: what a state is, but for the numbers of the simulation */
+    double parameters[CR_PARAMETERS], step, plan[2 * PLANNED];
+    cr_boundary input;
+    double begun, time, rate, return_rate, injected, returned;
+    int32_t command, commanded, phase, dirty;
+} Kept;
+
+typedef struct {
+    Kept kept;
+    void *state;
+    size_t size;
+    double channels[CR_CHANNELS];
+    cr_figures figures;
+    int observed;
+    const char *sentence; /* of the last failure */
+    char *name;
+    void *environment; /* of the importer: its logger and what the logger wants */
+    void (*logger)(void);
+} Instance;
+
+Instance *fmu_new(const char *name);
+void fmu_free(Instance *m);
+void fmu_preset(Instance *m);
+double *fmu_writable(Instance *m, unsigned reference); /* NULL: no such number, or not now */
+int fmu_read(Instance *m, unsigned reference, double *value); /* 0: no such number */
+int fmu_begin(Instance *m); /* a status */
+int fmu_step(Instance *m, double now, double length); /* a status */
+size_t fmu_kept_size(const Instance *m);
+void fmu_keep(const Instance *m, void *bytes);
+int fmu_return(Instance *m, const void *bytes, size_t size); /* 0: no state of this model */
+#endif

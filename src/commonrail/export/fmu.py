@@ -1,0 +1,106 @@
+"""FMU of a model: a ZIP of its description, one binary for each platform, sources, documentation."""
+
+from __future__ import annotations
+
+import tempfile
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from commonrail.engine.time_step import DEFAULT_STEP
+from commonrail.errors import ConfigurationError
+from commonrail.export.description2 import describe2
+from commonrail.export.library import write_sources
+from commonrail.export.linker import compiler_for, link_shared
+from commonrail.export.objects import Target, emit
+from commonrail.export.sources import Model, model_of, named, template
+from commonrail.export.variables import CYLINDER, RAIL, RETURN, variables
+from commonrail.injector.definition import Injector
+
+__all__ = ["write_fmu"]
+
+_HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")}
+_WHEN = (
+    1980,
+    1,
+    1,
+    0,
+    0,
+    0,
+)  # of the files in the ZIP: equal FMUs have equal bytes but for the date in the description
+
+
+def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int = 2) -> tuple[str, ...]:
+    """Write an injector as an FMU for co-simulation.
+
+    Parameters
+    ----------
+    injector : Injector
+        Its values are the start values.
+    out : Path
+    targets : sequence of Target
+        Platforms of the binaries.
+    fmi : int
+        Version of the standard, 2.
+
+    Returns
+    -------
+    tuple of str
+        Names of the files in it.
+
+    Raises
+    ------
+    ConfigurationError
+        If the standard knows no such platform, there is no compiler for one, or it fails.
+    """
+    folders = {target.name: _folder(target, fmi) for target in targets}
+    compilers = {target.name: compiler_for(target, prefer_zig=True) for target in targets}
+    model = model_of(injector)
+    token = f"{{{model.stamp[:8]}-{model.stamp[8:12]}-{model.stamp[12:16]}-{model.stamp[16:20]}-{model.stamp[20:32]}}}"
+    contents: dict[str, bytes] = {"modelDescription.xml": describe2(model, variables(injector), token).encode()}
+    with tempfile.TemporaryDirectory(prefix="commonrail-") as temporary:
+        folder = Path(temporary)
+        write_sources(model, folder)
+        sources = [folder / f"{model.name}.c", *_write_instance(model, folder, token, fmi)]
+        for target in targets:
+            kernel, binary = folder / f"{target.name}.o", folder / f"{target.name}{target.suffix}"
+            kernel.write_bytes(emit(injector.wired(), target, model.name))
+            link_shared(compilers[target.name], (*sources, kernel), binary, target, ())
+            contents[f"binaries/{folders[target.name]}/{model.name}{target.suffix}"] = binary.read_bytes()
+    _pack(out, contents)
+    return tuple(contents)
+
+
+def _folder(target: Target, fmi: int) -> str:
+    folder = target.fmi2 if fmi == 2 else target.fmi3
+    if not folder:
+        raise ConfigurationError(
+            f"FMI {fmi}.0 has no folder for binaries of {target.name}; leave this platform out"
+            + (", or write an FMU of version 3." if fmi == 2 and target.fmi3 else ".")
+        )
+    return folder
+
+
+def _write_instance(model: Model, folder: Path, token: str, fmi: int) -> list[Path]:
+    """Write the sources around the library that make it an FMU."""
+    start = {"STEP": DEFAULT_STEP, "RAIL": RAIL, "CYLINDER": CYLINDER, "RETURN": RETURN}
+    defines = [f'#define CR_GUID "{token}"', *(f"#define CR_FMU_{name} {value!r}" for name, value in start.items())]
+    header = template("fmu.h").replace("/*START*/", "\n".join(defines) + "\n")
+    texts = {
+        f"{model.name}_fmu.h": header,
+        f"{model.name}_fmu.c": template("fmu.c"),
+        f"{model.name}_fmi{fmi}.c": template(f"fmi{fmi}.c"),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(named(text, model.name), encoding="utf-8")
+    for name in _HEADERS[fmi]:
+        (folder / name).write_text(template(f"fmi/{name}"), encoding="utf-8")
+    return [folder / name for name in texts if name.endswith(".c")]
+
+
+def _pack(out: Path, contents: dict[str, bytes]) -> None:
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name, content in contents.items():
+            entry = zipfile.ZipInfo(name, _WHEN)
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            archive.writestr(entry, content)

@@ -1,0 +1,237 @@
+"""C sources of a model: the hand-written ones under the model's own names, and the tables generated for it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Iterable
+from importlib import resources
+from typing import NamedTuple
+
+from commonrail.choices import Actuation, Boundary
+from commonrail.engine import plan
+from commonrail.engine.notes import Outcome
+from commonrail.engine.status import Status
+from commonrail.engine.statuses import BACKFLOW
+from commonrail.engine.time_step import TIME_STEPS
+from commonrail.export.conditions import step_condition
+from commonrail.export.entries import channels, sizes
+from commonrail.export.fuel_table import FuelTable, fuel_table
+from commonrail.export.texts import entry_texts
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
+from commonrail.injector.variants import Variant
+from commonrail.parts.furniture import Domain
+
+__all__ = ["Model", "bounds_of", "model_of", "named", "template"]
+
+ENERGISINGS = 16  # that a simulation holds at once
+HEAD = 2048  # bytes before the working rows of a state; the compiler checks that they are enough
+MOST_SLOTS = 1 << 24  # of a ring buffer: 16 s of a wave's travel at 1 us
+_TOLERANCE = 1e-6  # of the range of temperature, as `Fuel.defined_at` grants it [K]
+
+_BOUNDS = {  # smallest and largest value, and which of them are outside themselves
+    Domain.POSITIVE: (0.0, math.inf, 1, 0),
+    Domain.NON_NEGATIVE: (0.0, math.inf, 0, 0),
+    Domain.UNIT: (0.0, 1.0, 0, 0),
+    Domain.COEFFICIENT: (0.0, 1.0, 1, 0),
+    Domain.CHANGE: (-1.0, math.inf, 1, 0),
+    Domain.CONE: (0.0, math.pi, 1, 1),
+    Domain.ANY: (-math.inf, math.inf, 0, 0),
+}
+_CHANNEL = "typedef struct { const char *name, *unit; } cr_channel"
+_SENTENCE = "typedef struct { int status; const char *text; } cr_words"
+_PARAMETER = (
+    "typedef struct { const char *name, *unit; double value, low, high; int low_open, high_open; } cr_parameter"
+)
+_OWN_SENTENCES = {
+    16: "A boundary pressure lies outside the fuel's range, or cylinder or return pressure reach the rail pressure; "
+    "correct the pressures or their units.",
+    17: "The energisings overlap, begin before the present time or are too many; give them in order.",
+    18: "The memory is too small, or holds no state of this model; allocate what cr_state_size says and begin.",
+}
+
+
+class Model(NamedTuple):
+    """Sources of a model.
+
+    Attributes
+    ----------
+    injector : Injector
+        With the variant that computes it.
+    name : str
+        C identifier that begins its functions' names.
+    stamp : str
+        Hexadecimal digest of all that decides over its numbers.
+    header : str
+        Text of ``NAME.h``.
+    sources : dict of str to str
+        Texts of the other files by name.
+    """
+
+    injector: Injector
+    name: str
+    stamp: str
+    header: str
+    sources: dict[str, str]
+
+
+def model_of(injector: Injector) -> Model:
+    """Sources of an injector's library.
+
+    Raises
+    ------
+    ConfigurationError
+        If the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
+    """
+    wired = injector.wired()
+    tables = _tables(injector)
+    digest = hashlib.sha256(tables.encode() + json.dumps(entry_texts(wired)).encode()).hexdigest()
+    name = _identifier(injector.name)
+    size = sizes(wired)
+    public = "".join(
+        f"#define CR_{key} {value} /* {meaning} */\n"
+        for key, value, meaning in (
+            ("PARAMETERS", size.parameters + 1, "the last one is the temperature of the fuel"),
+            ("CHANNELS", size.channels, ", ".join(c.name for c in channels(wired.actuation))),
+            ("ENERGISINGS", ENERGISINGS, "planned at once"),
+        )
+    )
+    model = tables.replace("@STAMP@", f"UINT64_C(0x{digest[:16]})")
+    return Model(
+        injector,
+        name,
+        digest,
+        named(template("commonrail.h").replace("/*SIZES*/\n", public), name),
+        {f"{name}.c": named(template("core.c"), name), f"{name}_model.h": named(model, name)},
+    )
+
+
+def template(name: str) -> str:
+    """Text of a hand-written source."""
+    return resources.files("commonrail.export").joinpath("c", name).read_text(encoding="utf-8")
+
+
+def named(text: str, name: str) -> str:
+    """A source with the model's name in place of ``cr``: two models can be linked into one program."""
+    text = text.replace('"cr_commonrail.h"', f'"{name}.h"')
+    return re.sub(r"\bCR_", f"{name.upper()}_", re.sub(r"\bcr_", f"{name}_", text))
+
+
+def _identifier(name: str) -> str:
+    found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower()
+    return found if found and not found[0].isdigit() else f"injector_{found}".rstrip("_")
+
+
+def _tables(injector: Injector) -> str:
+    """Text of the private header: sizes, parameters, channels, fuel, sentences, the condition on the step."""
+    wired, size = injector.wired(), sizes(injector.wired())
+    fuel = fuel_table(injector.fuel, injector.values[FUEL_TEMPERATURE])
+    low, high = injector.fuel.pressure_range
+    defines = {
+        "STAMP": "@STAMP@",
+        "HEAD": HEAD,
+        "WORK": size.work,
+        "FUEL": size.fuel,
+        "COLUMNS": size.parameters + size.fuel,
+        "KERNEL_FIGURES": size.figures,
+        **{f"F_{name.upper()}": i for i, name in enumerate(Outcome._fields)},
+        "DEGREE": fuel.series.shape[1] - 1,
+        "COLDEST": repr(fuel.coldest),
+        "HOTTEST": repr(fuel.hottest),
+        "LOWEST_PRESSURE": repr(float(low)),
+        "HIGHEST_PRESSURE": repr(float(high)),
+        "SHORTEST_STEP": repr(TIME_STEPS.low),
+        "LONGEST_STEP": repr(TIME_STEPS.high),
+        "SLOWEST_WAVE": repr(plan.SLOWEST_WAVE),
+        "MOST_SLOTS": MOST_SLOTS,
+        "BACKFLOW": repr(BACKFLOW),
+        "SENTENCES": len(_sentences()),
+    }
+    if wired.boundary is Boundary.IDEAL and wired.actuation is Actuation.SERVO:
+        defines["IDEAL_RAIL"] = [c.name for c in channels(wired.actuation)].index("rail_pressure")
+    return "\n".join(
+        [
+            "/* Generated: tables of one model. */",
+            "#ifndef CR_MODEL",
+            "#define CR_MODEL",
+            "#include <math.h>",
+            "#include <stdint.h>",
+            *(f"#define CR_{key} {value}" for key, value in defines.items()),
+            _parameters(injector),
+            _rows(_CHANNEL, "cr_channel cr_channels[]", _channel_rows(wired)),
+            _rows(_SENTENCE, "cr_words cr_sentences[]", _sentence_rows()),
+            _fuel(fuel),
+            _longest_way(wired.actuation),
+            step_condition(wired),
+            "#endif",
+            "",
+        ]
+    )
+
+
+def _rows(kind: str, name: str, rows: Iterable[Iterable[str]]) -> str:
+    body = ",\n".join(f"    {{{', '.join(row)}}}" for row in rows)
+    return f"{kind};\nstatic const {name} = {{\n{body}\n}};"
+
+
+def _channel_rows(variant: Variant) -> list[list[str]]:
+    return [[_quoted(c.name), _quoted(c.unit)] for c in channels(variant.actuation)]
+
+
+def _sentence_rows() -> list[list[str]]:
+    return [[str(status), _quoted(text)] for status, text in _sentences().items()]
+
+
+def bounds_of(injector: Injector, path: str) -> tuple[float, float, int, int]:
+    """Smallest and largest value of a parameter, and 1 for each of the two that is itself outside.
+
+    Parameters
+    ----------
+    injector : Injector
+    path : str
+        Dotted name of the parameter.
+    """
+    if path == FUEL_TEMPERATURE:
+        coldest, hottest = injector.fuel.temperature_range
+        return coldest - _TOLERANCE, hottest + _TOLERANCE, 0, 0
+    return _BOUNDS[injector.quantities[path].domain]
+
+
+def _parameters(injector: Injector) -> str:
+    rows = []
+    for path in (*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE):
+        quantity = injector.quantities[path]
+        low, high, low_open, high_open = bounds_of(injector, path)
+        numbers = [_number(injector.values[path]), _number(low), _number(high), str(low_open), str(high_open)]
+        rows.append([_quoted(path), _quoted(quantity.unit), *numbers])
+    return _rows(_PARAMETER, "cr_parameter cr_parameters[]", rows)
+
+
+def _number(value: float) -> str:
+    if math.isinf(value):
+        return "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
+    return repr(float(value))
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=True)
+
+
+def _sentences() -> dict[int, str]:
+    ends = {int(status): status.sentence for status in Status if status is not Status.CONDITION_NOT_MET}
+    return ends | _OWN_SENTENCES
+
+
+def _fuel(table: FuelTable) -> str:
+    rows = ",\n".join("    {" + ", ".join(map(repr, row.tolist())) + "}" for row in table.series)
+    return f"static const double cr_fuel[CR_FUEL][CR_DEGREE + 1] = {{\n{rows}\n}};"
+
+
+def _longest_way(actuation: Actuation) -> str:
+    paths = parameter_paths(actuation)
+    ways = [f"{share!r} * p[{paths.index(name)}]" for name, share in plan._WAYS.items() if name in paths]
+    longest = ways[0] if len(ways) == 1 else f"fmax({', '.join(ways)})"
+    law = f"static double cr_longest_way(const double *p) {{ return {longest}; }}"
+    return f"/* Longest distance of a wave [m]. */\n{law}"

@@ -1,0 +1,133 @@
+"""LLVM text of the entries of a wiring: compiled once by Numba, the same for every target.
+
+A child process compiles for the plainest processor of this machine's architecture, so that the text holds no wide
+vectors and nothing of this machine. `refuse_foreign` checks that no pointer's width, runtime or Python is left in it:
+that is what allows the same text for 32-bit WebAssembly and 64-bit processors. The text is kept beside the compiled
+kernels, under the same stamp of all physics sources.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from commonrail.choices import Actuation, Body, Boundary, Drive, Laws
+from commonrail.compile_target import compiler_settings
+from commonrail.errors import ConfigurationError
+from commonrail.injector.variants import Variant
+from commonrail.kernel_cache import kept_or_made
+
+__all__ = ["entry_texts", "refuse_foreign"]
+
+_LONGEST = 900.0  # for the child process that compiles [s]
+# Plainest processors: their instruction sets are in every processor of the architecture.
+_PLAIN = {"x86_64": "x86-64", "AMD64": "x86-64"}
+# Numbers as pointers, pointers in memory, what one processor or Python alone has.
+_FOREIGN = re.compile(r"inttoptr|addrspacecast|asm |alloca .*ptr|@llvm\.(x86|aarch64|arm)\.|@NRT_|@Py|@numba_")
+
+
+def entry_texts(variant: Variant) -> dict[str, str]:
+    """LLVM text of each entry by its name, from the cache where it is kept.
+
+    Raises
+    ------
+    ConfigurationError
+        If the compiler fails.
+    """
+    found: dict[str, str] = json.loads(kept_or_made(_file_name(variant), lambda: _compile(variant)))
+    return found
+
+
+def _file_name(variant: Variant) -> str:
+    key = repr((variant.label, _own_stamp(), compiler_settings(), platform.machine()))
+    return hashlib.sha256(key.encode()).hexdigest()[:24] + ".entries"
+
+
+@functools.cache
+def _own_stamp() -> str:
+    """Digest of the sources of this room that decide over the text; those of the physics name the folder."""
+    digest = hashlib.sha256()
+    for name in ("entries.py", "texts.py"):
+        digest.update(Path(__file__).with_name(name).read_bytes())
+    return digest.hexdigest()
+
+
+def _compile(variant: Variant) -> bytes:
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+        "NUMBA_CPU_NAME": _PLAIN.get(platform.machine(), "generic"),
+        "NUMBA_CPU_FEATURES": "",
+        "NUMBA_DISABLE_JIT": "0",
+        # one candidate: there is nothing to vectorise in a step, and plain numbers are the same everywhere
+        "NUMBA_LOOP_VECTORIZE": "0",
+        "NUMBA_SLP_VECTORIZE": "0",
+    }
+    words = [choice.value for choice in variant]
+    command = [sys.executable, "-m", __name__, *words]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=_LONGEST, env=environment, check=False)
+    except subprocess.TimeoutExpired:
+        raise ConfigurationError(f"Compiling the export was not done within {_LONGEST:g} s; try again.") from None
+    if done.returncode != 0:
+        last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
+        raise ConfigurationError(f"Compiling the export failed: {last[0]}.")
+    return done.stdout
+
+
+def refuse_foreign(text: str) -> None:
+    """Refuse a text that only one machine could run.
+
+    Raises
+    ------
+    ConfigurationError
+        That names what was found.
+    """
+    found = sorted({match.group() for match in _FOREIGN.finditer(text)})
+    if found:
+        raise ConfigurationError(
+            f"The compiled physics cannot be exported: it contains {', '.join(found)}, which only this machine has; "
+            "install the version of Numba that constraints.txt names."
+        )
+
+
+def _optimised(variant: Variant) -> dict[str, str]:
+    """Compile the entries in this process."""
+    import llvmlite.binding as llvm
+    import numba
+
+    from commonrail.compile import INLINED
+    from commonrail.export.entries import make_entries
+
+    # without Numba's runtime: nothing is allocated
+    options = {name: value for name, value in INLINED.items() if name != "forceinline"} | {"_nrt": False}
+    texts = {}
+    for name, (function, signature) in make_entries(variant).items():
+        compiled = numba.njit(function, **options)
+        compiled.compile(signature)
+        ((_, text),) = compiled.inspect_llvm().items()
+        (overload,) = compiled.overloads.values()
+        module = llvm.parse_assembly(text)
+        own = overload.fndesc.llvm_func_name
+        for other in (*module.functions, *module.global_variables):
+            if not other.is_declaration:
+                other.linkage = "external" if other.name == own else "internal"
+        module.get_function(own).name = name
+        texts[name] = str(module)
+    return texts
+
+
+def _main(words: list[str]) -> None:
+    body, boundary, drive, laws, actuation = words
+    variant = Variant(Body(body), Boundary(boundary), Drive(drive), Laws(laws), Actuation(actuation))
+    sys.stdout.write(json.dumps(_optimised(variant)))
+
+
+if __name__ == "__main__":
+    _main(sys.argv[1:])
