@@ -35,6 +35,7 @@ VERBS = {
     "virtual-bench",
     "bench",
     "optimisers",
+    "page",
     "doctor",
 }
 HEAVY = ["jinja2", "numba", "numpy", "plotly", "pydantic", "scipy", "tomlkit"]
