@@ -100,6 +100,8 @@ if TYPE_CHECKING:
     from commonrail.signals.settings import FeatureSettings
     from commonrail.signals.shots import ShotStatistic, shot_statistics
     from commonrail.signals.status import FeatureStatus
+    from commonrail.stepper.linear import LinearModel
+    from commonrail.stepper.stepper import Stepper
     from commonrail.store.listing import list_runs
     from commonrail.store.run import calibrate_into, resume
 
@@ -176,6 +178,8 @@ _HOMES = {
     "signals.settings": "FeatureSettings",
     "signals.shots": "ShotStatistic shot_statistics",
     "signals.status": "FeatureStatus",
+    "stepper.linear": "LinearModel",
+    "stepper.stepper": "Stepper",
     "store.listing": "list_runs",
     "store.run": "calibrate_into resume",
 }
@@ -217,6 +221,7 @@ __all__ = [
     "Limit",
     "Loss",
     "Likelihood",
+    "LinearModel",
     "LowPass",
     "Meter",
     "Metered",
@@ -250,6 +255,7 @@ __all__ = [
     "Space",
     "StagedSettings",
     "Status",
+    "Stepper",
     "Study",
     "StudyError",
     "TolerancePoint",

@@ -37,6 +37,7 @@ VERBS = {
     "virtual-bench",
     "bench",
     "optimisers",
+    "page",
     "doctor",
 }
 HEAVY = ["jinja2", "numba", "numpy", "matplotlib", "pydantic", "scipy", "tomlkit"]

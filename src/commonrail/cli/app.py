@@ -26,6 +26,7 @@ from commonrail.cli.map import map_
 from commonrail.cli.new import new
 from commonrail.cli.next import next_
 from commonrail.cli.optimisers import optimisers
+from commonrail.cli.page import page
 from commonrail.cli.predict import predict
 from commonrail.cli.report import report
 from commonrail.cli.reproduce import reproduce
@@ -73,6 +74,7 @@ _VERBS = (
     features,
     report,
     export,
+    page,
     verify,
     catalogue,
     new,

@@ -1,0 +1,62 @@
+"""commonrail page: one HTML page that simulates an injector in the browser while its sliders are moved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from commonrail.cli.console import print_json, say
+from commonrail.cli.options import Json, Threads, read_energisings
+from commonrail.cli.output import check_file
+from commonrail.units import parse
+
+__all__ = ["page"]
+
+
+def page(
+    model: Annotated[
+        str,
+        typer.Argument(metavar="MODEL", help="Run folder of commonrail calibrate, injector file or catalogue name."),
+    ],
+    *,
+    out: Annotated[Path, typer.Option(metavar="FILE.html", help="Page to be written.")] = Path("bench.html"),
+    slider: Annotated[
+        list[str] | None, typer.Option(metavar="PATH", help="Further parameter on a slider; repeatable.")
+    ] = None,
+    rail_pressure: Annotated[str, typer.Option(help="First rail pressure of a page without data.")] = "100MPa",
+    energising_time: Annotated[str, typer.Option(help="First energising time of a page without data.")] = "700us",
+    cylinder_pressure: Annotated[str, typer.Option(help="First cylinder pressure of a page without data.")] = "5MPa",
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Make a page that simulates an injector in the browser.
+
+    One HTML file without server or network: sliders move rate, lifts, pressures, current and quantity map. Of a run
+    it shows the measured curves with J, the free parameters, and a fan of fits near the best one.
+
+    \b
+    Examples:
+      commonrail page runs/paper-1 --out bench.html
+      commonrail page virtual-lino-2016 --slider valve.spring_preload
+    """
+    from commonrail.engine.operating_point import OperatingPoint
+    from commonrail.files.atomic import write_text, writing
+    from commonrail.page.build import page_html
+    from commonrail.page.subject import read_subject
+
+    check_file(out, "--out")
+    point = OperatingPoint(
+        parse(rail_pressure, "Pa", "--rail-pressure"),
+        read_energisings(energising_time, ()),
+        parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
+    )
+    subject = read_subject(model, tuple(slider or ()), threads)
+    text = page_html(subject, point)
+    with writing(out, "--out"):
+        write_text(out, text)
+    if json:
+        print_json({"kind": "page", "page": str(out), "bytes": len(text.encode())})
+    else:
+        say(f"wrote {out} ({len(text.encode()) // 1000} kB)")

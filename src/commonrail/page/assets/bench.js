@@ -1,0 +1,599 @@
+// The page: its state, sliders, curves, address and files. The workers simulate.
+"use strict";
+
+const model = JSON.parse(document.getElementById("model").textContent);
+const byId = (id) => document.getElementById(id);
+const MICRO = 1e6;
+
+// --- Workers: one message under way each, the newest state next --------------------------------------------------
+
+class Client {
+  constructor(receive) {
+    const text = byId("worker").textContent;
+    this.worker = new Worker(URL.createObjectURL(new Blob([text], { type: "text/javascript" })));
+    this.worker.onmessage = ({ data }) => this.answer(data);
+    this.worker.onerror = (event) => say(`The simulation could not be started: ${event.message}`, true);
+    this.receive = receive;
+    this.busy = true; // until it is ready
+    this.next = null;
+    this.count = 0;
+    const wasm = Uint8Array.from(atob(byId("wasm").textContent.trim()), (c) => c.charCodeAt(0));
+    this.worker.postMessage({ model, wasm: wasm.buffer }, [wasm.buffer]);
+  }
+
+  ask(message) {
+    this.next = message;
+    if (!this.busy) this.send();
+  }
+
+  send() {
+    this.busy = true;
+    this.worker.postMessage({ id: ++this.count, ...this.next });
+    this.next = null;
+  }
+
+  answer(data) {
+    this.busy = false;
+    if (this.next) this.send();
+    if (!data.ready) this.receive(data);
+  }
+}
+
+// --- State ---------------------------------------------------------------------------------------------------------
+
+const first = model.presets[0];
+let state = null;
+
+function copyOf(one) {
+  return { ...one, pulses: one.pulses.map((p) => [...p]), measured: [...one.measured], values: { ...one.values } };
+}
+
+function stateOf(preset) {
+  const point = preset.point || (state ?? stateOf(first));
+  return copyOf({
+    rail: point.rail, cylinder: point.cylinder, low: point.low, start: point.start, pulses: point.pulses,
+    data: preset.data ?? null,
+    measured: preset.data === undefined || preset.data === null ? [false, false, false, false] : model.data[preset.data].courses.map(Boolean),
+    temperature: preset.values ? model.temperature.at : state.temperature,
+    values: preset.values || (state ? state.values : {}),
+    fan: state ? state.fan : false,
+  });
+}
+
+function densityAt(cylinder, temperature) {
+  const { cylinders, rows } = model.density, row = rows[temperature];
+  let i = 0;
+  while (i < cylinders.length - 2 && cylinders[i + 1] < cylinder) i++;
+  const part = (cylinder - cylinders[i]) / (cylinders[i + 1] - cylinders[i]);
+  return row[i] + part * (row[i + 1] - row[i]);
+}
+
+function pointOf(s) {
+  const end = s.pulses.reduce((_, p) => p[0] + p[1], s.start);
+  const least = s.data === null ? 0 : model.data[s.data].point.duration;
+  const duration = Math.max(end - s.start + model.tail, least);
+  return { rail: s.rail, cylinder: s.cylinder, low: s.low, start: s.start, pulses: s.pulses, duration };
+}
+
+function columnsOf(values) {
+  return Object.entries(values).map(([name, value]) => [model.columnOf[name], value]);
+}
+
+function fanOf(s) {
+  if (!s.fan || !model.fan) return null;
+  const own = new Set(model.fan.names);
+  const others = columnsOf(Object.fromEntries(Object.entries(s.values).filter(([name]) => !own.has(name))));
+  return model.fan.members.map((member) => [...others, ...member.map((value, i) => [model.columnOf[model.fan.names[i]], value])]);
+}
+
+// What a worker simulates.
+function request(s) {
+  return {
+    point: pointOf(s), data: s.data, measured: s.measured, temperature: s.temperature, values: columnsOf(s.values),
+    every: model.every, fan: fanOf(s), fanEvery: model.every, density: densityAt(s.cylinder, s.temperature),
+  };
+}
+
+// --- Curves --------------------------------------------------------------------------------------------------------
+
+const charts = {
+  rate: new Plot(byId("rate"), { title: "Rate of injection", unit: "mm³/ms", height: window.innerWidth < 820 ? 190 : 270, xUnit: "µs", x: "time, µs" }),
+  lift: new Plot(byId("lift"), { title: "Lifts", unit: "µm", xUnit: "µs" }),
+  pressure: new Plot(byId("pressure"), { title: "Pressures", unit: "MPa", xUnit: "µs" }),
+  current: new Plot(byId("current"), { title: "Coil current", unit: "A", xUnit: "µs" }),
+  map: new Plot(byId("map"), { title: "Quantity over energising time", unit: "mm³", xUnit: "µs", x: "energising time, µs" }),
+};
+const at = Object.fromEntries(model.channels.map((name, i) => [name, i]));
+const PANELS = {
+  lift: [["needle", "needle_lift", MICRO, "--c1"], ["valve", "valve_lift", MICRO, "--c2"], ["armature", "armature_lift", MICRO, "--c2"]],
+  pressure: [["accumulation", "accumulation_pressure", 1e-6, "--c1"], ["control chamber", "control_pressure", 1e-6, "--c2"], ["sac", "sac_pressure", 1e-6, "--c3"], ["return", "return_pressure", 1e-6, "--c4"]],
+  current: [["coil", "coil_current", 1, "--c4"]],
+};
+const COLOURS = ["--c1", "--c2", "--c3", "--c4", "--c5"];
+let shown = null; // last answer
+let mapped = null; // last map
+let held = null; // curve that is kept for comparison
+const frames = []; // [ms] from an input to its drawn curve
+
+function timesOf(count, every, start) {
+  const times = new Float64Array(count);
+  for (let i = 0; i < count; i++) times[i] = (start + i * every * model.dt) * MICRO;
+  return times;
+}
+
+// Means over intervals of `every` steps, at their middles.
+function rateOf(mass, every, start, density) {
+  const count = mass.length - 1, x = new Float64Array(count), y = new Float64Array(count);
+  const scale = MICRO / (every * model.dt * density);
+  for (let i = 0; i < count; i++) {
+    x[i] = (start + (i + 0.5) * every * model.dt) * MICRO;
+    y[i] = (mass[i + 1] - mass[i]) * scale;
+  }
+  return { x, y };
+}
+
+function thinned(injected, every) {
+  const kept = new Float64Array(Math.floor((injected.length - 1) / every) + 1);
+  for (let i = 0; i < kept.length; i++) kept[i] = injected[i * every];
+  return kept;
+}
+
+// Mean flow by volume between the bounds of a data set's samples, at their middles.
+function measuredOf(d) {
+  if (!d.x) {
+    const bounds = numbersOf(d.bounds), rate = numbersOf(d.rate);
+    d.x = Float64Array.from(rate, (_, i) => 0.5 * (bounds[i] + bounds[i + 1]) * MICRO);
+    d.y = rate.map((value) => value * MICRO);
+  }
+  return d;
+}
+
+function keysOf(id, title, series) {
+  const text = series.filter((s) => s.name).map((s) => `${s.name}|${s.colour}`).join();
+  const chart = charts[id];
+  if (chart.keys === text) return;
+  chart.keys = text;
+  let head = byId(id).querySelector("h3");
+  if (!head) byId(id).prepend((head = document.createElement("h3")));
+  head.replaceChildren(title);
+  for (const s of series.filter((one) => one.name)) {
+    const key = document.createElement("span");
+    key.className = "key";
+    key.style.setProperty("--k", s.colour.startsWith("--") ? `var(${s.colour})` : s.colour);
+    key.textContent = s.name;
+    head.append(key);
+  }
+}
+
+function drawRate(answer, range) {
+  const { state: asked, course } = answer, { start } = asked.point, series = [];
+  for (const mass of answer.fan || []) {
+    if (mass) series.push({ ...rateOf(mass, asked.fanEvery, start, asked.density), colour: "--fan", width: 1, faint: true });
+  }
+  if (answer.fan) series.push({ name: model.fan.short, x: [], y: [], colour: "--fan" });
+  if (asked.data !== null) {
+    const d = measuredOf(model.data[asked.data]);
+    series.push({ name: `${d.origin} ${d.name}`, x: d.x, y: d.y, colour: "--measured", dots: true });
+  }
+  if (held) series.push({ name: "held", ...held, colour: "--soft", dash: [5, 4], width: 1.4 });
+  const rate = rateOf(thinned(course.injected, asked.every), asked.every, start, asked.density);
+  series.push({ name: "simulated", ...rate, colour: "--accent", width: 2.2 });
+  keysOf("rate", "Rate of injection, mm³/ms", series);
+  charts.rate.show(series, range);
+  return rate;
+}
+
+// End of the time that is drawn [s]: behind the last closing and the measured curve, in round numbers.
+function endOf({ point, data }, { figures, steps }) {
+  const { start, pulses, duration } = point, end = pulses.reduce((_, p) => p[0] + p[1], start);
+  const closing = Number.isFinite(figures.closing) ? start + figures.closing * model.dt : start + duration;
+  const used = Math.max(end, closing) + 300e-6, round = 250e-6;
+  const seen = data === null ? 0 : model.data[data].point.start + model.data[data].point.duration;
+  return Math.min(Math.max(Math.ceil(used / round) * round, seen), start + steps * model.dt);
+}
+
+function draw(answer) {
+  shown = answer;
+  const { state: asked, course } = answer, { start } = asked.point;
+  const range = [start * MICRO, endOf(asked, course) * MICRO];
+  const rate = drawRate(answer, range), width = model.channels.length, x = timesOf(course.rows + 1, course.every, start);
+  for (const [id, lines] of Object.entries(PANELS)) {
+    const series = lines.filter(([, channel]) => channel in at).map(([name, channel, scale, colour]) => {
+      const y = new Float64Array(course.rows + 1);
+      for (let i = 0; i <= course.rows; i++) y[i] = course.channels[i * width + at[channel]] * scale;
+      return { name, x, y, colour };
+    });
+    keysOf(id, `${charts[id].options.title}, ${charts[id].options.unit}`, series);
+    charts[id].show(series, range);
+  }
+  answer.rate = rate;
+  drawFigures(answer);
+  drawScores(answer.scores);
+  if (answer.stamp) frames.push({ ms: performance.now() - answer.stamp, at: performance.now(), fan: Boolean(answer.fan) });
+  if (frames.length > 2000) frames.splice(0, 1000);
+}
+
+const SENTENCES = {
+  ok: "",
+  "still injecting": "The needle had not closed at the end of the simulated time.",
+  "not closed": "Needle or valve does not rest on its seat before energising; move the last slider back.",
+  failed: "The simulation left the range of the model; move the last slider back.",
+  "too long": "The injections last longer than the page simulates; shorten the dwell.",
+};
+
+function say(text, bad) {
+  const line = byId("status");
+  if (line.textContent !== text) line.textContent = text;
+  line.className = bad ? "bad" : "";
+}
+
+function drawFigures({ course, state: asked, rate }) {
+  const f = course.figures, rho = asked.density, begin = asked.point.pulses[0]?.[0] ?? asked.point.start, instant = (steps) => asked.point.start + steps * model.dt;
+  const bad = course.status === "failed" || course.status === "not closed" || course.status === "too long";
+  say(SENTENCES[course.status], bad);
+  const end = asked.point.pulses.reduce((_, p) => p[0] + p[1], begin), micro = (s) => (Number.isFinite(s) ? (s * MICRO).toFixed(1) : "–");
+  let peak = 0;
+  for (const y of rate.y) if (y > peak) peak = y;
+  const rows = [
+    ["quantity, mm³", ((f.injected / rho) * 1e9).toFixed(3)],
+    ["quantity, mg", (f.injected * 1e6).toFixed(3)],
+    ["returned, mm³", ((f.returned / rho) * 1e9).toFixed(2)],
+    [model.traced ? "opening at, µs" : "opening delay, µs", micro(instant(f.opening) - begin)],
+    [model.traced ? "closing at, µs" : "closing delay, µs", micro(instant(f.closing) - end)],
+    ["injection lasts, µs", micro(instant(f.closing) - instant(f.opening))],
+    ["peak rate, mm³/ms", peak.toFixed(2)],
+    ["largest lift, µm", (f.greatest_lift * MICRO).toFixed(1)],
+  ];
+  fill(byId("figures"), rows, bad);
+}
+
+function fill(list, rows, bad) {
+  if (list.children.length !== rows.length) {
+    list.replaceChildren(...rows.map(([name]) => {
+      const pair = document.createElement("div"), term = document.createElement("dt"), value = document.createElement("dd");
+      term.textContent = name;
+      pair.append(term, value);
+      return pair;
+    }));
+  }
+  rows.forEach(([, value], i) => { list.children[i].lastChild.textContent = bad ? "–" : value; });
+}
+
+function drawScores(scores) {
+  if (!model.data.length) return;
+  const body = byId("scores");
+  if (!body.firstChild) {
+    const table = document.createElement("table");
+    table.innerHTML = "<caption class='soft'>J, mm³/ms, at each curve's own operating point</caption><thead><tr><th scope='col'>bench data</th><th scope='col'>role</th><th scope='col'>J now</th><th scope='col'></th></tr></thead><tbody></tbody>";
+    table.tHead.rows[0].cells[3].textContent = model.reference.label;
+    for (const d of model.data) {
+      const row = table.tBodies[0].insertRow();
+      for (const text of [d.name, d.role, "", d.reference === null ? "–" : d.reference.toFixed(2)]) row.insertCell().textContent = text;
+    }
+    body.append(table);
+    const metered = model.data.filter((d) => d.meter).map((d) => d.name);
+    if (metered.length) {
+      const note = document.createElement("p");
+      note.className = "soft";
+      note.textContent = `Without J here: ${metered.join(", ")}, recorded through a meter that the page does not simulate; the report has it.`;
+      body.append(note);
+    }
+  }
+  const rows = body.querySelector("tbody").rows;
+  scores.forEach((j, i) => { rows[i].cells[2].textContent = j === null ? "–" : j.toFixed(2); });
+}
+
+function drawMap({ map }) {
+  mapped = map;
+  const x = map.times.map((t) => t * MICRO);
+  const series = map.pressures.map((rail, i) => ({
+    name: `${+(rail * 1e-6).toPrecision(3)} MPa`, x, y: map.quantity[i].map((m) => (m / map.density) * 1e9), colour: COLOURS[i % COLOURS.length],
+  }));
+  if (shown && shown.state.point.pulses.length === 1) {
+    series.push({ x: [shown.state.point.pulses[0][1] * MICRO], y: [(shown.course.figures.injected / shown.state.density) * 1e9], colour: "--ink", dots: true, size: 7 });
+  }
+  keysOf("map", "Quantity, mm³, over energising time", series);
+  charts.map.show(series, [0, x[x.length - 1]]);
+}
+
+// --- Sliders -------------------------------------------------------------------------------------------------------
+
+const sliders = [];
+
+class Slider {
+  // options: { id, label, soft, unit, factor (shown per SI), low, high (SI), get, set, nodes }
+  constructor(holder, options) {
+    this.options = options;
+    const box = document.createElement("div");
+    box.className = "slider";
+    const label = document.createElement("label");
+    label.htmlFor = options.id;
+    label.append(options.label);
+    if (options.soft) {
+      const soft = document.createElement("span");
+      soft.className = "soft";
+      soft.textContent = ` ${options.soft}`;
+      label.append(soft);
+    }
+    const low = options.low * options.factor + (options.offset || 0), high = options.high * options.factor + (options.offset || 0);
+    this.range = Object.assign(document.createElement("input"), { type: "range", id: options.id, min: low, max: high, step: options.step || (high - low) / 500 });
+    this.exact = Object.assign(document.createElement("input"), { type: "number", min: low, max: high, step: "any" });
+    this.exact.setAttribute("aria-label", `${options.label}, ${options.unit || "number"}`);
+    const unit = document.createElement("span");
+    unit.className = "unit";
+    unit.textContent = options.unit;
+    box.append(label, this.range, this.exact, unit);
+    holder.append(box);
+    this.box = box;
+    this.range.addEventListener("input", (event) => this.take(+this.range.value, event));
+    this.exact.addEventListener("change", (event) => {
+      const value = Math.min(Math.max(+this.exact.value, low), high);
+      if (Number.isFinite(value)) this.take(value, event);
+    });
+    sliders.push(this);
+    this.refresh();
+  }
+
+  take(shownValue, event) {
+    this.options.set((shownValue - (this.options.offset || 0)) / this.options.factor);
+    this.refresh();
+    changed(event);
+  }
+
+  refresh() {
+    const value = this.options.get() * this.options.factor + (this.options.offset || 0), text = String(+value.toPrecision(5));
+    if (+this.range.value !== value) this.range.value = value;
+    if (document.activeElement !== this.exact || +this.exact.value !== value) this.exact.value = text;
+    this.range.setAttribute("aria-valuetext", `${text} ${this.options.unit}`);
+    this.box.classList.toggle("changed", Boolean(this.options.moved && this.options.moved()));
+  }
+}
+
+function pressureSlider(holder, id, label, key, column) {
+  const limits = model.limits[key];
+  return new Slider(holder, {
+    id, label, unit: "MPa", factor: 1e-6, low: limits[0], high: limits[1], get: () => state[key],
+    set: (value) => { state[key] = value; state.measured[column] = false; },
+  });
+}
+
+function pulseSliders(holder) {
+  const limits = model.limits.energising, gap = model.limits.dwell;
+  state.pulses.forEach((pulse, i) => {
+    if (i > 0) {
+      const before = () => state.pulses[i - 1][0] + state.pulses[i - 1][1];
+      new Slider(holder, {
+        id: `dwell-${i + 1}`, label: `Dwell before injection ${i + 1}`, unit: "µs", factor: MICRO, low: gap[0], high: gap[1],
+        get: () => state.pulses[i][0] - before(), set: (value) => shift(i, before() + value - state.pulses[i][0]),
+      });
+    }
+    new Slider(holder, {
+      id: `energising-${i + 1}`, label: state.pulses.length > 1 ? `Energising time ${i + 1}` : "Energising time", unit: "µs", factor: MICRO,
+      low: limits[0], high: limits[1], get: () => state.pulses[i][1],
+      set: (value) => { const by = value - state.pulses[i][1]; state.pulses[i][1] = value; shift(i + 1, by); },
+    });
+  });
+}
+
+// Moves the energisings from one on: the dwells stay.
+function shift(from, by) {
+  for (let i = from; i < state.pulses.length; i++) state.pulses[i][0] += by;
+}
+
+function setCount(count) {
+  while (state.pulses.length > count) state.pulses.pop();
+  while (state.pulses.length < count) {
+    const last = state.pulses[state.pulses.length - 1];
+    state.pulses.push([last[0] + last[1] + 600e-6, last[1]]);
+  }
+}
+
+function build() {
+  sliders.length = 0;
+  const point = byId("point-sliders"), parameters = byId("parameter-sliders");
+  point.replaceChildren();
+  parameters.replaceChildren();
+  pressureSlider(point, "rail", "Rail pressure", "rail", 0);
+  if (!model.traced) pulseSliders(point);
+  pressureSlider(point, "cylinder", "Cylinder pressure", "cylinder", 1);
+  pressureSlider(point, "low", "Return pressure", "low", 2);
+  const nodes = model.temperature.nodes, step = nodes[1] - nodes[0];
+  new Slider(point, {
+    id: "temperature", label: "Fuel temperature", unit: "°C", factor: 1, offset: -273.15, low: nodes[0], high: nodes[nodes.length - 1], step,
+    get: () => nodes[state.temperature], set: (value) => { state.temperature = Math.min(Math.max(Math.round((value - nodes[0]) / step), 0), nodes.length - 1); },
+  });
+  for (const p of model.sliders) {
+    new Slider(parameters, {
+      id: p.name, label: p.meaning, soft: p.name, unit: p.unit.replace(/\bu([ms])\b/, "µ$1"), factor: p.factor, low: p.low, high: p.high,
+      get: () => state.values[p.name] ?? p.value, set: (value) => { state.values[p.name] = value; },
+      moved: () => state.values[p.name] !== undefined && state.values[p.name] !== p.value,
+    });
+  }
+  byId("count").value = String(state.pulses.length);
+  byId("data").value = state.data === null ? "" : String(state.data);
+  byId("fanned").setAttribute("aria-pressed", String(state.fan));
+  byId("fan-note").textContent = state.fan && model.fan ? model.fan.note : "";
+}
+
+// --- Changes, address, presets -------------------------------------------------------------------------------------
+
+const courses = new Client(draw), maps = model.map ? new Client(drawMap) : null;
+let addressing = 0;
+
+function changed(event) {
+  const asked = request(state);
+  courses.ask({ state: asked, stamp: event ? event.timeStamp : 0 });
+  if (maps) maps.ask({ state: { ...asked, map: model.map } });
+  clearTimeout(addressing);
+  addressing = setTimeout(() => history.replaceState(null, "", `#${address()}`), 250);
+}
+
+function address() {
+  const written = new URLSearchParams();
+  written.set("rail", state.rail);
+  written.set("cylinder", state.cylinder);
+  written.set("return", state.low);
+  written.set("pulses", state.pulses.map((p) => p.join("+")).join("_"));
+  if (state.start) written.set("start", state.start);
+  if (state.data !== null) written.set("data", `${state.data}.${state.measured.map(Number).join("")}`);
+  if (state.temperature !== model.temperature.at) written.set("temperature", state.temperature);
+  if (state.fan) written.set("fan", 1);
+  for (const [name, value] of Object.entries(state.values)) written.set(name, value);
+  return written.toString();
+}
+
+// State of an address; what cannot be read keeps its value.
+function fromAddress(text) {
+  const read = new URLSearchParams(text), found = stateOf(first);
+  const numeric = (key, keep, [low, high]) => {
+    const value = parseFloat(read.get(key));
+    return value >= low && value <= high ? value : keep;
+  };
+  found.rail = numeric("rail", found.rail, model.limits.rail);
+  found.cylinder = numeric("cylinder", found.cylinder, model.limits.cylinder);
+  found.low = numeric("return", found.low, model.limits.low);
+  const pulses = (read.get("pulses") || "").split("_").map((pair) => pair.split("+").map(Number));
+  const sound = !model.traced && pulses.every((p, i) => p.length === 2 && p.every(Number.isFinite) && p[1] >= 0 && p[1] <= model.limits.energising[1] && (i === 0 || p[0] >= pulses[i - 1][0] + pulses[i - 1][1]));
+  if (sound && pulses.length <= 4) found.pulses = pulses;
+  found.start = Math.min(numeric("start", found.start, [-1, 1]), found.pulses[0]?.[0] ?? found.start);
+  const [data, measured] = (read.get("data") || "").split(".");
+  if (data !== "" && model.data[+data]) {
+    found.data = +data;
+    found.measured = model.data[+data].courses.map((course, i) => Boolean(course) && (i === 3 || (measured || "")[i] === "1"));
+  }
+  const node = parseInt(read.get("temperature") ?? "", 10);
+  if (node >= 0 && node < model.temperature.nodes.length) found.temperature = node;
+  found.fan = Boolean(model.fan) && read.get("fan") === "1";
+  for (const p of model.sliders) {
+    const value = parseFloat(read.get(p.name));
+    if (value >= p.low && value <= p.high) found.values[p.name] = value;
+  }
+  return found;
+}
+
+function take(next) {
+  state = next;
+  build();
+  changed();
+}
+
+function setFan(on) {
+  state.fan = on && Boolean(model.fan);
+  byId("fanned").setAttribute("aria-pressed", String(state.fan));
+  byId("fan-note").textContent = state.fan ? model.fan.note : "";
+  changed();
+}
+
+function hold() {
+  held = held ? null : shown && { x: shown.rate.x, y: shown.rate.y };
+  byId("held").setAttribute("aria-pressed", String(Boolean(held)));
+  if (shown) draw({ ...shown, stamp: 0 });
+}
+
+function setTheme(dark) {
+  document.documentElement.dataset.theme = dark ? "dark" : "light";
+  byId("theme").textContent = dark ? "Light" : "Dark";
+  for (const chart of Object.values(charts)) chart.draw();
+}
+
+// --- Files ---------------------------------------------------------------------------------------------------------
+
+function csv() {
+  const { course, state: asked } = shown, width = model.channels.length;
+  const notes = [
+    `# ${model.title}`, `# ${location.href}`, "# simulated in the browser by a page of commonrail",
+    "# time [s]; rate: mean since the row before, by volume at the density at cylinder pressure [mm3/ms]; channels in SI units",
+  ];
+  const rows = [["time", "rate", ...model.channels].join(",")];
+  for (let i = 0; i <= course.rows; i++) {
+    const mass = course.injected[i * course.every], before = course.injected[Math.max(i - 1, 0) * course.every];
+    const rate = ((mass - before) / (course.every * model.dt * asked.density)) * MICRO;
+    const values = Array.from(course.channels.subarray(i * width, (i + 1) * width));
+    rows.push([asked.point.start + i * course.every * model.dt, rate, ...values].join(","));
+  }
+  return [...notes, ...rows, ""].join("\n");
+}
+
+// The injector's file with the values of the sliders; what was moved is marked as set by hand.
+function toml() {
+  const kelvin = model.temperature.nodes[state.temperature], moved = { ...state.values };
+  if (state.temperature !== model.temperature.at) moved["fuel.temperature"] = kelvin;
+  let room = "";
+  return model.toml.split("\n").map((line) => {
+    const table = /^\[(.*)\]$/.exec(line);
+    if (table) room = table[1];
+    const key = /^(\w+) = \{/.exec(line), name = key && `${room}.${key[1]}`;
+    if (!name || moved[name] === undefined || moved[name] === model.present[name]) return line;
+    const unit = model.units[name], value = unit === "1" ? floating(moved[name]) : `"${floating(moved[name])} ${unit}"`;
+    return `${key[1]} = {value = ${value}, mark = "E", source = "set on a bench page"}`;
+  }).join("\n");
+}
+
+// A number as TOML's floats are written.
+function floating(value) {
+  const text = String(value);
+  return /[.e]/.test(text) ? text.replace(/^(-?\d+)e/, "$1.0e") : `${text}.0`;
+}
+
+function offer(name, text, kind) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type: kind }));
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
+async function copyLink() {
+  history.replaceState(null, "", `#${address()}`);
+  try {
+    await navigator.clipboard.writeText(location.href);
+    say("The link is in the clipboard.");
+  } catch {
+    say("The address bar holds the link.");
+  }
+}
+
+// --- Start ---------------------------------------------------------------------------------------------------------
+
+function options(select, texts) {
+  select.replaceChildren(...texts.map(([value, text]) => new Option(text, value)));
+}
+
+options(byId("preset"), model.presets.map((preset, i) => [i, preset.name]));
+options(byId("data"), [...(model.traced ? [] : [["", "none"]]), ...model.data.map((d, i) => [i, `${d.name} (${d.role})`])]);
+byId("data-bar").hidden = !model.data.length;
+byId("fanned").hidden = !model.fan;
+byId("count-bar").hidden = model.traced;
+byId("map").hidden = !model.map;
+byId("preset").addEventListener("change", () => take(stateOf(model.presets[+byId("preset").value])));
+byId("data").addEventListener("change", () => {
+  const chosen = byId("data").value;
+  take(chosen === "" ? { ...copyOf(state), data: null, measured: [false, false, false, false] } : stateOf({ point: model.data[+chosen].point, data: +chosen }));
+});
+byId("count").addEventListener("change", () => { setCount(+byId("count").value); build(); changed(); });
+const actions = {
+  r: () => { byId("preset").value = "0"; take({ ...stateOf(first), fan: false }); },
+  f: () => model.fan && setFan(!state.fan),
+  h: hold,
+  d: () => setTheme(document.documentElement.dataset.theme !== "dark"),
+};
+byId("reset").addEventListener("click", actions.r);
+byId("fanned").addEventListener("click", actions.f);
+byId("held").addEventListener("click", actions.h);
+byId("theme").addEventListener("click", actions.d);
+byId("csv").addEventListener("click", () => shown && offer("bench.csv", csv(), "text/csv"));
+byId("toml").addEventListener("click", () => offer(`${model.injector}.toml`, toml(), "application/toml"));
+byId("link").addEventListener("click", copyLink);
+document.addEventListener("keydown", (event) => {
+  const typing = event.target.matches("input[type=number], select, textarea");
+  if (!typing && !event.ctrlKey && !event.metaKey && !event.altKey && actions[event.key]) actions[event.key]();
+});
+window.addEventListener("hashchange", () => take(fromAddress(location.hash.slice(1))));
+setTheme(window.matchMedia("(prefers-color-scheme: dark)").matches);
+take(location.hash.length > 1 ? fromAddress(location.hash.slice(1)) : stateOf(first));
+
+// For the console, and for tests.
+window.commonrail = {
+  model, frames, csv, toml, address, take, state: () => state, shown: () => shown, map: () => mapped,
+  settled: () => shown !== null && !courses.busy,
+};

@@ -1,0 +1,69 @@
+// Worker of the page: courses of a state, scores on the data, the fan, or the map.
+"use strict";
+
+let bench = null;
+
+function pointOf(state) {
+  const d = state.data === null ? null : bench.data[state.data];
+  const courses = [0, 1, 2, 3].map((column) => (d && state.measured[column] ? d.courses[column] : null));
+  return { ...state.point, courses };
+}
+
+function course(state) {
+  bench.setParameters(state.values, state.temperature);
+  const every = state.every, found = bench.run(pointOf(state), every);
+  const width = bench.model.channels.length, count = Math.max(found.rows, 0) + 1;
+  const channels = bench.channels.slice(0, count * width), injected = bench.injected.slice(0, found.steps + 1);
+  return { ...found, every, channels, injected };
+}
+
+function scores(state) {
+  return bench.data.map((d) => {
+    if (d.meter) return null;
+    const found = bench.run({ ...d.point, courses: d.courses }, 0);
+    return found.status === "failed" || found.status === "not closed" ? null : bench.compare(d, state.temperature).j;
+  });
+}
+
+// Mass injected up to every so many steps, for each member of the fan.
+function fan(state) {
+  const point = pointOf(state);
+  return state.fan.map((values) => {
+    bench.setParameters(values, state.temperature);
+    const { steps, status } = bench.run(point, 0);
+    if (status === "failed" || status === "not closed") return null;
+    const kept = new Float64Array(Math.floor(steps / state.fanEvery) + 1);
+    for (let i = 0; i < kept.length; i++) kept[i] = bench.injected[i * state.fanEvery];
+    return kept;
+  });
+}
+
+function map(state) {
+  const { pressures, times } = state.map, courses = [null, null, null, null];
+  bench.setParameters(state.values, state.temperature);
+  const quantity = pressures.map((rail) => times.map((time) => {
+    const point = { ...state.point, rail, start: 0, pulses: [[0, time]], duration: time + bench.model.tail, courses };
+    const found = bench.run(point, 0);
+    return found.status === "ok" || found.status === "still injecting" ? found.figures.injected : NaN;
+  }));
+  return { pressures, times, quantity, density: state.density };
+}
+
+onmessage = async ({ data: message }) => {
+  if (message.model) {
+    const { instance } = await WebAssembly.instantiate(message.wasm, {});
+    bench = new Bench(message.model, instance);
+    postMessage({ ready: true });
+    return;
+  }
+  const { id, stamp, state } = message;
+  if (state.map) {
+    postMessage({ id, map: map(state) });
+    return;
+  }
+  const found = course(state), answer = { id, stamp, state, course: found };
+  if (state.fan) answer.fan = fan(state);
+  bench.setParameters(state.values, state.temperature);
+  answer.scores = scores(state);
+  postMessage(answer, [found.channels.buffer, found.injected.buffer]);
+};

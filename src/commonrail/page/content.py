@@ -1,0 +1,224 @@
+"""Numbers and texts of a page, as one JSON-able mapping."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from commonrail.display.text import number
+from commonrail.engine.notes import Outcome
+from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.population import candidate_matrix, columns
+from commonrail.export.entries import channels, sizes
+from commonrail.files.injector_writer import injector_text
+from commonrail.fuel.coefficients import fuel_coefficients
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.kinds import RateData
+from commonrail.kinds.records import origin_of
+from commonrail.kinds.simulator import Simulator
+from commonrail.page.module import MOST_ROWS, MOST_STEPS
+from commonrail.page.sliders import ONE, borne, limits_of, variant_of
+from commonrail.page.subject import Slid, Subject, is_traced
+from commonrail.stepper.course import CoursePlan
+from commonrail.units import convert, to_text
+
+__all__ = ["content"]
+
+Floats = NDArray[np.float64]
+
+TAIL = 2e-3  # simulated after the end of the last energising [s]
+SAMPLE = 3e-6  # between the channels that are kept [s]
+KELVIN = 2.5  # between the nodes of the fuel's temperature
+CYLINDERS = 41  # nodes of the density over the cylinder's pressure
+MAP_PRESSURES, MAP_TIMES = 5, 12
+
+
+def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, Any]:
+    """Mapping that the page's script reads; arrays are base64 of little-endian doubles.
+
+    Parameters
+    ----------
+    subject : Subject
+    first : OperatingPoint
+        Of a page without data.
+    version : str
+        Of the program.
+    """
+    injector, variant = subject.injector, variant_of(subject)
+    limits = limits_of(subject, first)
+    sliders, share = borne(subject, limits["rail"][1])
+    nodes, at = _nodes(injector)
+    size = sizes(variant)
+    simulator = Simulator(injector, (), subject.time_step)
+    data = [_data(d, simulator, nodes) for d in subject.data]
+    return {
+        "title": subject.title,
+        "injector": injector.name,
+        "variant": variant.label,
+        "version": version,
+        "dt": subject.time_step,
+        "every": max(round(SAMPLE / subject.time_step), 1),
+        "tail": TAIL,
+        "columns": size.parameters + size.fuel,
+        "parameters": size.parameters,
+        "mostSteps": MOST_STEPS,
+        "mostRows": MOST_ROWS,
+        "ring": _ring(subject, sliders, first),
+        "channels": [c.name for c in channels(variant.actuation)],
+        "figures": list(Outcome._fields),
+        "theta": _packed(candidate_matrix(injector, (), ONE)[0]),
+        "temperature": {
+            "nodes": nodes,
+            "at": at,
+            "coefficients": [_packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
+        },
+        "density": _densities(injector, limits["cylinder"], nodes),
+        "limits": limits,
+        "sliders": [_slider(injector, s) for s in sliders],
+        "narrowed": share,
+        "columnOf": _columns(injector, subject, sliders),
+        "data": data,
+        "reference": {"label": "J of the fit" if subject.start else ""},
+        "fan": _fan(subject),
+        "presets": _presets(subject, first, data),
+        "traced": is_traced(injector),
+        "map": None if is_traced(injector) else _map(limits["rail"]),
+        "toml": injector_text(injector, {}, "Made by a bench page of commonrail."),
+        "present": dict(injector.values),
+        "units": {name: q.unit for name, q in injector.quantities.items()},
+    }
+
+
+def _packed(values: ArrayLike) -> str:
+    return base64.b64encode(np.asarray(values, "<f8").tobytes()).decode()
+
+
+def _nodes(injector: Injector) -> tuple[list[float], int]:
+    """Temperatures [K] of the slider, the injector's own among them, and its place."""
+    low, high = injector.fuel.temperature_range
+    own = injector.values[FUEL_TEMPERATURE]
+    below, above = int((own - low) / KELVIN), int((high - own) / KELVIN)
+    return [own + KELVIN * i for i in range(-below, above + 1)], below
+
+
+def _densities(injector: Injector, ends: tuple[float, float], nodes: list[float]) -> dict[str, Any]:
+    """Density [kg/m³] over cylinder pressure, a row for each temperature."""
+    pressures = np.linspace(*ends, CYLINDERS)
+    rows = injector.fuel.density(pressures, np.array(nodes)[:, None])
+    return {"cylinders": pressures.tolist(), "rows": np.round(rows, 9).tolist()}
+
+
+def _slider(injector: Injector, s: Slid) -> dict[str, Any]:
+    q = injector.quantities[s.name]
+    unit = to_text(max(abs(s.low), abs(s.high)), q.unit).partition(" ")[2]
+    return {
+        "name": s.name,
+        "meaning": q.meaning,
+        "unit": unit,
+        "factor": convert(1.0, q.unit, unit) if unit else 1.0,
+        "low": s.low,
+        "high": s.high,
+        "value": injector.values[s.name],
+    }
+
+
+def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slid]) -> dict[str, int]:
+    """Columns of all parameters that the page may set."""
+    names = dict.fromkeys([*(s.name for s in sliders), *subject.start, *(subject.fan.names if subject.fan else ())])
+    names.pop(FUEL_TEMPERATURE, None)
+    known = tuple(names)
+    return dict(zip(known, map(int, columns(known, injector.variant.actuation)), strict=True))
+
+
+def _ring(subject: Subject, sliders: tuple[Slid, ...], first: OperatingPoint) -> int:
+    """Slots of a ring of waves that suffice for every place of the sliders.
+
+    Parameters
+    ----------
+    subject : Subject
+    sliders : tuple of Slid
+    first : OperatingPoint
+    """
+    injector = subject.injector
+    longest_ways = {s.name: max(s.high, injector.values[s.name]) for s in sliders if s.name.endswith(".length")}
+    longer = replace(injector, values={**injector.values, **longest_ways})
+    return CoursePlan(longer, first, subject.time_step).ring
+
+
+def _data(d: RateData, simulator: Simulator, nodes: list[float]) -> dict[str, Any]:
+    point, injector = d.point, simulator.injector
+    traced = (point.rail_pressure, point.cylinder_pressure, point.return_pressure, point.drive)
+    by_mass = np.isfinite(d.mass_density)
+    pressure = point.at_start(point.cylinder_pressure)
+    metered = d.meter is not None and not d.meter.neutral
+    return {
+        "name": d.name,
+        "role": d.role.value,
+        "origin": origin_of({"synthetic": d.synthetic}),
+        "point": _point(point),
+        "courses": [_course(course, point, simulator.time_step) for course in traced],
+        "bounds": _packed(d.bounds),
+        "rate": _packed(d.rate),
+        "density": [d.mass_density] if by_mass else [float(injector.fuel.density(pressure, t)) for t in nodes],
+        "meter": d.meter.name if metered and d.meter else None,
+        "reference": number(d.score(simulator).j),
+    }
+
+
+def _course(course: float | Trace | None, point: OperatingPoint, dt: float) -> str | None:
+    """Means over the steps of a trace, up to its end or the point's; behind it the last one holds."""
+    if not isinstance(course, Trace):
+        return None
+    end = max(course.time[-1] - point.start, point.duration)
+    begin: Floats = np.asarray(point.start + dt * np.arange(math.ceil(end / dt) + 1), float)
+    return _packed(course.mean(begin, np.asarray(begin + dt, float)))
+
+
+def _point(point: OperatingPoint) -> dict[str, Any]:
+    rail, cylinder, low = point.initial_pressures()
+    return {
+        "rail": rail,
+        "cylinder": cylinder,
+        "low": low,
+        "start": point.start,
+        "pulses": [list(p) for p in point.pulses],
+        "duration": point.duration,
+    }
+
+
+def _fan(subject: Subject) -> dict[str, Any] | None:
+    if subject.fan is None:
+        return None
+    return {
+        "short": subject.fan.short,
+        "note": subject.fan.note,
+        "names": list(subject.fan.names),
+        "members": subject.fan.members.tolist(),
+    }
+
+
+def _presets(subject: Subject, point: OperatingPoint, data: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """First state of the page, and others to choose; one without values or point keeps what is there."""
+    present = "calibrated" if subject.start else "values of the file"
+    at = {"point": data[0]["point"], "data": 0} if data else {"point": _point(point)}
+    found: list[dict[str, Any]] = [{"name": present, "values": {}, **at}]
+    if subject.start:
+        found.append({"name": "start values", "values": subject.start, **at})
+    found += [{"name": f"at {d['name']}", "point": d["point"], "data": i} for i, d in enumerate(data) if i]
+    main = _point(point)
+    pilot = [[0.0, 250e-6], [1000e-6, 600e-6]]
+    if not is_traced(subject.injector):
+        found.append({"name": "pilot and main", "point": main | {"pulses": pilot, "start": 0.0}})
+    return found
+
+
+def _map(rail: tuple[float, float]) -> dict[str, Any]:
+    """Pressures [Pa] and energising times [s] of the small quantity map."""
+    pressures = np.round(np.linspace(rail[0], rail[1], MAP_PRESSURES) / 1e6) * 1e6
+    return {"pressures": pressures.tolist(), "times": np.linspace(100e-6, 1.5e-3, MAP_TIMES).tolist()}

@@ -1,0 +1,179 @@
+"""Subject of a page: an injector, and of a run its data, its free parameters and the fits near its best one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.calibration.space import Space
+from commonrail.choices import Drive
+from commonrail.engine.time_step import DEFAULT_STEP
+from commonrail.errors import ConfigurationError, InputError, nearest
+from commonrail.files.model_name import read_model_name
+from commonrail.files.run_folder import RESULT, read_fit
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
+from commonrail.kinds import DataSet, RateData, Role
+from commonrail.kinds.metering import with_meters
+from commonrail.observation.quantities import is_of_meter
+from commonrail.page.fan import Fan, near_fits, scattered
+
+__all__ = ["Slid", "Subject", "is_traced", "read_subject"]
+
+Floats = NDArray[np.float64]
+
+# Sliders of a model of which nothing was fitted, those that it has; each may be moved by this share of its value.
+USUAL = (
+    "valve.spring_preload",
+    "valve.lift",
+    "control_chamber.z_hole_diameter",
+    "control_chamber.a_hole_diameter",
+    "nozzle.hole_diameter",
+    "needle_seat.diameter",
+    "plunger_needle.spring_preload",
+    "feed_pipe.length",
+    "armature.spring_preload",
+    "armature.travel",
+)
+SHARE = 0.3
+
+
+@dataclass(frozen=True)
+class Slid:
+    """Parameter on a slider: dotted name and ends [SI]."""
+
+    name: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Content of a page before it is put into numbers.
+
+    Attributes
+    ----------
+    title : str
+    injector : Injector
+        With the calibrated values of a run.
+    sliders : tuple of Slid
+        Those of a run's free parameters first.
+    time_step : float
+        [s].
+    start : dict of str to float
+        Start values of a run's free parameters [SI]; empty for a model.
+    data : tuple of RateData
+        Injection curves of a run.
+    synthetic : tuple of str
+        Sentences about what is not measured.
+    fan : Fan or None
+        Fits near the best one.
+    """
+
+    title: str
+    injector: Injector
+    sliders: tuple[Slid, ...]
+    time_step: float
+    start: dict[str, float]
+    data: tuple[RateData, ...]
+    synthetic: tuple[str, ...]
+    fan: Fan | None
+
+
+def read_subject(text: str, more: tuple[str, ...] = (), threads: int | None = None) -> Subject:
+    """Subject that the command line names.
+
+    Parameters
+    ----------
+    text : str
+        A run folder, an injector's file or a name of the catalogue, as `read_model_name` takes them.
+    more : tuple of str
+        Dotted names of further parameters for sliders.
+    threads : int, optional
+        That simulate the fits near the best one.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or there is no such parameter.
+    ConfigurationError
+        If the injector follows a measured voltage or current, and there are no data that hold it.
+    """
+    run = Path(text)
+    if run.is_dir() and (run / RESULT).is_file():
+        return _of_run(run, more, threads)
+    named = read_model_name(text)
+    if is_traced(named.injector):
+        raise ConfigurationError(
+            f"{named.injector.name} follows a measured {named.injector.variant.drive.value}, which the file does not "
+            "hold; make the page from a run folder, whose data have it."
+        )
+    sliders = _with_more(named.injector, _around(named.injector, USUAL), more)
+    names = tuple(s.name for s in sliders)
+    values = np.array([named.injector.values[name] for name in names])
+    injector = named.injector
+    notes = (injector.synthetic,) if injector.synthetic else ()
+    fan = scattered(names, values, injector)
+    return Subject(injector.title, injector, sliders, DEFAULT_STEP, {}, (), notes, fan)
+
+
+def _of_run(run: Path, more: tuple[str, ...], threads: int | None) -> Subject:
+    study, best = read_fit(run)
+    own = {name: value for name, value in best.items() if not is_of_meter(name)}
+    injector = study.injector.with_values(own)
+    meters = [d.meter.with_best(best) for d in study.data if d.meter is not None]
+    data = _curves(with_meters(study.data, meters))
+    if is_traced(injector) and not data:
+        raise ConfigurationError(
+            f"{injector.name} follows a measured {injector.variant.drive.value}, and the run has no injection curve "
+            "that holds it; a page of this run cannot be made."
+        )
+    sliders = _with_more(injector, _bounded(study.space, own), more)
+    start = {p.name: p.reference for p in study.space.parameters if p.name in own}
+    fan = near_fits(run, study, best, threads)
+    notes = tuple(dict.fromkeys(note for note in (injector.synthetic, *(d.synthetic for d in data)) if note))
+    return Subject(study.title, injector, sliders, study.time_step, start, data, notes, fan)
+
+
+def _curves(data: tuple[DataSet, ...]) -> tuple[RateData, ...]:
+    """Injection curves, those of the fit first."""
+    curves = [d for d in data if isinstance(d, RateData)]
+    return tuple(sorted(curves, key=lambda d: d.role is not Role.FIT))
+
+
+def is_traced(injector: Injector) -> bool:
+    """Return whether the coil follows a measured voltage or current."""
+    return injector.variant.drive in (Drive.VOLTAGE, Drive.CURRENT)
+
+
+def _bounded(space: Space, best: dict[str, float]) -> tuple[Slid, ...]:
+    """Free parameters between their bounds."""
+    return tuple(
+        Slid(p.name, min(p.lower, best[p.name]), max(p.upper, best[p.name]))
+        for p in space.parameters
+        if p.name in best and p.name != FUEL_TEMPERATURE
+    )
+
+
+def _around(injector: Injector, names: tuple[str, ...]) -> tuple[Slid, ...]:
+    """Parameters that the injector has, `SHARE` to both sides of their values."""
+    known = {name: injector.values[name] for name in names if injector.values.get(name)}
+    ends = {name: sorted(((1.0 - SHARE) * value, (1.0 + SHARE) * value)) for name, value in known.items()}
+    return tuple(Slid(name, low, high) for name, (low, high) in ends.items())
+
+
+def _with_more(injector: Injector, sliders: tuple[Slid, ...], more: tuple[str, ...]) -> tuple[Slid, ...]:
+    """Sliders and those that were asked for besides, each once."""
+    for name in more:
+        if name not in injector.quantities or name == FUEL_TEMPERATURE:
+            known = [path for path in injector.quantities if path != FUEL_TEMPERATURE]
+            raise InputError(
+                f"{name}: the injector has no such parameter for a slider{nearest(name, known)}; "
+                "`commonrail catalogue parameters` lists them."
+            )
+        if not injector.values[name]:
+            raise InputError(f"{name} is zero, which gives its slider no range; choose a parameter with a value.")
+    had = {s.name for s in sliders}
+    return sliders + _around(injector, tuple(name for name in dict.fromkeys(more) if name not in had))

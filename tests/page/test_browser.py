@@ -1,0 +1,296 @@
+"""The page in a real browser: its simulations against the engine's, its sliders, its address and its files.
+
+All that the page shows is read from the page; nothing here measures time (``python -m tools.page_speed`` does).
+"""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import io
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import commonrail as cr
+from commonrail.files.run_folder import read_fit
+from commonrail.kinds import RateData
+from commonrail.kinds.simulator import Simulator
+from commonrail.page.build import page_html
+from commonrail.page.subject import Subject, read_subject
+from tools.browser import CHROMIUM, Browser, browsing
+
+ROUNDING = 1e-9  # of a channel's peak
+LARGEST = 1_000_000  # [bytes]
+HOSTILE = "</script><img src=x onerror=console.error('broken out')>&quot;"
+KEYS = {"ArrowRight": 39, "ArrowLeft": 37, "Home": 36}
+
+pytestmark = [
+    pytest.mark.process,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine"),
+    pytest.mark.skipif(importlib.util.find_spec("websocket") is None, reason="websocket-client is not installed"),
+    pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="ziglang is not installed"),
+]
+
+
+@pytest.fixture(scope="module")
+def subject(run_folder: Path) -> Subject:
+    return replace(read_subject(str(run_folder)), title=HOSTILE)
+
+
+@pytest.fixture(scope="module")
+def file(subject: Subject, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "bench.html"
+    path.write_text(page_html(subject), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with browsing() as found:
+        yield found
+
+
+@pytest.fixture
+def page(browser: Browser, file: Path) -> Iterator[Browser]:
+    """The page as it opens; it must not have complained by the end of a test."""
+    browser.complaints.clear()
+    browser.resize(1280, 900)
+    opened(browser, file)
+    yield browser
+    assert browser.complaints == []
+
+
+def opened(browser: Browser, file: Path, address: str = "") -> None:
+    browser.open(file.as_uri() + address)
+    settled(browser)
+
+
+def settled(browser: Browser) -> None:
+    """Wait until what is drawn is what the page's state asks for."""
+    browser.until("window.commonrail && commonrail.settled()")
+
+
+def act(browser: Browser, script: str) -> None:
+    """Change something in the page, and wait until it is drawn."""
+    browser.evaluate(f"(() => {{ {script}; }})()")
+    settled(browser)
+
+
+def slide(browser: Browser, slider: str, value: float) -> None:
+    """Move a slider to a value in the unit that it shows."""
+    act(
+        browser,
+        f"const s = document.getElementById({slider!r}); s.step = 'any'; s.value = {value!r}; "
+        "s.dispatchEvent(new Event('input'))",
+    )
+
+
+def shown(browser: Browser) -> dict[str, Any]:
+    """Course that the page draws: time step, point, channels by name, mass injected after every step."""
+    return dict(
+        browser.evaluate("""(() => {
+            const { state, course } = commonrail.shown(), width = commonrail.model.channels.length;
+            const column = (i) => Array.from({ length: course.rows + 1 }, (_, k) => course.channels[k * width + i]);
+            return { point: state.point, every: course.every, injected: Array.from(course.injected),
+              status: course.status, figures: course.figures,
+              channels: Object.fromEntries(commonrail.model.channels.map((name, i) => [name, column(i)])) };
+          })()""")
+    )
+
+
+def check_against_engine(found: dict[str, Any], injector: cr.Injector, rail: cr.Trace | None = None) -> None:
+    """Compare a course of the page with the lanes at the same point."""
+    p = found["point"]
+    pulses = [tuple(pulse) for pulse in p["pulses"]]
+    point = cr.OperatingPoint(
+        rail or p["rail"], pulses, p["cylinder"], p["low"], horizon=p["duration"], start=p["start"]
+    )
+    solution = cr.simulate(injector, point)
+    assert found["status"] == "ok"
+    assert np.max(np.abs(np.array(found["injected"]) - solution.injected)) <= ROUNDING * solution.injected_mass
+    compared = set(found["channels"]) & set(solution.channels)
+    assert {"needle_lift", "valve_lift", "accumulation_pressure", "coil_current"} <= compared
+    for name in compared - ({"rail_pressure"} if rail else set()):
+        own, engine = (
+            np.array(found["channels"][name]),
+            solution.channels[name][:: found["every"]][: len(found["channels"][name])],
+        )
+        assert np.max(np.abs(own - engine)) <= ROUNDING * np.max(np.abs(engine)), name
+    instants = [p["start"] + 1e-6 * found["figures"][name] for name in ("opening", "closing")]
+    assert instants == pytest.approx([solution.opening, solution.closing], rel=ROUNDING)
+
+
+def test_the_page_is_one_small_file_that_loads_nothing(file: Path) -> None:
+    text = file.read_text(encoding="utf-8")
+    assert len(text.encode()) < LARGEST
+    assert "http://" not in text.replace("http://www.w3.org", "")
+    assert "https://" not in text
+
+
+def test_it_opens_with_the_fit_and_its_measured_rail_pressure(page: Browser, subject: Subject) -> None:
+    assert page.evaluate("document.title").startswith("</script>")
+    assert page.evaluate("document.images.length") == 0
+    (first, *_) = subject.data
+    assert isinstance(first.point.rail_pressure, cr.Trace)
+    check_against_engine(shown(page), subject.injector, first.point.rail_pressure)
+
+
+def test_j_of_every_curve_is_that_of_the_engine(page: Browser, subject: Subject) -> None:
+    def scores(injector: cr.Injector) -> list[float]:
+        return [d.score(Simulator(injector, (), subject.time_step)).j for d in subject.data]
+
+    assert page.evaluate("commonrail.shown().scores") == pytest.approx(scores(subject.injector), rel=ROUNDING)
+    slide(page, "plunger_needle.k1", 150.0)
+    moved = subject.injector.with_values({"plunger_needle.k1": 150e6})
+    found = page.evaluate("commonrail.shown().scores")
+    assert found == pytest.approx(scores(moved), rel=ROUNDING)
+    table = page.evaluate("[...document.querySelectorAll('#scores tbody tr')].map((r) => +r.cells[2].textContent)")
+    assert table == pytest.approx(found, abs=0.006)
+
+
+def test_a_slider_moved_by_the_keyboard_moves_the_injection(page: Browser, subject: Subject) -> None:
+    page.evaluate("document.getElementById('rail').focus()")
+    for _ in range(3):
+        page.press("ArrowLeft", "ArrowLeft", KEYS["ArrowLeft"])
+    settled(page)
+    found = shown(page)
+    assert found["point"]["rail"] < 160e6  # the measured pressure is replaced
+    check_against_engine(found, subject.injector)
+
+
+def test_two_injections_with_a_dwell_are_those_of_the_engine(page: Browser, subject: Subject) -> None:
+    act(page, "const c = document.getElementById('count'); c.value = '2'; c.dispatchEvent(new Event('change'))")
+    slide(page, "rail", 120.0)
+    slide(page, "energising-1", 250.0)
+    slide(page, "dwell-2", 333.3)
+    slide(page, "cylinder", 8.0)
+    found = shown(page)
+    assert np.diff(np.array(found["point"]["pulses"])[:, 0]) == pytest.approx([583.3e-6], rel=1e-9)
+    check_against_engine(found, subject.injector)
+
+
+def test_the_fuel_temperature_is_that_of_the_engine(page: Browser, subject: Subject) -> None:
+    slide(page, "rail", 120.0)
+    slide(page, "temperature", 50.0)
+    kelvin = page.evaluate("commonrail.model.temperature.nodes[commonrail.state().temperature]")
+    assert kelvin == pytest.approx(323.15, abs=1.25)
+    check_against_engine(shown(page), subject.injector.with_values({"fuel.temperature": kelvin}))
+
+
+def test_a_free_parameter_and_a_preset_are_those_of_the_engine(page: Browser, subject: Subject) -> None:
+    act(page, "const c = document.getElementById('preset'); c.value = '1'; c.dispatchEvent(new Event('change'))")
+    (first, *_) = subject.data
+    assert isinstance(first.point.rail_pressure, cr.Trace)
+    check_against_engine(shown(page), subject.injector.with_values(subject.start), first.point.rail_pressure)
+    page.press("r", "KeyR", 82)
+    settled(page)
+    check_against_engine(shown(page), subject.injector, first.point.rail_pressure)
+
+
+def test_the_fan_shows_its_members(page: Browser, subject: Subject, run_folder: Path) -> None:
+    page.press("f", "KeyF", 70)
+    settled(page)
+    masses = page.evaluate("commonrail.shown().fan.map((m) => m[m.length - 1])")
+    assert subject.fan is not None
+    assert len(masses) == len(subject.fan.members)
+    (first, *_) = subject.data
+    for mass, member in zip(masses[:3], subject.fan.members, strict=False):
+        injector = subject.injector.with_values(dict(zip(subject.fan.names, member.tolist(), strict=True)))
+        point = replace(first.point, horizon=page.evaluate("commonrail.shown().state.point.duration"))
+        assert mass == pytest.approx(cr.simulate(injector, point).injected_mass, rel=1e-6)  # up to a whole sample
+    assert "at most 5% above" in page.evaluate("document.getElementById('fan-note').textContent")
+
+
+def test_the_map_is_that_of_the_engine(page: Browser, subject: Subject) -> None:
+    page.until("commonrail.map() !== null")
+    found = page.evaluate("commonrail.map()")
+    for i, k in ((0, 11), (2, 5), (4, 3)):
+        rail, time = found["pressures"][i], found["times"][k]
+        at = cr.OperatingPoint(rail, time, 5e6, 0.5e6, horizon=time + 2e-3)
+        assert found["quantity"][i][k] == pytest.approx(cr.simulate(subject.injector, at).injected_mass, rel=1e-9)
+
+
+def test_the_address_holds_the_state(page: Browser, file: Path) -> None:
+    slide(page, "rail", 95.5)
+    slide(page, "energising-1", 612.5)
+    slide(page, "plunger_needle.k6", 201.25)
+    address, before = page.evaluate("commonrail.address()"), shown(page)
+    opened(page, file, f"#{address}")
+    assert shown(page) == before
+    assert page.evaluate("document.getElementById('rail').valueAsNumber") == pytest.approx(95.5, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "address", ["#rail=abc&pulses=1&data=99&temperature=-5", "#rail=1e99&pulses=0%2B-1", "#%E0%A4"]
+)
+def test_a_damaged_address_opens_what_can_be_read(page: Browser, file: Path, address: str) -> None:
+    before = shown(page)
+    opened(page, file, address)
+    assert shown(page)["status"] == "ok"
+    assert shown(page)["point"]["rail"] == before["point"]["rail"]
+
+
+def test_the_toml_is_the_injector_of_the_sliders(page: Browser, subject: Subject, tmp_path: Path) -> None:
+    slide(page, "plunger_needle.k1", 150.0)
+    slide(page, "temperature", 60.0)
+    (tmp_path / "taken.toml").write_text(page.evaluate("commonrail.toml()"), encoding="utf-8")
+    injector = cr.load_injector(tmp_path / "taken.toml")
+    kelvin = page.evaluate("commonrail.model.temperature.nodes[commonrail.state().temperature]")
+    moved = {"plunger_needle.k1": 150e6, "fuel.temperature": kelvin}
+    assert injector.values == pytest.approx({**subject.injector.values, **moved}, rel=1e-15)
+    assert injector.sources["plunger_needle.k1"] == cr.Source("E", "set on a bench page")
+    assert injector.sources["plunger_needle.k2"] == cr.load_injector("virtual-lino-2016").sources["plunger_needle.k2"]
+
+
+def test_the_csv_holds_the_curves(page: Browser) -> None:
+    text = page.evaluate("commonrail.csv()")
+    rows = list(csv.reader(io.StringIO("".join(line for line in text.splitlines(True) if not line.startswith("#")))))
+    found = shown(page)
+    assert rows[0] == ["time", "rate", *found["channels"]]
+    table = np.array(rows[1:], float)
+    assert table[:, 2 + list(found["channels"]).index("needle_lift")].tolist() == found["channels"]["needle_lift"]
+    density = page.evaluate("commonrail.shown().state.density")
+    volume = np.sum(table[:, 1]) * 1e-6 * found["every"] * 1e-6
+    assert volume * density == pytest.approx(found["injected"][found["every"] * (len(table) - 1)], rel=1e-9)
+
+
+def test_a_failed_simulation_is_a_sentence(page: Browser) -> None:
+    act(page, "commonrail.take({ ...commonrail.state(), values: { 'plunger_needle.k1': 1e12 } })")
+    assert "left the range of the model" in page.evaluate("document.getElementById('status').textContent")
+    assert page.evaluate("document.querySelector('#figures dd').textContent") == "–"
+
+
+@pytest.mark.parametrize(("width", "phone"), [(1280, False), (390, True)])
+def test_nothing_is_wider_than_the_window(page: Browser, file: Path, width: int, phone: bool) -> None:
+    page.resize(width, 844, phone)
+    opened(page, file)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.evaluate("[...document.querySelectorAll('input, select')].every((e) => e.labels.length || e.ariaLabel)")
+
+
+def test_dark_and_light(page: Browser) -> None:
+    paper = "getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(paper)
+    page.press("d", "KeyD", 68)
+    assert page.evaluate(paper) != light
+    page.press("d", "KeyD", 68)
+    assert page.evaluate(paper) == light
+
+
+def test_a_measured_curve_through_a_meter_has_no_j(run_folder: Path, browser: Browser, tmp_path: Path) -> None:
+    study, _ = read_fit(run_folder)
+    first = study.data[0]
+    assert isinstance(first, RateData)
+    metered = replace(first, meter=cr.Meter("bench", {"delay": "5 us"}))
+    subject = replace(read_subject(str(run_folder)), data=(metered,), fan=None)
+    (tmp_path / "metered.html").write_text(page_html(subject), encoding="utf-8")
+    browser.complaints.clear()
+    opened(browser, tmp_path / "metered.html")
+    assert browser.evaluate("commonrail.shown().scores") == [None]
+    assert "through a meter that the page does not simulate" in browser.evaluate("document.body.innerText")
+    assert browser.complaints == []

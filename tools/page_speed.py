@@ -1,0 +1,92 @@
+"""Time from a moved slider to its drawn curve in headless Chromium: ``python -m tools.page_speed PAGE.html``.
+
+The arrow key moves the slider in focus, as a person would move it. A time ends when the canvases are drawn; the screen
+shows them at its next refresh.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tools.browser import Browser, browsing
+
+MOVES, WARMING = 300, 40
+RIGHT, LEFT = ("ArrowRight", 39), ("ArrowLeft", 37)
+PAUSE = 0.012  # between two keys [s]
+
+
+def measure(page: Browser, slider: str, fan: bool) -> dict[str, Any]:
+    """Times [ms] from input to drawn curve, and curves per second, of one slider.
+
+    Parameters
+    ----------
+    page : Browser
+        Open.
+    slider : str
+        Id of the slider.
+    fan : bool
+        With the fan.
+    """
+    page.evaluate(f"if (commonrail.state().fan !== {str(fan).lower()}) document.getElementById('fanned').click()")
+    page.evaluate(f"document.getElementById({slider!r}).focus()")
+    for count in (WARMING, MOVES):
+        page.evaluate("commonrail.frames.length = 0")
+        for i in range(count):
+            key, number = RIGHT if i % 100 < 50 else LEFT
+            page.press(key, key, number)
+            time.sleep(PAUSE)
+    frames = page.evaluate("commonrail.frames")
+    times = np.array([frame["ms"] for frame in frames])
+    return {"curves": len(times), "median": np.median(times), "p95": np.percentile(times, 95), "worst": times.max()}
+
+
+def drag(page: Browser, slider: str, seconds: float) -> float:
+    """Curves per second while a slider is moved at every frame, as fast as the page answers.
+
+    Parameters
+    ----------
+    page : Browser
+        Open, with the fan as it is.
+    slider : str
+        Id of the slider.
+    seconds : float
+    """
+    return float(
+        page.evaluate(f"""new Promise((done) => {{
+            const range = document.getElementById({slider!r}), begun = performance.now();
+            const low = +range.min, high = +range.max;
+            commonrail.frames.length = 0;
+            const move = () => {{
+              const passed = performance.now() - begun;
+              if (passed > {seconds * 1e3}) return done(commonrail.frames.length / passed * 1e3);
+              range.value = low + (high - low) * (0.5 + 0.3 * Math.sin(passed / 300));
+              range.dispatchEvent(new Event("input"));
+              requestAnimationFrame(move);
+            }};
+            move();
+          }})""")
+    )
+
+
+def main() -> None:
+    """Measure a page, with and without its fan."""
+    with browsing() as page:
+        page.resize(1280, 900)
+        page.open(Path(sys.argv[1]).absolute().as_uri())
+        page.until("commonrail.shown() !== null")
+        for fan in (False, True):
+            found = measure(page, "rail", fan)
+            rate = drag(page, "rail", 5.0)
+            told = ", ".join(f"{name} {value:.1f}" for name, value in found.items())
+            print(f"{'with fan' if fan else 'one curve'}: {told} ms; {rate:.0f} curves per second while dragged")
+        if page.complaints:
+            sys.exit(f"the page complains: {page.complaints}")
+
+
+if __name__ == "__main__":
+    main()
