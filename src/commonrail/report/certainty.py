@@ -38,6 +38,7 @@ def certainty_lines(record: Record) -> list[str]:
         *([f"No parameter is called pinned, because {found['withdrawn']}."] if found["withdrawn"] else []),
         *_stated(found["parameters"]),
         *_sensitivity(found),
+        *_visible(found),
         *_cures(found["parameters"]),
     ]
 
@@ -150,6 +151,17 @@ def _sensitivity(found: Record) -> list[str]:
         moves = list(zip(names, map(number, one["percent"]), strict=True))
         lines.append(f"{one['text']} would move {_moves(moves)}.")
     return lines
+
+
+def _visible(found: Record) -> list[str]:
+    """Sentence on the smallest delay of the meter that the tests find."""
+    delay = number(found.get("visible_delay"))
+    if delay is None:
+        return []
+    return [
+        f"A delay of the meter of {to_text(delay, 's', 2)}, which the study lacks, would be found in 9 of 10 benches "
+        "with this noise; a smaller one mostly stays hidden in the parameters."
+    ]
 
 
 def _moves(moves: Sequence[tuple[str, float | None]]) -> str:

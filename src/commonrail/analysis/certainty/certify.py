@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate, estimate, library, starts_from
-from commonrail.analysis.certainty.lack_of_fit import LackOfFit, lack_of_fit
+from commonrail.analysis.certainty.lack_of_fit import LackOfFit, lack_of_fit, level_of
 from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.analysis.certainty.missing_delay import missing_delay, visible_delay
 from commonrail.analysis.certainty.profile import Profile, profiles_of
 from commonrail.analysis.certainty.record import certainty_record
 from commonrail.analysis.certainty.verdict import LIMIT, Judged, verdicts_of, withdrawal
@@ -45,7 +46,10 @@ class Certainty:
         Estimator of each parameter's interval.
     profiles : mapping of str to Profile
     tests : list of LackOfFit
-        For each data set.
+        For each data set, and for a delay that all curves share.
+    visible : float
+        Smallest delay of the meter [s] that the test of a delay finds in 9 of 10 benches like this one; NaN without
+        that test.
     withdrawn : str
         Reason why no parameter is called pinned, empty if there is none.
     verdicts : list of Judged
@@ -64,6 +68,7 @@ class Certainty:
     estimators: list[str]
     profiles: Mapping[str, Profile]
     tests: list[LackOfFit]
+    visible: float
     withdrawn: str
     verdicts: list[Judged]
     adopted: int
@@ -144,7 +149,7 @@ def certify(
         simulated += again.simulated
         found = _adopted(found, again)
     low, high, estimators = _intervals(found, profiled, level)
-    tests = lack_of_fit(found)
+    tests, visible, more = _tests(study, found, thread_count(threads))
     reason = withdrawal(found, tests)
     return Certainty(
         found,
@@ -154,12 +159,22 @@ def certify(
         estimators,
         profiled,
         tests,
+        visible,
         reason,
         verdicts_of(found, low, high, reason, limit=limit, level=level),
         adopted,
         {text: _combined(found, row, level) for text, row in rows.items()},
-        simulated,
+        simulated + more,
     )
+
+
+def _tests(study: Study, found: Estimate, threads: int | None) -> tuple[list[LackOfFit], float, int]:
+    """Tests for lack of fit, the smallest delay that they find, and the points simulated."""
+    delay = missing_delay(study, found, threads)
+    if delay is None:
+        return lack_of_fit(found), float("nan"), 0
+    visible, more = visible_delay(study, found, level_of(found, True), threads)
+    return lack_of_fit(found, delay), visible, delay.simulated + more
 
 
 def _adopted(first: Estimate, again: Estimate) -> Estimate:

@@ -4,6 +4,8 @@ Score test: the innovations of a data set are regressed on the whitened derivati
 bandwidth, a gain and an offset of the meter; an F test asks if the last explain more than noise does. Autocorrelation
 alone cannot tell a meter with coloured noise from a wrong model; this test can. It does not see what the parameters
 imitate: it never licenses an interval, see the sensitivity to each uncertain quantity for that.
+
+A delay, which parameters imitate best, has a test of its own, see `missing_delay`.
 """
 
 from __future__ import annotations
@@ -16,13 +18,16 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import Block
 from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.analysis.certainty.missing_delay import MissingDelay
+from commonrail.units import to_text
 
-__all__ = ["LEVEL", "LackOfFit", "lack_of_fit"]
+__all__ = ["LEVEL", "LackOfFit", "lack_of_fit", "level_of"]
 
 Floats = NDArray[np.float64]
 
 IMITATED = 1e-6  # part of a suspect that the parameters leave unexplained, below which nothing can be said of it
 LEVEL = 0.01  # false alarms of all tests of a fit together
+CURVES = "all curves"  # name of the test of a delay that they share
 
 
 class LackOfFit(NamedTuple):
@@ -31,9 +36,9 @@ class LackOfFit(NamedTuple):
     Attributes
     ----------
     name : str
-        Data set.
+        Data set, or `CURVES`.
     score : float
-        Probability that noise explains as much as delay, bandwidth, gain and offset do.
+        Probability that noise explains as much as delay, bandwidth, gain and offset do, or the delay of all curves.
     size : float or None
         Probability of residuals so large with the stated standard deviation; None where it is estimated.
     suspect : str
@@ -52,11 +57,31 @@ class LackOfFit(NamedTuple):
     sentence: str
 
 
-def lack_of_fit(estimate: Estimate) -> list[LackOfFit]:
-    """Tests of each data set of a fit; those together raise a false alarm in 1 % of the fits."""
+def lack_of_fit(estimate: Estimate, delay: MissingDelay | None = None) -> list[LackOfFit]:
+    """Tests of each data set of a fit, and of a delay; all together raise a false alarm in 1 % of the fits.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    delay : MissingDelay, optional
+        Of `missing_delay`; without it a delay is tested by its derivative alone.
+    """
     own = estimate.likelihood
-    tests = sum(1 + noise.known for noise in own.noises)
-    return [_of_block(estimate, i, LEVEL / tests) for i in range(len(own.blocks))]
+    level = level_of(estimate, delay is not None)
+    found = [_of_block(estimate, i, level) for i in range(len(own.blocks))]
+    return found if delay is None else [*found, _of_delay(delay, level)]
+
+
+def level_of(estimate: Estimate, delayed: bool) -> float:
+    """Level of each test of a fit, `delayed` if a delay has one of its own."""
+    return LEVEL / (sum(1 + noise.known for noise in estimate.likelihood.noises) + delayed)
+
+
+def _of_delay(delay: MissingDelay, level: float) -> LackOfFit:
+    found = delay.probability < level
+    size = to_text(delay.delay, "s", 2)
+    sentence = f"a delay of the meter of about {size}, which the study lacks, explains the curves better"
+    return LackOfFit(CURVES, delay.probability, None, "delay", found, sentence if found else "")
 
 
 def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
@@ -67,7 +92,8 @@ def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
     robust = np.sqrt(noise.density.weight(innovations))  # outliers count as they do in the fit
     suspects = _suspects(block, errors)
     changes = robust * noise.whiten(np.array(list(suspects.values())))
-    score, suspect = _score(robust * innovations, robust * noise.whiten(slopes), list(suspects), changes)
+    stated = np.vstack([slopes, estimate.shifts[:, block.rows]])  # what the study knows to be uncertain is no finding
+    score, suspect = _score(robust * innovations, robust * noise.whiten(stated), list(suspects), changes)
     size = _size(innovations, estimate.covariance.used[index]) if noise.known and block.shots is None else None
     sentence = ""
     if score < level:
@@ -95,7 +121,7 @@ def _score(innovations: Floats, tangents: Floats, names: Sequence[str], suspects
     ----------
     innovations : (n,)
     tangents : (d, n)
-        Whitened derivatives of the parameters.
+        Whitened derivatives of the parameters, and of what the study states as uncertain.
     names : sequence of str
     suspects : (k, n)
         Whitened derivatives of the meter's quantities.

@@ -136,6 +136,17 @@ class Likelihood:
         other.noises = tuple(noises)
         return other
 
+    def with_space(self, space: Space, residuals: Callable[[Floats], Floats]) -> Likelihood:
+        """A likelihood of the same blocks with other parameters; its noise is not known.
+
+        Parameters
+        ----------
+        space : Space
+        residuals : function of (m, d)
+            As that of the class.
+        """
+        return Likelihood(space, self.blocks, residuals, forward=self._forward)
+
     def estimated(
         self, errors: Floats, used: Sequence[float], off: Floats | None = None, *, correlated: bool = True
     ) -> Likelihood:

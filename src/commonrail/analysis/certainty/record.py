@@ -36,6 +36,7 @@ def certainty_record(found: Certainty) -> dict[str, Any]:
         ],
         "noise": _noise(estimate),
         "tests": [test._asdict() for test in found.tests],
+        "visible_delay": number(found.visible),
         "sensitivity": sensitivity_records(estimate),
         "profiles": [_profile(profile) for profile in found.profiles.values()],
     }

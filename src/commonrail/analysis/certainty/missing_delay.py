@@ -1,0 +1,217 @@
+"""Delay of the meter that a study lacks: likelihood-ratio test, and the smallest delay that it would find.
+
+The parameters imitate most of a delay, along a curved path: at the values that a fit without the delay ends at, what is
+left of it points nowhere in particular, and a test of derivatives there has little power. All parameters are therefore
+fitted anew with the delay free, and the noise is estimated from what that fit leaves: with the noise of the fit
+without it, an autoregression takes the delay for noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.ascent import Ascent, climb
+from commonrail.analysis.certainty.covariance import Covariance, covariance_of
+from commonrail.analysis.certainty.estimate import Estimate, pulls_of
+from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.analysis.certainty.steps import Walls
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space
+from commonrail.calibration.study import Study
+from commonrail.kinds import DataSet, Role, of_role
+from commonrail.observation.meter import Meter
+from commonrail.observation.quantities import is_of_meter, parts_of
+
+__all__ = ["POWER", "MissingDelay", "missing_delay", "visible_delay"]
+
+Floats = NDArray[np.float64]
+
+DELAY = "delay"
+UNNAMED = "unnamed"  # meter of a curve that has none
+LARGEST = 50e-6  # delay that is looked for, to both sides [s]
+BEGINS = np.array([-4e-6, -2e-6, 0.0, 2e-6, 4e-6])  # delays that the search begins at [s]
+HELD = 6  # steps with the delay held
+ROUNDS = 2  # of noise given residuals, with the delay free
+TOLERANCE = 0.05  # of an ascent; a test at 1 % asks for falls of 6.6 and more
+POWER = 0.9  # probability with which `visible_delay` is found
+PARTS = np.array([0.0, 0.2, 0.5, 1.0])  # of the linear move by a delay, at which the search for its imitation begins
+TRIALS, CLOSE = 4, 0.1  # of the search for the visible delay, and relative distance at which it ends
+FIRST = 1e-6  # delay tried first [s]
+
+
+class MissingDelay(NamedTuple):
+    """Test of a delay.
+
+    Attributes
+    ----------
+    delay : float
+        Most likely delay [s] beyond what the study has.
+    probability : float
+        Probability that noise alone gains as much by a delay.
+    point : (d,)
+        Parameters [SI] that belong to the delay.
+    simulated : int
+        Points simulated.
+    """
+
+    delay: float
+    probability: float
+    point: Floats
+    simulated: int
+
+
+def missing_delay(study: Study, estimate: Estimate, threads: int | None = None) -> MissingDelay | None:
+    """Likelihood-ratio test of a delay that all curves share, each behind the meter that it has.
+
+    Parameters
+    ----------
+    study : Study
+    estimate : Estimate
+        Of its parameters, without the delay.
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+
+    Returns
+    -------
+    MissingDelay or None
+        None where no data set is a course in time, or a delay is free or stated as uncertain.
+    """
+    wide = _with_delay(study, estimate.likelihood, threads)
+    if wide is None:
+        return None
+    start, column = np.append(estimate.unit, 0.5)[None], np.array([len(estimate.unit)])
+    noisy = wide.with_noises(estimate.likelihood.noises)
+    free = _freed(noisy, start)
+    simulated = noisy.simulated
+    for _ in range(ROUNDS):
+        known, slopes = _covariance(noisy, free)
+        noisy = wide.estimated(free.errors[0], known.used.tolist(), known.root.T @ slopes)
+        free = climb(noisy, free.unit, errors=free.errors, turns=10, tolerance=TOLERANCE)
+        simulated += noisy.simulated + len(start[0])
+    known, _ = _covariance(noisy, free)
+    before = noisy.simulated
+    held = climb(noisy, start, column, tolerance=TOLERANCE)
+    simulated += noisy.simulated - before
+    point = wide.space.from_unit(free.unit)[0]
+    fall = _cost(noisy, known, held) - _cost(noisy, known, free)
+    freedom = min(noise.freedom for block, noise in zip(noisy.blocks, noisy.noises, strict=True) if block.ordered)
+    return MissingDelay(float(point[-1]), _probability(fall, freedom), point[:-1], simulated)
+
+
+def visible_delay(study: Study, estimate: Estimate, level: float, threads: int | None = None) -> tuple[float, int]:
+    """Smallest delay [s] that the test finds with the probability `POWER`, and the points simulated; NaN for none.
+
+    The model's own curves at the estimate, with a delay, are the data; what a fit without the delay leaves of it in
+    units of the noise is the square of the distance that the test sees.
+
+    Parameters
+    ----------
+    study : Study
+    estimate : Estimate
+    level : float
+        Of the test.
+    threads : int, optional
+        As for `missing_delay`.
+    """
+    from scipy.special import ndtri
+
+    own = estimate.likelihood
+    wide = _with_delay(study, own, threads)
+    if wide is None:
+        return float("nan"), 0
+    wanted = float(ndtri(1.0 - 0.5 * level) + ndtri(POWER)) ** 2
+    walls, delay, simulated = Walls.of(own.space), FIRST, 0
+    for _ in range(TRIALS):
+        ends = wide.residuals(np.column_stack([np.tile(estimate.point, (2, 1)), [0.0, delay]]))
+        shift = ends[1] - ends[0]
+        moved = _with_data(own, -estimate.errors - shift)
+        along = -(estimate.moved(shift[None]) / own.scaled(estimate.unit))[0]  # linear; the path is curved
+        starts = walls.within(np.tile(estimate.unit, (len(PARTS), 1)), estimate.unit + PARTS[:, None] * along)
+        share = float(climb(moved, starts, tolerance=TOLERANCE).cost.min()) / wanted
+        simulated += moved.simulated + 2
+        if not share > 0.0:
+            return float("nan"), simulated
+        delay = min(delay / float(np.sqrt(share)), LARGEST)
+        if abs(np.sqrt(share) - 1.0) < CLOSE:
+            break
+    return delay, simulated
+
+
+def _with_delay(study: Study, own: Likelihood, threads: int | None) -> Likelihood | None:
+    """Likelihood with a delay of all curves as its last parameter, its noise not known; None if none is missing."""
+    known = {nuisance.key for nuisance in own.nuisances}
+    known |= {parts_of(name)[1] for name in own.names if is_of_meter(name)}
+    if DELAY in known or not any(block.ordered for block in own.blocks):
+        return None
+    fitted = [_behind_a_meter(data) for data in of_role(study.data, Role.FIT)]
+    meters = {data.meter.name: data.meter for data in fitted if data.meter is not None and DELAY in data.seen}
+    present = np.array([meter.values.get(DELAY, 0.0) for meter in meters.values()])
+    delays = [_delay(meter.parameter(DELAY), at) for meter, at in zip(meters.values(), present, strict=True)]
+    all_free = Likelihood.of(replace(study, data=tuple(fitted), space=_wider(own.space, delays)), threads)
+
+    def residuals(points: Floats) -> Floats:
+        return all_free.residuals(np.column_stack([points[:, :-1], points[:, -1:] + present]))
+
+    return all_free.with_space(_wider(own.space, [_delay(DELAY, 0.0)]), residuals)
+
+
+def _behind_a_meter(data: DataSet) -> DataSet:
+    """A data set without uncertain quantities; a curve without a meter has a neutral one."""
+    plain = data.with_noise(replace(data.noise, uncertain={}))
+    return plain if data.bounds is None or data.meter is not None else plain.with_meter(Meter(UNNAMED))
+
+
+def _delay(name: str, present: float) -> Parameter:
+    return Parameter(name, present, present - LARGEST, present + LARGEST, "s", mark="E", source="test for lack of fit")
+
+
+def _wider(space: Space, more: list[Parameter]) -> Space:
+    """A space with more parameters, which no constraint names."""
+    rows = space.rows
+    if len(rows):
+        rows = replace(rows, matrix=np.column_stack([rows.matrix, np.zeros((len(rows), len(more)))]))
+    return Space((*space.parameters, *more), rows if len(rows) else (), space.products)
+
+
+def _with_data(own: Likelihood, shift: Floats) -> Likelihood:
+    """The likelihood, with its noise, of data that make the residuals larger by a shift (n,)."""
+    moved = own.with_space(own.space, lambda points: own.residuals(points) + shift)
+    return moved.with_noises(own.noises)
+
+
+def _freed(noisy: Likelihood, start: Floats) -> Ascent:
+    """Best of several ascents with the delay free, each after a short one with the delay held at a value of its own.
+
+    Parameters and delay form several maxima, a few microseconds apart.
+    """
+    starts = np.repeat(start, len(BEGINS), axis=0)
+    starts[:, -1] += BEGINS / (2.0 * LARGEST)
+    column = np.full(len(BEGINS), start.shape[1] - 1)
+    held = climb(noisy, starts, column, turns=HELD, tolerance=TOLERANCE)
+    sound = np.isfinite(held.cost)
+    ends = climb(noisy, held.unit[sound], errors=held.errors[sound], tolerance=TOLERANCE)
+    best = int(np.argmin(ends.cost))
+    return Ascent(*(part[best : best + 1] for part in ends))
+
+
+def _covariance(own: Likelihood, at: Ascent) -> tuple[Covariance, Floats]:
+    slopes = own.jacobian(at.unit, central=False, base=at.errors)[0]
+    nothing = np.zeros((0, own.size))
+    return covariance_of(own, slopes, at.errors[0], nothing, pulls_of(own, at.unit[0])), slopes
+
+
+def _cost(own: Likelihood, known: Covariance, at: Ascent) -> float:
+    """−2 ln L with each block's cost scaled as its law asks."""
+    costs = own.block_costs(own.whiten(at.errors[0]))
+    return float(known.ratios @ costs + own.priors.costs(own.space.from_unit(at.unit))[0])
+
+
+def _probability(fall: float, freedom: float) -> float:
+    """Probability of a fall of the cost as large as this without a delay: F with one degree of freedom."""
+    from scipy.special import stdtr
+
+    return float(2.0 * stdtr(min(freedom, 1e9), -np.sqrt(max(fall, 0.0))))
