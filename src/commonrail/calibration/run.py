@@ -10,12 +10,14 @@ import numpy as np
 
 from commonrail.arguments import flag, function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
+from commonrail.calibration.live_progress import live_progress
 from commonrail.calibration.optimisers import Best, Counts
 from commonrail.calibration.optimisers.verdict import Verdict
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
 from commonrail.calibration.search import Listeners, Progress, Search, objective_of
 from commonrail.calibration.study import Study
 from commonrail.choices import Body
+from commonrail.display.shown import Shown
 from commonrail.engine.status import Status
 from commonrail.errors import SimulationError, StudyError
 from commonrail.injector.definition import Injector, Source
@@ -32,8 +34,8 @@ __all__ = ["Calibration", "Progress", "calibrate", "check_study", "score_all", "
 Scores = tuple[Score, ...]
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, repr=False)
+class Calibration(Shown):
     """Result of a study.
 
     Attributes
@@ -116,7 +118,7 @@ def calibrate(
     threads : int, optional
         All usable processors by default; the result does not depend on it.
     progress : function of Progress, optional
-        Called after every generation.
+        Called after every generation; by default a bar within a notebook, and nothing elsewhere.
     workers : Workers, optional
         Processes or a cluster that simulate the populations in place of threads; the result is the same.
     recorder : Recorder, optional
@@ -141,7 +143,7 @@ def calibrate(
     """
     instance(study, Study, "study")
     threads = thread_count(threads)
-    function(progress, "progress")
+    progress = function(progress, "progress") or live_progress()
     function(warn, "warn")
     strict = flag(strict, "strict")
     if workers is not None:
