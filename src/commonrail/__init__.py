@@ -6,6 +6,7 @@ nothing.
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from commonrail.calibration.parameter import Parameter, percent_bounds
     from commonrail.calibration.plausibility.finding import Finding
     from commonrail.calibration.prior import Prior
+    from commonrail.calibration.quick_study import study
     from commonrail.calibration.result import validate
     from commonrail.calibration.run import Calibration, Progress, calibrate, check_study
     from commonrail.calibration.sampling import sample_feasible
@@ -89,6 +91,11 @@ if TYPE_CHECKING:
     from commonrail.kinds.features.reading import FeatureTarget
     from commonrail.kinds.maps.sister import Sister
     from commonrail.kinds.noise import Noise
+    from commonrail.maps.axes import MapAxes
+    from commonrail.maps.calls import map, sweep
+    from commonrail.maps.choices import Beyond, CellState, Several
+    from commonrail.maps.quantity_map import InjectionMap
+    from commonrail.maps.sweep import Sweep
     from commonrail.observation.low_pass import LowPass
     from commonrail.observation.meter import Meter
     from commonrail.observation.metered import Metered, metered
@@ -138,6 +145,7 @@ _HOMES = {
     "calibration.parameter": "Parameter percent_bounds",
     "calibration.plausibility.finding": "Finding",
     "calibration.prior": "Prior",
+    "calibration.quick_study": "study",
     "calibration.result": "validate",
     "calibration.run": "Calibration Progress calibrate check_study",
     "calibration.sampling": "sample_feasible",
@@ -167,6 +175,11 @@ _HOMES = {
     "kinds.features.reading": "FeatureTarget",
     "kinds.maps.sister": "Sister",
     "kinds.noise": "Noise",
+    "maps.axes": "MapAxes",
+    "maps.calls": "map sweep",
+    "maps.choices": "Beyond CellState Several",
+    "maps.quantity_map": "InjectionMap",
+    "maps.sweep": "Sweep",
     "observation.low_pass": "LowPass",
     "observation.meter": "Meter",
     "observation.metered": "Metered metered",
@@ -189,9 +202,11 @@ __all__ = [
     "Adapted",
     "Batch",
     "Bench",
+    "Beyond",
     "Body",
     "Calibration",
     "Candidate",
+    "CellState",
     "Certainty",
     "CommonrailError",
     "Comparison",
@@ -215,6 +230,7 @@ __all__ = [
     "Generation",
     "InitialSampling",
     "Injection",
+    "InjectionMap",
     "Injector",
     "InjectorType",
     "InputError",
@@ -223,6 +239,7 @@ __all__ = [
     "Likelihood",
     "LinearModel",
     "LowPass",
+    "MapAxes",
     "Meter",
     "Metered",
     "Method",
@@ -248,6 +265,7 @@ __all__ = [
     "Sensitivity",
     "SensitivitySettings",
     "ShotStatistic",
+    "Several",
     "SimulationError",
     "Sister",
     "Solution",
@@ -258,6 +276,7 @@ __all__ = [
     "Stepper",
     "Study",
     "StudyError",
+    "Sweep",
     "TolerancePoint",
     "ToleranceResult",
     "Tolerances",
@@ -295,6 +314,7 @@ __all__ = [
     "load_tolerances",
     "load_truth",
     "load_type",
+    "map",
     "metered",
     "next_measurements",
     "parameter_quantities",
@@ -312,6 +332,8 @@ __all__ = [
     "simulate_batch",
     "simulation_figure",
     "steps",
+    "study",
+    "sweep",
     "tolerance",
     "type_from_fleet",
     "type_from_runs",
@@ -331,10 +353,18 @@ def __getattr__(name: str) -> Any:
         value: Any = version("commonrail")
     elif name in _MODULES:
         value = getattr(import_module(_MODULES[name]), name)
+        _prepare_notebooks()
     else:
         raise AttributeError(f"module 'commonrail' has no attribute {name!r}")
     globals()[name] = value
     return value
+
+
+def _prepare_notebooks() -> None:
+    """Give results of the physics rooms their tables and figures, and say in a notebook when a kernel is compiled."""
+    import_module("commonrail.display.shown").lend()
+    if "ipykernel" in sys.modules:
+        import_module("commonrail.display.live").watch()
 
 
 def __dir__() -> list[str]:

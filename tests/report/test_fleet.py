@@ -156,3 +156,21 @@ def test_the_last_run_is_told(record: dict[str, Any]) -> None:
 def test_a_page_that_cannot_be_written(record: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"report\.html cannot be written"):
         write_fleet_report(tmp_path / "nowhere", record, COMMAND)
+
+
+def test_classes_correlations_outliers_and_each_injector_are_on_the_page(record: dict[str, Any]) -> None:
+    names = [p["name"] for p in record["parameters"]]
+    plain = fleet_html(record, COMMAND)
+    assert "One injector" not in plain
+    record["population"] = {
+        "histograms": {name: {"edges": [0.0, 0.5, 1.0], "counts": [1, 2]} for name in names},
+        "correlations": [[1.0, -0.42, None], [-0.42, 1.0, 0.5], [None, 0.5, 1.0]],
+        "outliers": [{"injector": "<W>", "name": names[0], "value": 9.0, "median": 3.0, "deviations": -4.2}],
+        "each": [{"injector": "</script><b>", "J": [90.0, 8.0], "values": [51.0, 52.0]}],
+        "more": 7,
+    }
+    page = fleet_html(record, COMMAND)
+    for words in ("Classes of the parameters", "−0.42", "Outliers", "−4.2", "One injector", "7 more injectors"):
+        assert words in page
+    assert "</script><b>" not in page  # JSON within a script is escaped
+    assert page.count('<figure class="small"') == 2

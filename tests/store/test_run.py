@@ -284,7 +284,7 @@ def test_a_search_in_which_all_fail_says_why_and_stays(tmp_path: Path, study_fil
 
 def test_files_from_elsewhere_come_along(tmp_path: Path, whole: Whole) -> None:
     study = write_small(tmp_path / "a" / "small")
-    data, injector = tmp_path / "data.csv", tmp_path / "a" / "injectors" / "mine.toml"
+    data, injector = tmp_path / "evi.csv", tmp_path / "a" / "injectors" / "mine.toml"
     injector.parent.mkdir()
     (study.parent / "data" / "evi.csv").rename(data)
     (study.parent / "injector.toml").rename(injector)

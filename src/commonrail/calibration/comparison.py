@@ -11,6 +11,7 @@ from typing import NamedTuple
 from commonrail.arguments import instance, instances, mapping, thread_count
 from commonrail.calibration.study import Study
 from commonrail.choices import Drive
+from commonrail.display.shown import Shown
 from commonrail.engine.status import Status
 from commonrail.errors import CommonrailError, ConfigurationError
 from commonrail.injector.definition import Injector
@@ -41,8 +42,8 @@ class Failure(NamedTuple):
     sentence: str
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown):
     """Several injectors on several data sets.
 
     Attributes

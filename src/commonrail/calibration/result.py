@@ -49,7 +49,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         "note": study.note,
         **({"author": study.author} if study.author else {}),
         **({"logo": study.logo} if study.logo else {}),
-        **({"files": _files(study)} if study.files else {}),
+        **({"files": files} if (files := _files(study)) else {}),
         "synthetic": study.synthetic,
         "seed": study.seed,
         "time_step": study.time_step,
@@ -94,8 +94,9 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
 
 
 def _files(study: Study) -> list[dict[str, str]]:
-    """Name and SHA-256 of each file that the study names; not the study's own, which changes with its length."""
-    return [{"name": path.name, "sha256": digest} for path, digest in list(study.files.items())[1:]]
+    """Name and SHA-256 of each data file of the study; TOML files change where a run folder moves them."""
+    data = sorted((path.name, digest) for path, digest in study.files.items() if path.suffix not in (".toml", ""))
+    return [{"name": name, "sha256": digest} for name, digest in data]
 
 
 def warning_records(warnings: Iterable[Finding]) -> list[dict[str, str]]:

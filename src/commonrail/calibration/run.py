@@ -10,6 +10,7 @@ import numpy as np
 
 from commonrail.arguments import flag, function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
+from commonrail.calibration.live_progress import live_progress
 from commonrail.calibration.members import injector_of, mean_scores
 from commonrail.calibration.optimisers import Best, Counts
 from commonrail.calibration.optimisers.verdict import Verdict
@@ -17,6 +18,7 @@ from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_sett
 from commonrail.calibration.scoring import Scores, score_all, scores_of
 from commonrail.calibration.search import Listeners, Progress, Search, objective_of
 from commonrail.calibration.study import Study
+from commonrail.display.shown import Shown
 from commonrail.engine.status import Status
 from commonrail.errors import SimulationError, StudyError
 from commonrail.injector.definition import Injector, Source
@@ -30,8 +32,8 @@ from commonrail.workers.workers import Workers
 __all__ = ["Calibration", "Progress", "calibrate", "check_study", "score_all", "scores_of"]
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, repr=False)
+class Calibration(Shown):
     """Result of a study.
 
     Attributes
@@ -118,7 +120,7 @@ def calibrate(
     threads : int, optional
         All usable processors by default; the result does not depend on it.
     progress : function of Progress, optional
-        Called after every generation.
+        Called after every generation; by default a bar within a notebook, and nothing elsewhere.
     workers : Workers, optional
         Processes or a cluster that simulate the populations in place of threads; the result is the same.
     recorder : Recorder, optional
@@ -143,7 +145,7 @@ def calibrate(
     """
     instance(study, Study, "study")
     threads = thread_count(threads)
-    function(progress, "progress")
+    progress = function(progress, "progress") or live_progress()
     function(warn, "warn")
     strict = flag(strict, "strict")
     if workers is not None:

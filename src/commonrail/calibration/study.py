@@ -14,6 +14,7 @@ from commonrail.calibration.optimisers import EvolutionSettings, Settings
 from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.space import Space
 from commonrail.choices import Precision
+from commonrail.display.shown import Shown
 from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.injector.definition import Injector
@@ -62,8 +63,8 @@ class Method:
         )
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, repr=False)
+class Study(Shown):
     """A calibration, ready to run.
 
     Attributes

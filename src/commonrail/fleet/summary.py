@@ -13,6 +13,7 @@ from commonrail.compile_target import describe, package_versions
 from commonrail.files.meter_models import free_names
 from commonrail.fleet.fleet_file import Fleet
 from commonrail.fleet.journal import FAILED, FINISHED, Entry
+from commonrail.fleet.population import population_record
 from commonrail.observation.quantities import known_quantity
 
 __all__ = ["SCHEMA", "WORST", "fleet_record", "units_of"]
@@ -68,6 +69,7 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
         "curve": {key: _sorted([e.record["J"][key] for e in finished]) for key in ("start", "best")},
         "data": _data(fleet, finished),
         "parameters": [_parameter(name, unit, finished) for name, unit in units_of(fleet).items()] if finished else [],
+        **({"population": population_record(finished, list(units_of(fleet)))} if finished else {}),
         "estimator": ESTIMATOR,
         "worst": [_worst(entry) for entry in _by_cost(finished)[:WORST]],
         "warnings": _warnings(finished),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import instance
+from commonrail.display.shown import Shown
 from commonrail.injector.definition import Injector
 from commonrail.maps.axes import MapAxes
 from commonrail.maps.choices import CellState
@@ -24,8 +25,8 @@ Bools = NDArray[np.bool_]
 BALLISTIC = 0.98  # share of the largest lift at a rail pressure below which a needle turns round before its end
 
 
-@dataclass(frozen=True)
-class InjectionMap:
+@dataclass(frozen=True, repr=False)
+class InjectionMap(Shown):
     """Simulated map of an injector.
 
     Attributes

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.display.shown import Shown
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
@@ -95,8 +96,8 @@ class Base(NamedTuple):
         return OperatingPoint(pressures[0], tuple(pulses), *pressures[1:], horizon=end + AFTER)
 
 
-@dataclass(frozen=True)
-class Sweep:
+@dataclass(frozen=True, repr=False)
+class Sweep(Shown):
     """Result of a sweep; arrays have an axis for each variable.
 
     Attributes

@@ -7,12 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from commonrail.display.chart import Boxes, Figure, Panel, Series
+from commonrail.display.heat_map import HeatMap
 from commonrail.display.table import Column, Table, tabulated
 from commonrail.display.text import duration, fixed, listed, number, percent, quantity, significant
 from commonrail.files.atomic import write_text
 from commonrail.kinds.records import Record
-from commonrail.report.draw import drawings
+from commonrail.report.draw import drawings, small_html
+from commonrail.report.draw_map import heat_map_html
 from commonrail.report.html import render
+from commonrail.report.population import correlation_map, each_injector, histograms, outlier_table
 
 __all__ = [
     "fleet_figures",
@@ -66,6 +69,11 @@ def fleet_html(record: Record, command: str) -> str:
         warnings=fleet_warnings(record),
         tables=fleet_tables(record),
         figures=drawings(fleet_figures(record), 380),
+        heat=_correlations(record),
+        classes=[
+            (figure, small_html(figure, f"class-{i}")) for i, figure in enumerate(histograms(record, _names(record)))
+        ],
+        each=each_injector(record),
         commands=[("Go on with this fleet, or write its results again", command)],
         facts=_facts(record),
     )
@@ -106,7 +114,17 @@ def _injectors(count: int) -> str:
 def fleet_tables(record: Record) -> list[Table]:
     """Fit of the data sets, parameters, what the data pin down, worst injectors and failures."""
     tables = [_data_table(record), _parameter_table(record), _verdict_table(record), _worst_table(record)]
-    return [table for table in (*tables, _failure_table(record)) if table.rows]
+    return [table for table in (*tables, outlier_table(record), _failure_table(record)) if table.rows]
+
+
+def _names(record: Record) -> dict[str, str]:
+    names = [p["name"] for p in record["parameters"]]
+    return dict(zip(names, short_names(names), strict=True))
+
+
+def _correlations(record: Record) -> tuple[HeatMap, str] | None:
+    heat = correlation_map(record, _names(record))
+    return None if heat is None else (heat, heat_map_html(heat, "correlations"))
 
 
 def _data_table(record: Record) -> Table:

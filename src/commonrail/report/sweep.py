@@ -18,7 +18,7 @@ from commonrail.report.draw import drawings
 from commonrail.report.html import render
 from commonrail.units import convert
 
-__all__ = ["compensation_html", "compensation_table", "fusion_table", "sweep_html", "sweep_lines"]
+__all__ = ["compensation_html", "compensation_table", "fusion_table", "sweep_figures", "sweep_html", "sweep_lines"]
 
 Floats = NDArray[np.float64]
 
@@ -37,11 +37,15 @@ def sweep_html(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> str:
     fusion : sequence of (float, float)
         Rail pressures [Pa] and the dwells below which two injections fuse [s].
     """
-    figures = list(_figures(found, found.volume, "Injected quantity"))
-    if found.two:
-        figures = [*_figures(found, found.second, "Quantity of the second injection"), *figures]
+    figures = sweep_figures(found)
     tables = [fusion_table(fusion)] if fusion else []
     return _page(f"Sweep: {found.injector.name}", found.injector.synthetic, sweep_lines(found), figures, tables)
+
+
+def sweep_figures(found: Sweep) -> list[Figure]:
+    """Quantities over the first variable; of two injections the second one first."""
+    figures = list(_figures(found, found.volume, "Injected quantity"))
+    return [*_figures(found, found.second, "Quantity of the second injection"), *figures] if found.two else figures
 
 
 def _page(title: str, synthetic: str, lines: list[str], figures: list[Figure], tables: list[Table]) -> str:

@@ -13,6 +13,7 @@ from commonrail.analysis.sensitivity.models import Output
 from commonrail.analysis.sensitivity.settings import SensitivitySettings
 from commonrail.calibration.parameter import Parameter
 from commonrail.compile_target import describe, package_versions
+from commonrail.display.shown import Shown
 
 __all__ = ["SCHEMA", "Failed", "OutputSensitivity", "Sensitivity", "Tornado"]
 
@@ -68,8 +69,8 @@ class OutputSensitivity(NamedTuple):
         return None if self.effects is None else self.effects.magnitude
 
 
-@dataclass(frozen=True)
-class Sensitivity:
+@dataclass(frozen=True, repr=False)
+class Sensitivity(Shown):
     """Result of a sensitivity study.
 
     Attributes

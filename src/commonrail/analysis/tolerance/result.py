@@ -12,6 +12,7 @@ from commonrail.analysis.tolerance.spread import Spread
 from commonrail.analysis.tolerance.tolerances import Tolerances
 from commonrail.analysis.tolerance.trim import Trimmed
 from commonrail.compile_target import describe, package_versions
+from commonrail.display.shown import Shown
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.injector.definition import parameter_quantities
 
@@ -30,8 +31,8 @@ class PointResult(NamedTuple):
     shares: Shares | None
 
 
-@dataclass(frozen=True)
-class ToleranceResult:
+@dataclass(frozen=True, repr=False)
+class ToleranceResult(Shown):
     """Result of a tolerance study.
 
     Attributes

@@ -1,0 +1,106 @@
+"""Calibrated injectors of a fleet beside one another: classes, correlations, outliers, and each one's values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.fleet.journal import Entry
+
+__all__ = ["population_record"]
+
+Floats = NDArray[np.float64]
+
+BINS = 20  # classes of a histogram
+FAR = 3.5  # robust standard deviations from the median beyond which a value is an outlier
+MOST_OUTLIERS = 200
+MOST_NUMBERS = 60_000  # values of single injectors that the page holds
+FEWEST = 4  # injectors from which a correlation or an outlier is told
+_TO_SIGMA = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
+
+
+def population_record(finished: Sequence[Entry], names: Sequence[str]) -> dict[str, Any]:
+    """Histograms, correlations, outliers and values of the injectors that are calibrated.
+
+    Parameters
+    ----------
+    finished : sequence of Entry
+    names : sequence of str
+        Free parameters.
+
+    Returns
+    -------
+    dict
+        "histograms" by name, of the places between the bounds: "edges" and "counts"; "correlations", Pearson's, of the
+        parameters and J, None where something does not vary; "outliers", the farthest first; "each", injectors with
+        their J and values, and whether there are "more".
+    """
+    values = np.array([[e.record["parameters"][name]["best"] for name in names] for e in finished], float)
+    places = np.array([[e.record["parameters"][name]["position"] for name in names] for e in finished], float)
+    costs = np.array([e.record["J"]["best"] for e in finished], float)
+    shape = len(finished), len(names)
+    values, places = values.reshape(shape), places.reshape(shape)
+    return {
+        "histograms": {name: _histogram(places[:, i]) for i, name in enumerate(names)},
+        "correlations": _correlations(np.column_stack([places, costs])),
+        "outliers": _outliers(finished, ["J", *names], np.column_stack([costs, values])),
+        **_each(finished, values, costs),
+    }
+
+
+def _histogram(places: Floats) -> Mapping[str, Any]:
+    counts, edges = np.histogram(np.clip(places, 0.0, 1.0), BINS, (0.0, 1.0))
+    return {"edges": edges.tolist(), "counts": counts.tolist()}
+
+
+def _correlations(columns: Floats) -> list[list[float | None]]:
+    """Matrix (d, d) of the columns of (n, d)."""
+    if len(columns) < FEWEST:
+        return []
+    apart = columns - columns.mean(axis=0)
+    sizes = np.sqrt((apart**2).sum(axis=0))
+    varies = sizes > 1e-9 * np.maximum(np.abs(columns).max(axis=0), 1e-300) * np.sqrt(len(columns))
+    matrix = np.full((columns.shape[1],) * 2, np.nan)
+    unit = apart[:, varies] / sizes[varies]
+    matrix[np.ix_(varies, varies)] = np.clip(unit.T @ unit, -1.0, 1.0)
+    return [[None if np.isnan(v) else round(float(v), 4) for v in row] for row in matrix]
+
+
+def _outliers(finished: Sequence[Entry], names: Sequence[str], columns: Floats) -> list[dict[str, Any]]:
+    """Values far from the median of the fleet, by the median absolute deviation."""
+    if len(finished) < FEWEST:
+        return []
+    median = np.median(columns, axis=0)
+    scatter = _TO_SIGMA * np.median(np.abs(columns - median), axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = np.where(scatter > 0.0, (columns - median) / scatter, 0.0)
+    rows, found = np.nonzero(np.abs(far) > FAR)
+    order = np.argsort(-np.abs(far[rows, found]), kind="stable")[:MOST_OUTLIERS]
+    return [
+        {
+            "injector": finished[i].name,
+            "name": names[j],
+            "value": float(columns[i, j]),
+            "median": float(median[j]),
+            "deviations": round(float(far[i, j]), 2),
+        }
+        for i, j in zip(rows[order].tolist(), found[order].tolist(), strict=True)
+    ]
+
+
+def _each(finished: Sequence[Entry], values: Floats, costs: Floats) -> dict[str, Any]:
+    """Values of single injectors; of many the worst."""
+    most = max(MOST_NUMBERS // max(values.shape[1] + 2, 1), 1)
+    shown = np.sort(np.argsort(-costs, kind="stable")[:most])
+    each = [
+        {
+            "injector": finished[i].name,
+            "J": [finished[i].record["J"]["start"], float(costs[i])],
+            "values": [float(f"{v:.5g}") for v in values[i].tolist()],
+        }
+        for i in shown.tolist()
+    ]
+    return {"each": each, "more": len(finished) - len(each)}
