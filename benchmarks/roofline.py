@@ -210,7 +210,7 @@ def measure(precision: Precision) -> dict[str, Any]:
     seconds = _best(lambda: lanes.run(job, variant, precision=precision), 30)
     hertz = clock()
     with compiler_choices():  # the machine code is made once more
-        kernel: Any = lanes.compiled(variant, precision)
+        kernel: Any = lanes.compiled(variant, precision, False)
         block = step_block(next(iter(kernel.compiled.inspect_asm().values())))
     times = Times(seconds, measured_bound(block), hertz)
     return {

@@ -161,31 +161,6 @@ def widest_vectors(typing: Any) -> Any:
     return types.none(), generate
 
 
-def row_copier(lanes: int) -> Callable[..., None]:
-    """Function (target, to, source, first) that copies `lanes` numbers as one vector.
-
-    A vector that is loaded from where its numbers were stored one by one waits until they have left the processor.
-    """
-
-    @intrinsic
-    def copy(typing: Any, target: Any, to: Any, source: Any, first: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            number = context.get_value_type(target.dtype)
-            vector, size = llvm_ir.VectorType(number, lanes), context.get_abi_sizeof(number)
-
-            def place(kind: Any, array: Any, index: Any) -> Any:
-                data = context.make_array(kind)(context, builder, array).data
-                return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
-
-            row = builder.load(place(source, arguments[2], arguments[3]), align=size)
-            builder.store(row, place(target, arguments[0], arguments[1]), align=size)
-            return context.get_dummy_value()
-
-        return types.none(target, types.intp, source, types.intp), generate
-
-    return copy  # type: ignore[no-any-return]
-
-
 def kernel(
     loop: Callable[..., Any],
     name: str,

@@ -6,24 +6,53 @@ import numpy as np
 import pytest
 
 from commonrail.engine import plan, population
+from commonrail.engine.courses import LOOK_AFTER
+from commonrail.engine.job import Courses
+from commonrail.engine.lanes import tabled
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector, parameter_paths
 
 
-def test_blocks_hold_every_candidate_at_every_point() -> None:
-    blocks = plan.blocks(11, 3, 8)
-    assert blocks.shape == (6, 1 + 8)
-    for point in range(3):
-        here = blocks[blocks[:, 0] == point, 1:].ravel()
-        assert here.tolist() == [*range(11), *[10] * 5]
+def of(*points: OperatingPoint, injector: Injector) -> Courses:
+    return plan.prepare(injector, points, 1e-6).courses
 
 
-def test_figures_come_back_in_the_candidates_order() -> None:
-    blocks = plan.blocks(11, 3, 8)
-    figures = 100.0 * blocks[:, :1] + blocks[:, 1:]
-    expected = np.arange(11)[:, None] + 100.0 * np.arange(3)
-    assert np.array_equal(plan.by_candidate(figures, 11, 3), expected)
+def long(rail: float, horizon: float, start: float = 0.0) -> OperatingPoint:
+    return OperatingPoint(rail, ((start, 20e-6),), horizon=horizon, start=start)
+
+
+def test_lanes_hold_every_candidate_at_every_point(regulated: Injector) -> None:
+    courses = of(long(100e6, 40e-6), long(80e6, 90e-6), long(90e6, 60e-6), injector=regulated)
+    points, candidates = plan.fill_lanes(courses, 11, 8)
+    assert points.shape == candidates.shape == (5, 8)  # 33 of 40
+    filled = list(zip(points.ravel().tolist(), candidates.ravel().tolist(), strict=True))
+    assert set(filled) == {(p, c) for p in range(3) for c in range(11)}
+    assert filled[33:] == [filled[32]] * 7  # the last one fills its block
+    ends = courses.steps[points].ravel()
+    assert np.all(np.diff(ends) <= 0)  # long ones first
+
+
+def test_points_that_are_to_stay_apart_share_no_block(regulated: Injector) -> None:
+    courses = of(long(100e6, 40e-6), long(80e6, 90e-6), injector=regulated)
+    points, candidates = plan.fill_lanes(courses, 11, 8, apart=True)
+    assert points.tolist() == [[1] * 8, [1] * 8, [0] * 8, [0] * 8]
+    assert candidates.reshape(2, 16).tolist() == [[*range(11), *[10] * 5]] * 2
+
+
+def test_points_with_times_of_their_own_share_no_block(regulated: Injector) -> None:
+    points = [long(100e6, 40e-6, start) for start in (0.0, 0.0, -1e-6, 0.0, -1e-6)]
+    courses = of(*points, injector=regulated)
+    blocks, _ = plan.fill_lanes(courses, 2, 8)
+    assert len(courses.times) == 2
+    assert [set(courses.clock[row].tolist()) for row in blocks] == [{0}, {1}]
+
+
+def test_figures_come_back_in_the_order_of_candidates_and_points(regulated: Injector) -> None:
+    prepared = plan.prepare(regulated, [long(100e6, 40e-6), long(80e6, 90e-6), long(90e6, 60e-6)], 1e-6)
+    job = plan.make_job(prepared, np.repeat(prepared.row[None], 11, axis=0), True)
+    figures = 100.0 * job.points + job.candidates
+    assert np.array_equal(tabled(figures, job), np.arange(11)[:, None] + 100.0 * np.arange(3))
 
 
 def test_candidates_differ_in_the_named_columns_only(regulated: Injector) -> None:
@@ -49,7 +78,40 @@ def test_inputs_are_means_over_a_step_and_clocks(regulated: Injector) -> None:
     assert inputs[11, 4:] == pytest.approx([5e-6, 2e-6], abs=1e-12)
     # rail: the mean of the trace before the first energising, from 100 to 102 MPa
     assert courses.settings == pytest.approx(np.array([[101e6, 5e6, 0.5e6]]), rel=1e-12)
-    assert courses.quiet[0] == round((12e-6 + 4e-6 + plan.LOOK_AFTER) / 1e-6)
+    assert courses.quiet[0] == round((12e-6 + 4e-6 + LOOK_AFTER) / 1e-6)
+
+
+def naive_clocks(point: OperatingPoint, begin: float, dt: float) -> tuple[float, float]:
+    """Clocks of a step, one energising after the other."""
+    begun = [p for p in point.pulses if p.start < begin + dt * (1.0 - 1e-9)] or list(point.pulses[:1])
+    if not begun:
+        return -1.0, -1.0
+    before = sum(
+        max(min(p.start + p.duration, begin + dt) - max(p.start, begin), 0.0) for p in point.pulses[: len(begun) - 1]
+    )
+    last = begun[-1]
+    return begin - last.start + before, begin - (last.start + last.duration)
+
+
+PULSES = {
+    "none": (),
+    "of no length": ((3e-6, 0.0),),
+    "late": ((5.3e-6, 4.2e-6),),
+    "two in one step": ((2.1e-6, 0.3e-6), (2.6e-6, 0.2e-6), (9.4e-6, 3e-6)),
+    "end and begin in one step": ((1e-6, 4.4e-6), (5.7e-6, 2e-6), (7.8e-6, 3e-6)),
+    "without a pause": ((0.0, 4e-6), (4e-6, 4e-6), (8e-6, 2.5e-6)),
+    "behind the horizon": ((1e-6, 2e-6), (30e-6, 5e-6)),
+}
+
+
+@pytest.mark.parametrize("start", [0.0, -1.7e-6])
+def test_clocks_are_those_of_the_energising_that_has_begun_last(regulated: Injector, start: float) -> None:
+    points = [OperatingPoint(100e6, pulses, start=start, horizon=15e-6) for pulses in PULSES.values()]
+    inputs = plan.prepare(regulated, points, 1e-6).courses.inputs
+    times = start + 1e-6 * np.arange(15)
+    for name, point, found in zip(PULSES, points, inputs, strict=True):
+        expected = [naive_clocks(point, begin, 1e-6) for begin in times.tolist()]
+        assert np.array_equal(found[:, 4:], expected), name
 
 
 def test_the_ring_holds_the_longest_delay(regulated: Injector) -> None:

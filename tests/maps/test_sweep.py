@@ -11,7 +11,7 @@ from commonrail.maps.axes import MapAxes
 from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import compensation, fusion_dwell
 from commonrail.maps.response import Conditions
-from commonrail.maps.sweep import Base, Variable, fused_of, sweep, unit_of
+from commonrail.maps.sweep import Base, Variable, _first_alone, fused_of, sweep, unit_of
 from commonrail.maps.table import compensation_tables
 
 INJECTOR = cr.load_injector("virtual-lino-2016")
@@ -57,6 +57,20 @@ def test_energisings_without_a_pause_are_fused_and_have_no_second_quantity() -> 
     assert np.isnan(found.second[0])
     both = cr.simulate(INJECTOR, cr.OperatingPoint(160e6, [(0.0, 300e-6), (300e-6, 400e-6)]))
     assert found.volume[0] == pytest.approx(both.injected_volume, rel=1e-6)
+
+
+def test_each_distinct_first_injection_is_simulated_once() -> None:
+    given = [
+        {"rail_pressure": p, "dwell": d, "energising_time": t}
+        for p in (80e6, 100e6)
+        for d in (1e-3, 2e-3)
+        for t in (3e-4, 4e-4)
+    ]
+    distinct, which = _first_alone(TWO, given)
+    assert [point.rail_pressure for point in distinct] == [80e6, 100e6]
+    assert which.tolist() == [0] * 4 + [1] * 4
+    for place, changed in zip(which.tolist(), given, strict=True):
+        assert distinct[place] == TWO.point(changed, alone=True)
 
 
 def batch(first_closing: float, closing: float) -> Batch:

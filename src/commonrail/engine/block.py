@@ -8,10 +8,10 @@ which precision, is a choice of the machine: see `Vector`.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.compile import (
     CACHE_LINE,
@@ -20,114 +20,85 @@ from commonrail.compile import (
     KEEP_NONE,
     exchange_rounding,
     physics,
-    row_copier,
     widest_vectors,
 )
+from commonrail.engine.feed import (
+    ClockedMemory,
+    Inlets,
+    Memory,
+    arrived,
+    copy_number,
+    fill_rings,
+    make_clocks,
+    make_ferry,
+)
+from commonrail.engine.job import Vector
 from commonrail.engine.notes import (
     FIGURE,
     Rest,
     Sample,
     crossed,
     look,
+    next_over,
     note_crossing,
     record,
-    report_rest,
+    report_over,
     sample,
     set_densities,
+    set_ends,
 )
+from commonrail.engine.registers import clock_reader, row_copier, row_gatherer
 from commonrail.engine.rows import at, make_rows
 from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.injector.layout import layout_of
 from commonrail.injector.model import Inputs, Setting, Waves
 from commonrail.injector.variants import Variant, wiring
 
-Floats = NDArray[np.float64]
+__all__ = [
+    "FUEL",
+    "INPUTS",
+    "Law",
+    "Machine",
+    "Memory",
+    "any_vectors",
+    "copy_number",
+    "make_advance",
+    "make_begin",
+    "make_ferry",
+    "make_loop",
+    "make_simulate",
+]
+
 Law = Callable[..., Any]
 
-FUEL = layout_of(FuelCoefficients)
+FUEL, INPUTS = layout_of(FuelCoefficients), layout_of(Inputs)
+LOAD_INPUTS = INPUTS.load
 
 
-class Vector(NamedTuple):
-    """Width of a block in candidates, and the type of its numbers."""
+class Machine(NamedTuple):
+    """Operations on rows that depend on the machine.
 
-    lanes: int
+    Attributes
+    ----------
+    real : type
+        Of the numbers that it computes in.
+    copy : law
+        Function (target, to, source, first) that copies a row.
+    gather : law
+        As `registers.row_gatherer`.
+    inlets : function (rows) -> Inlets
+    keep : law
+        Function (work, rows, trace, block, k) that copies a state into a trace.
+    vectors : law
+        `compile.widest_vectors` where lanes are vectors.
+    """
+
     real: Any
-
-
-class Courses(NamedTuple):
-    """Boundary conditions at each operating point.
-
-    Attributes
-    ----------
-    settings : (points, 3)
-        Rail, cylinder and return pressure at time zero [Pa].
-    inputs : (points, steps, 6)
-        Fields of `Inputs`, means over each step.
-    steps : (points,) int
-    quiet : (points,) int
-        First step at which an injection may have ended.
-    """
-
-    settings: Floats
-    inputs: Floats
-    steps: NDArray[np.int64]
-    quiet: NDArray[np.int64]
-
-
-class Job(NamedTuple):
-    """All that a run needs, as arrays.
-
-    Attributes
-    ----------
-    theta : (candidates, parameters + fuel coefficients)
-    courses : Courses
-    blocks : (blocks, 1 + lanes) int
-        Operating point, then the candidates of the lanes.
-    dt : float
-        [s].
-    ring : int
-        Slots of a ring buffer, a power of two above the longest delay.
-    look_every : int
-        Steps between looks at health and rest.
-    patience : int
-        Looks for which needle and valve must have rested before a simulation ends; 0: it runs to its horizon.
-    """
-
-    theta: Floats
-    courses: Courses
-    blocks: NDArray[np.int64]
-    dt: float
-    ring: int
-    look_every: int
-    patience: int
-
-
-class Samples(NamedTuple):
-    """Samples of a rate to compare with, at each operating point.
-
-    Attributes
-    ----------
-    bound_count : (points,) int
-    due : (points, bounds) int
-        Step in which a sample ends.
-    samples : (points, bounds, 4)
-        Fields of `Sample`.
-    density : (1 or candidates, points)
-        As in `lanes.Misfit`.
-    """
-
-    bound_count: NDArray[np.int64]
-    due: NDArray[np.int64]
-    samples: Floats
-    density: Floats
-
-
-class Memory(NamedTuple):
-    """Memory of a block: its working rows, and its rings of so many slots."""
-
-    work: Any
-    waves: Any
-    ring: int
+    copy: Law
+    gather: Law
+    inlets: Callable[[Any], Inlets]
+    keep: Law
+    vectors: Law
 
 
 def make_memory(vector: Vector) -> Law:
@@ -143,46 +114,70 @@ def make_memory(vector: Vector) -> Law:
     return memory
 
 
-def make_begin(variant: Variant, rows: Any) -> Law:
-    """Function that puts the candidates of a block to rest; true if all their delays are alike."""
+@physics
+def one_setting(setting, lane):  # type: ignore[no-untyped-def]
+    """Setting of all lanes."""
+    return setting
+
+
+def make_settings(real: Any) -> Law:
+    """Function (given, lane) that gives the setting of a lane from settings, the lanes' points and the step.
+
+    Parameters
+    ----------
+    real : type
+        Of the numbers that are computed in.
+    """
+
+    @physics
+    def setting_of(given, lane):  # type: ignore[no-untyped-def]
+        settings, points, dt = given
+        at_rest = settings[points[lane]]
+        return Setting(real(at_rest[0]), real(at_rest[1]), real(at_rest[2]), dt)
+
+    return setting_of  # type: ignore[no-any-return]
+
+
+def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting) -> Law:
+    """Function (memory, theta, candidates, given, out) that puts lanes to rest; true if all their delays are alike.
+
+    Parameters
+    ----------
+    variant : Variant
+    rows : Rows
+    setting_of : law
+        Function (given, lane) that gives the `Setting` of a lane.
+    """
     wired = wiring(variant)
-    load_parameters, load_fuel = wired.parameters.load, FUEL.load
+    load_parameters, load_fuel, store_inputs = wired.parameters.load, FUEL.load, INPUTS.store
     store_coefficients, store_state = wired.coefficients.store, wired.state.store
     coefficients, rest, longest_touch = wired.setup, wired.rest, wired.touch
     known, fuel_known = len(wired.parameters.paths), len(FUEL.paths)
 
     @physics
-    def begin(memory, theta, candidates, setting, out):  # type: ignore[no-untyped-def]
-        work, waves, ring = memory
+    def begin(memory, theta, candidates, given, out):  # type: ignore[no-untyped-def]
+        work, waves = memory.work, memory.waves
         for lane in range(rows.lanes):
             for row in range(known + fuel_known):
-                waves[at(rows, row, lane)] = theta[candidates[1 + lane], row]
+                waves[at(rows, row, lane)] = theta[candidates[lane], row]
         for lane in range(rows.lanes):
+            setting = setting_of(given, lane)
             parameters = load_parameters(waves, lane, rows.lanes)
             c = coefficients(parameters, load_fuel(waves, at(rows, known, lane), rows.lanes), setting)
             store_coefficients(work, lane, rows.lanes, c)
             store_state(work, at(rows, rows.state, lane), rows.lanes, rest(c, setting))
             for row in range(rows.leaving, rows.end):
                 work[at(rows, row, lane)] = 0.0
+            zero = 0.0 * setting.dt
+            at_rest = Inputs(setting.rail, setting.cylinder, setting.low, zero, zero, zero)
+            store_inputs(work, at(rows, rows.inputs, lane), rows.lanes, at_rest)
             work[at(rows, rows.touch, lane)] = longest_touch(c) / setting.dt
             rests = work[at(rows, rows.tip, lane)] < 0.0 and work[at(rows, rows.valve_lift, lane)] < 0.0
             out[lane, FIGURE.closed_at_start] = 1.0 if rests else 0.0
             work[at(rows, rows.leaving, lane)] = work[at(rows, rows.store_pressure, lane)]
             work[at(rows, rows.leaving + 1, lane)] = work[at(rows, rows.store_pressure, lane)]
             work[at(rows, rows.leaving + 2, lane)] = work[at(rows, rows.return_pressure, lane)]
-        for wave in range(3):
-            for slot in range(ring):
-                for lane in range(rows.lanes):
-                    waves[at(rows, wave * ring + slot, lane)] = work[at(rows, rows.leaving + wave, lane)]
-        alike = True
-        for wave in range(3):
-            row = rows.feed_delay if wave < 2 else rows.back_delay
-            for lane in range(rows.lanes):
-                delay = min(max(work[at(rows, row, lane)], 1.0), ring - 2.0)
-                work[at(rows, rows.whole + wave, lane)] = float(int(delay))
-                work[at(rows, rows.part + wave, lane)] = delay - int(delay)
-                alike = alike and work[at(rows, row, lane)] == work[at(rows, row, 0)]
-        return alike
+        return fill_rings(memory, rows)
 
     return begin  # type: ignore[no-any-return]
 
@@ -192,8 +187,20 @@ def any_vectors():  # type: ignore[no-untyped-def]
     """In place of `compile.widest_vectors` where there are none."""
 
 
-def make_advance(variant: Variant, rows: Any, vectors: Law = any_vectors) -> Law:
-    """Function that takes all lanes of a block one step on; the loop in it is what the compiler vectorises.
+@physics
+def same_inputs(inputs, work, rows, lane):  # type: ignore[no-untyped-def]
+    """Inputs that are those of all lanes."""
+    return inputs
+
+
+@physics
+def own_inputs(inputs, work, rows, lane):  # type: ignore[no-untyped-def]
+    """Inputs of a lane, from its rows."""
+    return LOAD_INPUTS(work, at(rows, rows.inputs, lane), rows.lanes)
+
+
+def make_advance(variant: Variant, rows: Any, vectors: Law = any_vectors, inputs_of: Law = same_inputs) -> Law:
+    """Function (work, count, inputs, dt) that takes all lanes one step on; the compiler vectorises the loop in it.
 
     Parameters
     ----------
@@ -201,16 +208,19 @@ def make_advance(variant: Variant, rows: Any, vectors: Law = any_vectors) -> Law
     rows : Rows
     vectors : function
         `compile.widest_vectors` where lanes are vectors.
+    inputs_of : law
+        Function (inputs, work, rows, lane) that gives the `Inputs` of a lane.
     """
     wired = wiring(variant)
     load_coefficients, load_state, store_state = wired.coefficients.load, wired.state.load, wired.state.store
     step, lifts = wired.step, wired.body.lifts
 
     @physics
-    def advance(work, count, u, dt):  # type: ignore[no-untyped-def]
+    def advance(work, count, inputs, dt):  # type: ignore[no-untyped-def]
         vectors()
         for lane in range(rows.lanes):
             c = load_coefficients(work, lane, rows.lanes)
+            u = inputs_of(inputs, work, rows, lane)
             s = load_state(work, at(rows, rows.state, lane), rows.lanes)
             arriving = Waves(arrived(work, rows, 0, lane), arrived(work, rows, 1, lane), arrived(work, rows, 2, lane))
             after, away = step(c, s, u, arriving, dt)
@@ -230,124 +240,80 @@ def make_advance(variant: Variant, rows: Any, vectors: Law = any_vectors) -> Law
 
 
 @physics
-def arrived(work, rows, wave, lane):  # type: ignore[no-untyped-def]
-    """A wave that arrives: between the two slots of its ring that `arrive` has put side by side."""
-    part = work[at(rows, rows.part + wave, lane)]
-    late, later = work[at(rows, rows.late + wave, lane)], work[at(rows, rows.later + wave, lane)]
-    return (1.0 - part) * late + part * later
-
-
-@physics
-def copy_number(target, to, source, first):  # type: ignore[no-untyped-def]
-    """A row of one lane."""
-    target[to] = source[first]
-
-
-def make_ferry(rows: Any, copy: Law) -> tuple[Law, Law]:
-    """Functions that bring the waves that arrive in step k, and take those that leave, from and into their rings.
-
-    Parameters
-    ----------
-    copy : function (target, to, source, first)
-        Copies a row.
-    """
-
-    @physics
-    def arrive(memory, k, alike):  # type: ignore[no-untyped-def]
-        # slots k − delay and k − delay − 1; lanes that differ in no delay find theirs in one row
-        work, waves, ring = memory
-        mask = ring - 1
-        for wave in range(3):
-            row = rows.whole + wave
-            for slot in range(2):
-                to = at(rows, (rows.later if slot else rows.late) + wave, 0)
-                if alike:
-                    first = wave * ring + ((k - int(work[at(rows, row, 0)]) - slot) & mask)
-                    copy(work, to, waves, at(rows, first, 0))
-                else:
-                    for lane in range(rows.lanes):
-                        first = wave * ring + ((k - int(work[at(rows, row, lane)]) - slot) & mask)
-                        work[to + lane] = waves[at(rows, first, lane)]
-
-    @physics
-    def leave(memory, k):  # type: ignore[no-untyped-def]
-        work, waves, ring = memory
-        for wave in range(3):
-            copy(waves, at(rows, wave * ring + (k & (ring - 1)), 0), work, at(rows, rows.leaving + wave, 0))
-
-    return arrive, leave
-
-
-@physics
 def keep_if_asked(work, rows, trace, block, k):  # type: ignore[no-untyped-def]
     """Copy state and leaving waves of step k into a trace that is not empty."""
     if trace.shape[0] > 0:
         record(work, rows, trace[block, k])
 
 
-def make_simulate(variant: Variant, rows: Any, real: Any, copy: Law, keep: Law, vectors: Law = any_vectors) -> Law:
+def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
     """Function (memory, job, samples, block, trace, out) that simulates one block.
 
     Parameters
     ----------
     variant : Variant
     rows : Rows
-    real : type
-        Of the numbers that it computes in.
-    copy : law
-        Copies a row, see `make_ferry`.
-    keep : law
-        Function (work, rows, trace, block, k) that copies a state into a trace.
-    vectors : law
-        See `make_advance`.
+    machine : Machine
     """
-    begin, advance = make_begin(variant, rows), make_advance(variant, rows, vectors)
-    arrive, leave = make_ferry(rows, copy)
+    real, keep, vectors = machine.real, machine.keep, machine.vectors
+    begin = make_begin(variant, rows, make_settings(real))
+    advance = make_advance(variant, rows, vectors, own_inputs)
+    arrive, leave = make_ferry(rows, machine.copy, machine.gather)
+    table_of, set_inputs, turn, follow, is_traced, first = machine.inlets(rows)
 
     @physics
     def simulate(memory, job, samples, block, trace, out):  # type: ignore[no-untyped-def]
         vectors()
-        settings, inputs, steps, quiet = job.courses
-        work, candidates, dt = memory.work, job.blocks[block], real(job.dt)
-        point = candidates[0]
-        rail, cylinder, low = settings[point, 0], settings[point, 1], settings[point, 2]
-        setting = Setting(real(rail), real(cylinder), real(low), dt)
-        alike = begin(memory, job.theta, candidates, setting, out) or rows.lanes == 1
-        set_densities(work, rows, candidates, samples.density, point)
+        work, points, dt = memory.work, job.points[block], real(job.dt)
+        candidates = job.candidates[block]
+        alike = begin(memory, job.theta, candidates, (job.courses.settings, points, dt), out) or rows.lanes == 1
+        set_ends(work, rows, points, job.courses.steps, job.courses.quiet)
+        set_densities(work, rows, candidates, points, samples.density)
         keep(work, rows, trace, block, 0)
-        bound = 0
-        for k in range(steps[point]):
-            x = inputs[point, k]
-            u = Inputs(real(x[0]), real(x[1]), real(x[2]), real(x[3]), real(x[4]), real(x[5]))
+        horizon = 0
+        for lane in range(rows.lanes):
+            horizon = max(horizon, job.courses.steps[points[lane]])
+        table, traced = table_of(job.courses, points), is_traced(job.courses, points)
+        over, due, bound = next_over(work, rows, real(0)), first, 0
+        for k in range(horizon):
+            set_inputs(memory, table, k)
+            if k == due:
+                due = turn(memory, job.courses, points, k)
+            if traced:
+                follow(memory, job.courses, points, k)
             arrive(memory, k, alike)
-            advance(work, real(k + 1), u, dt)
+            advance(work, real(k + 1), k, dt)
             leave(memory, k)
-            while bound < samples.bound_count[point] and samples.due[point, bound] <= k:
-                s = samples.samples[point, bound]
+            while bound < samples.bound_count[points[0]] and samples.due[points[0], bound] <= k:
+                s = samples.samples[points[0], bound]
                 sample(work, rows, Sample(real(s[0]), real(s[1]), real(s[2]), real(s[3])), bound == 0)
                 bound += 1
             keep(work, rows, trace, block, k + 1)
-            if k % job.look_every == job.look_every - 1:
-                rest = Rest(k >= quiet[point], job.patience, job.look_every)
-                if look(work, rows, u.cylinder, rest, out):
-                    break
-        report_rest(work, rows, real(inputs[point, steps[point] - 1, 1]), out)
+            looks = k % job.look_every == job.look_every - 1
+            if looks and look(work, rows, Rest(real(k), job.patience, job.look_every), out):
+                break
+            if real(k + 1) >= over:
+                report_over(work, rows, real(k + 1), out)
+                over = next_over(work, rows, real(k + 1))
 
     return simulate  # type: ignore[no-any-return]
 
 
 def make_loop(variant: Variant, vector: Vector) -> Law:
-    """The loop over blocks [first, last): function (job, samples, trace, out, first, last)."""
-    rows, allocate = make_rows(variant, vector.lanes), make_memory(vector)
-    simulate = make_simulate(variant, rows, vector.real, row_copier(vector.lanes), keep_if_asked, widest_vectors)
+    """The loop over every `stride`th block from one on: function (job, samples, trace, out, first, stride)."""
+    rows, lanes = make_rows(variant, vector.lanes), vector.lanes
+    allocate, allocate_times = make_memory(vector), make_memory(Vector(lanes, np.float64))
+    clocks = partial(make_clocks, read=clock_reader(lanes))
+    copy, gather = row_copier(lanes), row_gatherer(lanes)
+    simulate = make_simulate(variant, rows, Machine(vector.real, copy, gather, clocks, keep_if_asked, widest_vectors))
     parameters = len(wiring(variant).parameters.paths) + len(FUEL.paths)
 
-    def loop(job, samples, trace, out, first, last):  # type: ignore[no-untyped-def]
+    def loop(job, samples, trace, out, first, stride):  # type: ignore[no-untyped-def]
         widest_vectors()
         mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
-        work = allocate(rows.end * rows.lanes)
-        memory = Memory(work, allocate(max(3 * job.ring, parameters) * rows.lanes), job.ring)
-        for block in range(first, last):
+        work, waves = allocate(rows.end * lanes), allocate(max(3 * job.ring, parameters) * lanes)
+        memory = ClockedMemory(work, waves, job.ring, allocate_times(2 * lanes))
+        for block in range(first, job.points.shape[0], stride):
             simulate(memory, job, samples, block, trace, out[block])
         exchange_rounding(mode, KEEP_NONE)
 

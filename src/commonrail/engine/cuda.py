@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.choices import Precision
-from commonrail.engine.block import FUEL, Job
-from commonrail.engine.lanes import VECTORS, Misfit, trace_paths
+from commonrail.engine.block import FUEL
+from commonrail.engine.job import Job
+from commonrail.engine.lanes import VECTORS, Misfit, tabled, trace_paths
 from commonrail.engine.notes import Outcome
 from commonrail.errors import ConfigurationError
 from commonrail.injector.variants import Variant, wiring
@@ -111,20 +112,22 @@ def _launch(
     real = VECTORS[precision].real
     steps = job.courses.steps
     samples = _to_device(cuda, (misfit or Misfit.none(len(steps))).samples(job.dt, steps), real)
-    given = _to_device(cuda, job._replace(blocks=job.blocks[:0]), real)
+    courses = cuda_kernel.Table(job.courses.settings, steps, job.courses.quiet, job.courses.inputs)
+    given = _to_device(cuda, job._replace(courses=courses, points=job.points[:0], candidates=job.candidates[:0]), real)
     slots = max(3 * job.ring, len(wiring(variant).parameters.paths) + len(FUEL.paths))
-    paths, n = len(trace_paths(variant)), len(job.blocks)
+    paths, n = len(trace_paths(variant)), len(job.points)
     stored = (int(steps.max()) + 1, paths, 1) if traced else (0, 0, 0)
     many = _at_a_time(cuda, n, (slots + int(np.prod(stored))) * np.dtype(real).itemsize)
     rings = cuda.device_array((slots, many), real)
     out, trace = np.empty((n, len(Outcome._fields)), real), np.full((n if traced else 0, *stored), np.nan, real)
     for first in range(0, n, many):
         part = slice(first, first + many)
-        blocks = cuda.to_device(np.ascontiguousarray(job.blocks[part]))
-        states, figures = cuda.to_device(trace[part]), cuda.device_array((len(blocks), out.shape[1]), real)
-        kernel[-(-len(blocks) // GROUP), GROUP](given._replace(blocks=blocks), samples, rings, states, figures)
+        points, candidates = (cuda.to_device(np.ascontiguousarray(a[part])) for a in (job.points, job.candidates))
+        states, figures = cuda.to_device(trace[part]), cuda.device_array((len(points), out.shape[1]), real)
+        own = given._replace(points=points, candidates=candidates)
+        kernel[-(-len(points) // GROUP), GROUP](own, samples, rings, states, figures)
         out[part], trace[part] = figures.copy_to_host(), states.copy_to_host()
-    return Outcome(*out.astype(float).T[:, :, None]), trace.astype(float)
+    return Outcome(*np.moveaxis(tabled(out[:, None], job), 2, 0)), trace.astype(float)
 
 
 def _to_device(cuda: Any, given: Any, real: Any) -> Any:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -21,11 +21,23 @@ from numba import cuda
 
 from commonrail.choices import Precision
 from commonrail.compile import offer_laws, physics
-from commonrail.engine.block import Courses, Job, Memory, Samples, copy_number, make_simulate
+from commonrail.engine.block import INPUTS, Machine, any_vectors, make_simulate
+from commonrail.engine.feed import Inlets, Memory, copy_number, gather_number
+from commonrail.engine.job import Job, Samples
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.notes import record
-from commonrail.engine.rows import make_rows
+from commonrail.engine.rows import at, make_rows
+from commonrail.injector.model import Inputs
 from commonrail.injector.variants import Variant
+
+
+class Table(NamedTuple):
+    """`Courses` with all inputs: settings (points, 3), steps and quiet (points,), inputs (points, steps, 6)."""
+
+    settings: Any
+    steps: Any
+    quiet: Any
+    inputs: Any
 
 
 @functools.cache
@@ -57,10 +69,38 @@ def signature(precision: Precision) -> Any:
     """Types of the kernel's arguments."""
     real, whole = numba.from_dtype(np.dtype(VECTORS[precision].real)), numba.int64
     named = numba.types.NamedTuple
-    courses = named((real[:, ::1], real[:, :, ::1], whole[::1], whole[::1]), Courses)
-    job = named((real[:, ::1], courses, whole[:, ::1], real, whole, whole, whole), Job)
+    courses = named((real[:, ::1], whole[::1], whole[::1], real[:, :, ::1]), Table)
+    job = named((real[:, ::1], courses, whole[:, ::1], whole[:, ::1], real, whole, whole, whole), Job)
     samples = named((whole[::1], whole[:, ::1], real[:, :, ::1], real[:, ::1]), Samples)
     return numba.void(job, samples, real[:, ::1], real[:, :, :, ::1], real[:, ::1])
+
+
+def make_table_reader(rows: Any) -> Inlets:
+    """Inlets from a `Table`."""
+    store = INPUTS.store
+
+    @physics
+    def inputs_of(courses, points):  # type: ignore[no-untyped-def]
+        return courses.inputs[points[0]]
+
+    @physics
+    def read(memory, inputs, k):  # type: ignore[no-untyped-def]
+        x = inputs[k]
+        store(memory.work, at(rows, rows.inputs, 0), rows.lanes, Inputs(x[0], x[1], x[2], x[3], x[4], x[5]))
+
+    @physics
+    def turn_nothing(memory, courses, points, k):  # type: ignore[no-untyped-def]
+        return k
+
+    @physics
+    def follow_nothing(memory, courses, points, k):  # type: ignore[no-untyped-def]
+        return
+
+    @physics
+    def is_traced(courses, points):  # type: ignore[no-untyped-def]
+        return False
+
+    return Inlets(inputs_of, read, turn_nothing, follow_nothing, is_traced, -1)
 
 
 @physics
@@ -85,12 +125,13 @@ def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable
         Keep the state after every step.
     """
     rows, real = make_rows(variant, 1), VECTORS[precision].real
-    simulate = make_simulate(variant, rows, real, copy_number, keep_state if traced else keep_nothing)
-    count, kind = rows.end, numba.from_dtype(np.dtype(real))
+    keep = keep_state if traced else keep_nothing
+    machine = Machine(real, copy_number, gather_number, make_table_reader, keep, any_vectors)
+    simulate, count, kind = make_simulate(variant, rows, machine), rows.end, numba.from_dtype(np.dtype(real))
 
     def march(job, samples, rings, trace, out):  # type: ignore[no-untyped-def]
         thread = cuda.grid(1)
-        if thread < job.blocks.shape[0]:
+        if thread < job.points.shape[0]:
             memory = Memory(cuda.local.array(count, kind), rings[:, thread], job.ring)
             simulate(memory, job, samples, thread, trace, out[thread : thread + 1])
 

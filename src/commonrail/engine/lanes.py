@@ -1,10 +1,10 @@
 """The fast engine: candidates side by side in SIMD lanes, blocks of lanes on threads.
 
-A block is one operating point and as many candidates as it has lanes. They live behind one pointer,
-rows × lanes; the loop over lanes calls the step of `commonrail.injector.step` on NamedTuples and is
-vectorised by the compiler. Travelling waves wait in ring buffers behind the other rows. Samples and their
-misfit are taken inside the loop, so a population leaves no traces in memory. A block depends on nothing
-but its own candidates: results are the same bits for any number of threads.
+Each lane of a block holds one candidate at one operating point. They live behind one pointer, rows × lanes; the loop
+over lanes calls the step of `commonrail.injector.step` on NamedTuples and is vectorised by the compiler. Travelling
+waves wait in ring buffers behind the other rows. Samples and their misfit are taken inside the loop, so a population
+leaves no traces in memory. A lane depends on nothing but its own candidate and point: results are the same bits for any
+neighbours and any number of threads.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from commonrail.choices import Precision
 from commonrail.compile import kernel
-from commonrail.engine.block import Job, Samples, Vector, make_loop
+from commonrail.engine.block import make_loop
+from commonrail.engine.job import Job, Samples, Vector
 from commonrail.engine.notes import Outcome
 from commonrail.engine.threads import side_by_side
 from commonrail.injector.model import Waves
@@ -150,14 +151,22 @@ def run(
     -------
     outcome : Outcome
     trace : (blocks, steps + 1, rows, lanes), empty unless traced
-        Of a block that there are not enough candidates for, only their lanes are kept.
+        Of a block that there are not enough simulations for, only their lanes are kept.
     """
-    n, lanes = len(job.blocks), job.blocks.shape[1] - 1
+    n, lanes = job.points.shape
     loop, steps = compiled(variant, precision, same_bits), job.courses.steps
     samples = (misfit or Misfit.none(len(steps))).samples(job.dt, steps)
-    out, share = np.empty((n, lanes, len(Outcome._fields))), max(1, -(-n // threads))
+    out = np.empty((n, lanes, len(Outcome._fields)))
     rows = 1 if injected_only else len(trace_paths(variant))
-    kept = (int(steps.max()) + 1, rows, min(lanes, len(job.theta)))
+    kept = (int(steps.max()) + 1, rows, min(lanes, len(job.theta) * len(steps)))
     trace = np.full((n, *kept) if traced else (0, 0, 0, 0), np.nan)
-    side_by_side(lambda first: loop(job, samples, trace, out, first, min(first + share, n)), range(0, n, share))
-    return Outcome(*np.moveaxis(out, 2, 0)), trace
+    threads = min(threads, n)
+    side_by_side(lambda first: loop(job, samples, trace, out, first, threads), range(threads))
+    return Outcome(*np.moveaxis(tabled(out, job), 2, 0)), trace
+
+
+def tabled(figures: Floats, job: Job) -> Floats:
+    """Figures of lanes as (candidates, points, …), from (blocks, lanes, …)."""
+    table = np.empty((len(job.theta), len(job.courses.steps), *figures.shape[2:]))
+    table[job.candidates, job.points] = figures  # lanes that only fill a block repeat another one's figures
+    return table

@@ -16,7 +16,7 @@ DRIBBLE = 1e-12, 1e-6  # what a resting injector injects between two looks, at m
 
 
 class Outcome(NamedTuple):
-    """Figures of each lane of a run, (blocks, lanes).
+    """Figures of the simulations of a run, (candidates, points).
 
     `opening`, `closing` and `first_closing` are in steps (NaN where there is none); masses in kg; `absolute` and
     `squared` are the weighted sums of the samples' errors [m³/s], [(m³/s)²]; `sound` is 1 for a run that stayed
@@ -51,9 +51,9 @@ class Sample(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """Conditions for the end of a lane: allowed now, checks at rest (0: never), and steps between two checks."""
+    """Conditions for the end of a lane: the step, checks at rest (0: never), and steps between two checks."""
 
-    now: bool
+    step: float
     patience: int
     every: int
 
@@ -95,11 +95,19 @@ def note_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
 
 
 @physics
-def set_densities(work, rows, candidates, density, point):  # type: ignore[no-untyped-def]
+def set_densities(work, rows, candidates, points, density):  # type: ignore[no-untyped-def]
     """Keep the density that makes a volume of each lane's samples; one row of `density` holds for all candidates."""
     for lane in range(rows.lanes):
-        candidate = candidates[1 + lane] if density.shape[0] > 1 else 0
-        work[at(rows, rows.density, lane)] = density[candidate, point]
+        candidate = candidates[lane] if density.shape[0] > 1 else 0
+        work[at(rows, rows.density, lane)] = density[candidate, points[lane]]
+
+
+@physics
+def set_ends(work, rows, points, steps, quiet):  # type: ignore[no-untyped-def]
+    """Keep the number of each lane's steps, and the first one at which its injection may have ended."""
+    for lane in range(rows.lanes):
+        work[at(rows, rows.steps, lane)] = steps[points[lane]]
+        work[at(rows, rows.quiet, lane)] = quiet[points[lane]]
 
 
 @physics
@@ -117,7 +125,7 @@ def sample(work, rows, due, first):  # type: ignore[no-untyped-def]
 
 
 @physics
-def look(work, rows, cylinder, rest, out):  # type: ignore[no-untyped-def]
+def look(work, rows, rest, out):  # type: ignore[no-untyped-def]
     """Take the figures of lanes that have ended; true once every lane has.
 
     A lane ends when it has failed or, where there is a patience, when needle and valve have rested for that many
@@ -132,15 +140,15 @@ def look(work, rows, cylinder, rest, out):  # type: ignore[no-untyped-def]
             gain = mass - work[at(rows, rows.seen, lane)]
             work[at(rows, rows.seen, lane)] = mass
             shut = work[at(rows, rows.control_pressure, lane)] > RECOVERED * work[at(rows, rows.store_pressure, lane)]
-            rests = _needle_rests(work, rows, lane, cylinder) and work[at(rows, rows.valve_lift, lane)] <= 0.0 and shut
-            still = rest.now and rests and gain <= DRIBBLE[0] + DRIBBLE[1] * mass
+            rests = _needle_rests(work, rows, lane) and work[at(rows, rows.valve_lift, lane)] <= 0.0 and shut
+            still = rest.step >= work[at(rows, rows.quiet, lane)] and rests and gain <= DRIBBLE[0] + DRIBBLE[1] * mass
             work[at(rows, rows.rested, lane)] = work[at(rows, rows.rested, lane)] + 1.0 if still else 0.0
             rested = work[at(rows, rows.rested, lane)]
             over = (
                 rest.patience > 0 and rested > rest.patience and rested * rest.every > work[at(rows, rows.touch, lane)]
             )
             if over or not _is_sound(work, rows, lane):
-                _report(work, rows, lane, cylinder, out)
+                _report(work, rows, lane, out)
                 work[at(rows, rows.done, lane)] = 1.0
         if work[at(rows, rows.done, lane)] != 0.0:
             ended += 1
@@ -148,9 +156,10 @@ def look(work, rows, cylinder, rest, out):  # type: ignore[no-untyped-def]
 
 
 @physics
-def _needle_rests(work, rows, lane, cylinder):  # type: ignore[no-untyped-def]
+def _needle_rests(work, rows, lane):  # type: ignore[no-untyped-def]
     """True for a needle on its seat and a SAC that has emptied."""
-    return work[at(rows, rows.tip, lane)] <= 0.0 and work[at(rows, rows.sac_pressure, lane)] - cylinder < RELAXED
+    excess = work[at(rows, rows.sac_pressure, lane)] - work[at(rows, rows.cylinder, lane)]
+    return work[at(rows, rows.tip, lane)] <= 0.0 and excess < RELAXED
 
 
 @physics
@@ -171,7 +180,7 @@ def _crossing(work, rows, row, lane):  # type: ignore[no-untyped-def]
 
 
 @physics
-def _report(work, rows, lane, cylinder, out):  # type: ignore[no-untyped-def]
+def _report(work, rows, lane, out):  # type: ignore[no-untyped-def]
     """Write the figures of a lane, (lanes, figures)."""
     out[lane, FIGURE.injected] = work[at(rows, rows.injected, lane)]
     out[lane, FIGURE.returned] = work[at(rows, rows.returned, lane)]
@@ -183,15 +192,36 @@ def _report(work, rows, lane, cylinder, out):  # type: ignore[no-untyped-def]
     out[lane, FIGURE.absolute] = work[at(rows, rows.absolute, lane)]
     out[lane, FIGURE.squared] = work[at(rows, rows.squared, lane)]
     out[lane, FIGURE.sound] = 1.0 if _is_sound(work, rows, lane) else 0.0
-    out[lane, FIGURE.closed_at_end] = 1.0 if _needle_rests(work, rows, lane, cylinder) else 0.0
+    out[lane, FIGURE.closed_at_end] = 1.0 if _needle_rests(work, rows, lane) else 0.0
+
+
+@physics
+def report_over(work, rows, count, out):  # type: ignore[no-untyped-def]
+    """Take the figures of lanes that have run to their horizon, after `count` steps, and not ended before."""
+    for lane in range(rows.lanes):
+        if work[at(rows, rows.steps, lane)] <= count and work[at(rows, rows.done, lane)] == 0.0:
+            _report(work, rows, lane, out)
+            work[at(rows, rows.done, lane)] = 1.0
 
 
 @physics
 def report_rest(work, rows, cylinder, out):  # type: ignore[no-untyped-def]
-    """Write the figures of the lanes that have run to the end of the simulated time."""
+    """Write the figures of all lanes that have not ended, at the given cylinder pressure."""
     for lane in range(rows.lanes):
         if work[at(rows, rows.done, lane)] == 0.0:
-            _report(work, rows, lane, cylinder, out)
+            work[at(rows, rows.cylinder, lane)] = cylinder
+            _report(work, rows, lane, out)
+
+
+@physics
+def next_over(work, rows, count):  # type: ignore[no-untyped-def]
+    """Number of steps, above `count`, after which a lane reaches its horizon; the last one's where all have."""
+    following = work[at(rows, rows.steps, 0)]
+    for lane in range(rows.lanes):
+        steps = work[at(rows, rows.steps, lane)]
+        if steps > count and (steps < following or following <= count):
+            following = steps
+    return following
 
 
 @physics

@@ -9,26 +9,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.choices import Drive, Precision
-from commonrail.engine.block import Courses, Job
+from commonrail.choices import Precision
+from commonrail.engine.courses import MAXIMUM_STEPS as MAXIMUM_STEPS
+from commonrail.engine.courses import courses_of
+from commonrail.engine.job import Courses, Job
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.population import candidate_matrix, columns
 from commonrail.engine.stability import Medium, medium_of
 from commonrail.engine.validity import check_point
-from commonrail.errors import ConfigurationError
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.model import Inputs, Setting
+from commonrail.injector.model import Setting
 from commonrail.injector.variants import wiring
 
 Floats = NDArray[np.float64]
 
-LOOK_AFTER = 100e-6  # earliest time after energising at which the end of injection is looked for [s]
 LOOK_INTERVAL = 20e-6  # between looks at health and rest [s]
 RESTING = 100e-6  # an injection has ended once needle and valve have rested this long [s]
 SLOWEST_WAVE = 600.0  # below any sound speed of a fuel [m/s]: sizes the buffers of the travelling waves
-MAXIMUM_STEPS = 2_000_000
 _WAYS = {"feed_pipe.length": 1.0, "return_line.length": 2.0}  # of a wave in the buffers, in lengths
 
 
@@ -48,6 +47,8 @@ class Prepared(NamedTuple):
         Time at which a simulation begins [s].
     densities : (1, points)
         `reference_densities` of the injector itself [kg/m³].
+    highest : (points,)
+        Largest rail pressure at each point [Pa].
     medium : Medium
         Fuel at the largest rail pressure of all points, which decides how long a step may be.
     """
@@ -59,6 +60,7 @@ class Prepared(NamedTuple):
     courses: Courses
     begin: Floats
     densities: Floats
+    highest: Floats
     medium: Medium
 
 
@@ -79,20 +81,17 @@ def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> 
     """
     for point in points:
         check_point(injector, point)
-    steps = np.array([_steps(point, dt) for point in points])
-    inputs = np.zeros((len(points), int(steps.max()), len(Inputs._fields)))
-    for i, point in enumerate(points):
-        inputs[i, : steps[i]] = _inputs(injector, point, dt, int(steps[i]))
-    settings = np.array([point.initial_pressures() for point in points])
+    highest = np.array([_largest(point.rail_pressure) for point in points])
     return Prepared(
         injector,
         points,
         dt,
         candidate_matrix(injector, (), np.empty((1, 0)))[0],
-        Courses(settings, inputs, steps, np.array([_quiet(point, dt) for point in points])),
+        courses_of(injector, points, dt),
         np.array([point.start for point in points]),
         reference_densities(injector, points),
-        medium_of(injector, max(_largest(point.rail_pressure) for point in points)),
+        highest,
+        medium_of(injector, float(highest.max())),
     )
 
 
@@ -146,12 +145,14 @@ def reference_densities(
 
 
 def make_job(
-    prepared: Prepared, theta: Floats, stop_when_closed: bool, width: int = VECTORS[Precision.F64].lanes
+    prepared: Prepared,
+    theta: Floats,
+    stop_when_closed: bool,
+    width: int = VECTORS[Precision.F64].lanes,
+    *,
+    apart: bool = False,
 ) -> Job:
-    """Every candidate at every point, candidates of a point side by side.
-
-    With a `width` of 8 lanes block b of a point holds candidates 8 b … 8 b + 7; a last block that is not full repeats
-    its last candidate.
+    """Every candidate at every point, in blocks of lanes.
 
     Parameters
     ----------
@@ -162,13 +163,15 @@ def make_job(
         End a simulation once its needle has closed for good.
     width : int
         Lanes of a block.
+    apart : bool
+        As in `fill_lanes`; samples to compare with demand it.
     """
     dt, courses = prepared.dt, prepared.courses
     every = max(round(LOOK_INTERVAL / dt), 1)
     return Job(
         np.ascontiguousarray(theta),
         courses,
-        blocks(len(theta), len(courses.steps), width),
+        *fill_lanes(courses, len(theta), width, by_quiet=stop_when_closed, apart=apart),
         dt,
         _ring(prepared.injector, theta, dt, int(courses.steps.max())),
         every,
@@ -177,91 +180,53 @@ def make_job(
 
 
 @functools.lru_cache(maxsize=4)
-def blocks(candidates: int, points: int, width: int) -> NDArray[np.int64]:
-    """Blocks of a full product of points and candidates: (blocks, 1 + width).
+def _lanes(order: bytes, starts: bytes, candidates: int, width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Points and candidates of the lanes, (blocks, width) each.
 
     Parameters
     ----------
-    candidates, points : int
+    order : bytes of int
+        Points in the order in which they fill the lanes.
+    starts : bytes of int
+        Places in that order at which a new block begins, zero included.
+    candidates : int
     width : int
         Lanes of a block.
     """
-    per_point = -(-candidates // width)
-    lanes = np.minimum(np.arange(per_point * width), candidates - 1).reshape(per_point, width)
-    column = np.repeat(np.arange(points), per_point)[:, None]
-    return np.hstack([column, np.tile(lanes, (points, 1))])
+    filled = []
+    for part in np.split(np.frombuffer(order, np.int64), np.frombuffer(starts, np.int64)[1:]):
+        pairs = np.stack([np.repeat(part, candidates), np.tile(np.arange(candidates), len(part))])
+        spare = -pairs.shape[1] % width
+        filled.append(np.concatenate([pairs, np.repeat(pairs[:, -1:], spare, axis=1)], axis=1))
+    points, own = np.concatenate(filled, axis=1).reshape(2, -1, width)
+    return np.ascontiguousarray(points), np.ascontiguousarray(own)
 
 
-def by_candidate(figures: Floats, candidates: int, points: int) -> Floats:
-    """Lane figures of a full product as (candidates, points).
+def fill_lanes(
+    courses: Courses, candidates: int, width: int, *, by_quiet: bool = False, apart: bool = False
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Points and candidates of the lanes of each block, (blocks, width) each: every candidate at every point.
+
+    Points follow one another by the end of their simulation, so that the lanes of a block, and the blocks of each
+    thread, end at about the same time. A last block that is not full repeats its last lane.
 
     Parameters
     ----------
-    figures : (blocks, lanes)
-    candidates, points : int
+    courses : Courses
+    candidates : int
+    width : int
+        Lanes of a block.
+    by_quiet : bool
+        Simulations end once their injection has ended, rather than at their horizon.
+    apart : bool
+        Only candidates at the same point share a block.
     """
-    return np.asarray(figures.reshape(points, -1)[:, :candidates].T)
-
-
-def _steps(point: OperatingPoint, dt: float) -> int:
-    steps = max(round(point.duration / dt), 1)
-    if steps > MAXIMUM_STEPS:
-        raise ConfigurationError(
-            f"{point.duration:g} s in steps of {dt:g} s are {steps} steps; at most {MAXIMUM_STEPS} are allowed."
-        )
-    return steps
-
-
-def _inputs(injector: Injector, point: OperatingPoint, dt: float, steps: int) -> Floats:
-    begin: Floats = np.asarray(point.start + dt * np.arange(steps), float)
-    inputs = np.empty((steps, len(Inputs._fields)))
-    for i, course in enumerate(
-        (point.rail_pressure, point.cylinder_pressure, point.return_pressure, _drive(injector, point))
-    ):
-        inputs[:, i] = _mean(course, begin, dt)
-    starts = np.array([p.start for p in point.pulses])
-    ends = np.array([p.start + p.duration for p in point.pulses])
-    if not len(starts):
-        inputs[:, 4:] = -1.0
-        return inputs
-    current = np.maximum(np.searchsorted(starts, begin + dt * (1.0 - 1e-9), side="left") - 1, 0)
-    inputs[:, 4] = begin - starts[current] + _still_on(starts, ends, current, begin, dt)
-    inputs[:, 5] = begin - ends[current]
-    return inputs
-
-
-def _still_on(starts: Floats, ends: Floats, current: NDArray[np.intp], begin: Floats, dt: float) -> Floats:
-    """Time [s] in each step for which an energising before the current one still lasts.
-
-    A step that sees one energising end and the next begin is energised for as long as both together: the next counts
-    as begun so much earlier.
-    """
-    lasting = np.zeros(len(begin))
-    for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
-        on = np.minimum(end, begin + dt) - np.maximum(start, begin)
-        lasting += np.where(i < current, np.maximum(on, 0.0), 0.0)
-    return lasting
-
-
-def _drive(injector: Injector, point: OperatingPoint) -> Course:
-    traced = injector.variant.drive in (Drive.VOLTAGE, Drive.CURRENT)
-    if traced and point.drive is None:
-        raise ConfigurationError(
-            f"{injector.name} is driven by a {injector.variant.drive.value}, but the operating point gives none; "
-            "add its file, or set the injector's drive to regulated or pwm."
-        )
-    return point.drive if traced and point.drive is not None else 0.0
-
-
-def _mean(course: Course, begin: Floats, dt: float) -> Floats:
-    return course.mean(begin, np.asarray(begin + dt)) if isinstance(course, Trace) else np.full(len(begin), course)
-
-
-def _quiet(point: OperatingPoint, dt: float) -> int:
-    last = max((p.start + p.duration for p in point.pulses), default=point.start)
-    if point.drive is not None:
-        last = max(last, point.drive.time[-1])
-    return round((last - point.start + LOOK_AFTER) / dt)
+    points = len(courses.steps)
+    end = courses.quiet if by_quiet else courses.steps
+    order = np.lexsort((courses.settings[:, 0], -end, courses.clock)) if points > 1 else np.zeros(1, np.int64)
+    clock = courses.clock[order]
+    starts = np.arange(points) if apart else np.append(0, 1 + np.flatnonzero(clock[1:] != clock[:-1]))
+    return _lanes(order.astype(np.int64).tobytes(), starts.astype(np.int64).tobytes(), candidates, width)
 
 
 def _ring(injector: Injector, theta: Floats, dt: float, steps: int) -> int:

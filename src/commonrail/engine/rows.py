@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from commonrail.choices import Actuation
 from commonrail.compile import physics
 from commonrail.injector.layout import layout_of
-from commonrail.injector.model import Waves
+from commonrail.injector.model import Inputs, Waves
 from commonrail.injector.variants import MODELS, Variant, wiring
 
 
@@ -22,7 +22,8 @@ class Notes(NamedTuple):
     look: `before`, `mark`, `lifted`, `seen`. Sums of the samples' errors [m³/s], [(m³/s)²]. Density that makes a volume
     of a sample [kg/m³]. Lift of the tip [m], the greatest and before the step. Instants of opening, last and first
     closing. 1 while the needle counts as open (`clear`), and once the lane has ended (`done`). Looks of rest, and
-    longest touch of a bouncing needle or valve in steps.
+    longest touch of a bouncing needle or valve in steps. First step at which the injection may have ended (`quiet`),
+    number of steps (`steps`), turns of the clocks so far.
     """
 
     before: float
@@ -41,6 +42,9 @@ class Notes(NamedTuple):
     seen: float
     done: float
     touch: float
+    quiet: float
+    steps: float
+    turned: float
 
 
 class Working(NamedTuple):
@@ -51,6 +55,7 @@ class Working(NamedTuple):
     leaving: Waves
     late: Waves
     later: Waves
+    inputs: Inputs
     notes: Notes
     whole: Waves
     part: Waves
@@ -85,7 +90,8 @@ _DELAYS = {
     Actuation.DIRECT: {"feed_delay": "coefficients.delays.feed", "back_delay": "coefficients.delays.feed"},
 }
 _LOOP = {
-    **{name: name for name in ("state", "leaving", "late", "later", "whole", "part")},
+    **{name: name for name in ("state", "inputs", "leaving", "late", "later", "whole", "part")},
+    **{name: f"inputs.{name}" for name in ("cylinder", "since_start", "since_end")},
     **{name: f"notes.{name}" for name in Notes._fields},
 }
 

@@ -186,6 +186,9 @@ def simulate_batch(
 ) -> Batch:
     """Simulate many candidates at many operating points.
 
+    Candidates and points fill the lanes of the processor together: one injector at eight points takes as long as eight
+    candidates at one point. The figures of each have the bits that they have alone.
+
     Parameters
     ----------
     injector : Injector
@@ -290,7 +293,8 @@ def _run(theta: Floats, how: _How, densities: Floats) -> tuple[Outcome, Floats]:
 
         job = plan.make_job(how.prepared, theta, how.stop_when_closed, 1)
         return cuda.run(job, how.variant, misfit, how.precision, how.traced)
-    job = plan.make_job(how.prepared, theta, how.stop_when_closed, VECTORS[how.precision].lanes)
+    apart = misfit is not None and bool(misfit.bound_count.any())
+    job = plan.make_job(how.prepared, theta, how.stop_when_closed, VECTORS[how.precision].lanes, apart=apart)
     return lanes.run(job, how.variant, misfit, how.precision, how.traced, how.threads, same_bits=how.same_bits)
 
 
@@ -311,8 +315,7 @@ def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:
     failed = which_failed(status)
     some_failed = bool(failed.any())
 
-    def figure(values: Floats) -> Floats:
-        table = plan.by_candidate(values, len(theta), len(points))
+    def figure(table: Floats) -> Floats:
         return np.where(failed, np.nan, table) if some_failed else np.ascontiguousarray(table)
 
     return Batch(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +131,10 @@ class Batch:
     reference_density: Floats
     absolute_error: Floats
     squared_error: Floats
+
+    def at_points(self, points: slice) -> Batch:
+        """Batch of some of the operating points."""
+        return Batch(**{f.name: getattr(self, f.name)[:, points] for f in fields(self)})
 
     @property
     def failed(self) -> NDArray[np.bool_]:

@@ -72,26 +72,26 @@ _EITHER = (  # of either actuation: which of them an injector has is a matter of
 class Medium(NamedTuple):
     """Fuel at the largest rail pressure: bulk modulus [Pa], sound speed there and in the return line [m/s]."""
 
-    modulus: float
-    speed: float
+    modulus: Any
+    speed: Any
     return_speed: float
 
 
-def medium_of(injector: Injector, rail_pressure: float, return_pressure: float = 0.5e6) -> Medium:
+def medium_of(injector: Injector, rail_pressure: Floats | float, return_pressure: float = 0.5e6) -> Medium:
     """Fuel of an injector at its own temperature.
 
     Parameters
     ----------
     injector : Injector
-    rail_pressure, return_pressure : float
+    rail_pressure : float or array
+        [Pa]; modulus and speed have its shape.
+    return_pressure : float
         [Pa].
     """
     fuel, temperature = injector.fuel, injector.values[FUEL_TEMPERATURE]
-    return Medium(
-        float(fuel.bulk_modulus(rail_pressure, temperature)),
-        float(fuel.sound_speed(rail_pressure, temperature)),
-        float(fuel.sound_speed(return_pressure, temperature)),
-    )
+    modulus, speed = fuel.bulk_modulus(rail_pressure, temperature), fuel.sound_speed(rail_pressure, temperature)
+    at_return = float(fuel.sound_speed(return_pressure, temperature))
+    return Medium(modulus, speed, at_return) if modulus.ndim else Medium(float(modulus), float(speed), at_return)
 
 
 def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
@@ -249,6 +249,7 @@ def too_long(
     theta : (n, parameters, …)
         Flat parameter vectors.
     medium : Medium
+        The same for all candidates, or its modulus and speed (n,).
     dt : float
         [s].
     lift : float or (n,)
@@ -267,7 +268,7 @@ def too_long(
     everything = dict(zip(paths, theta.T, strict=False))
     left = {name: np.broadcast_to(value, len(theta)) for name, value in _risen(acts, everything, lift).items()}
     with np.errstate(all="ignore"):
-        if bears(injector.variant, corner | {name: value.min() for name, value in left.items()}, medium, dt):
+        if np.all(bears(injector.variant, corner | {name: value.min() for name, value in left.items()}, medium, dt)):
             return np.zeros(len(theta), bool)
         each = values | {name: theta[:, columns[name]] for name in varied} | left
         return ~np.broadcast_to(bears(injector.variant, each, medium, dt), len(theta))

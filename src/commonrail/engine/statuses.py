@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.engine import plan
 from commonrail.engine.notes import Outcome
 from commonrail.engine.plan import Prepared
-from commonrail.engine.stability import too_long
+from commonrail.engine.stability import Medium, medium_of, too_long
 from commonrail.engine.status import OK, STILL_INJECTING, Status
 
 __all__ = ["statuses_of"]
@@ -34,19 +33,36 @@ def statuses_of(names: Sequence[str], theta: Floats, prepared: Prepared, outcome
     outcome : Outcome
         Notes of the run.
     """
-
-    def table(figures: Floats) -> Floats:
-        return plan.by_candidate(figures, len(theta), len(prepared.points))
-
     status = np.full((len(theta), len(prepared.points)), OK)
-    status[table(outcome.closed_at_end) == 0.0] = STILL_INJECTING
-    bad = table(outcome.sound) == 0.0
+    status[outcome.closed_at_end == 0.0] = STILL_INJECTING
+    bad = outcome.sound == 0.0
     if bad.any():
-        finite = np.isfinite(table(outcome.injected))
+        finite = np.isfinite(outcome.injected)
         status[bad] = np.where(finite[bad], Status.RAN_AWAY, Status.NOT_FINITE)
-    status[table(outcome.injected) < -BACKFLOW] = Status.NOT_FINITE
+    status[outcome.injected < -BACKFLOW] = Status.NOT_FINITE
     # whatever came out: beyond the limit, at the greatest lift that was reached, a plausible figure may be far off
-    lifts = np.nan_to_num(table(outcome.greatest_lift)).max(axis=1)
-    status[too_long(prepared.injector, names, theta, prepared.medium, prepared.dt, lifts)] = Status.STEP_UNSTABLE
-    status[table(outcome.closed_at_start) == 0.0] = Status.NOT_CLOSED_AT_START
+    status[_step_too_long(names, theta, prepared, np.nan_to_num(outcome.greatest_lift))] = Status.STEP_UNSTABLE
+    status[outcome.closed_at_start == 0.0] = Status.NOT_CLOSED_AT_START
     return status
+
+
+def _step_too_long(names: Sequence[str], theta: Floats, prepared: Prepared, lifts: Floats) -> NDArray[np.bool_]:
+    """True for (candidates, points) whose step is too long at the point's own rail pressure and largest lift.
+
+    Parameters
+    ----------
+    names, theta, prepared
+        As in `statuses_of`.
+    lifts : (candidates, points)
+        [m].
+    """
+    injector, dt, points = prepared.injector, prepared.dt, lifts.shape[1]
+    # fuel is stiffest at the largest pressure: what bears the step there, at its largest lift, bears it at every point
+    found = np.repeat(too_long(injector, names, theta, prepared.medium, dt, lifts.max(axis=1))[:, None], points, axis=1)
+    asked = np.flatnonzero(found[:, 0])
+    if points > 1 and len(asked):
+        modulus, speed, at_return = medium_of(injector, prepared.highest)
+        medium = Medium(np.tile(modulus, len(asked)), np.tile(speed, len(asked)), at_return)
+        rows = np.repeat(theta[asked], points, axis=0)
+        found[asked] = too_long(injector, names, rows, medium, dt, lifts[asked].ravel()).reshape(-1, points)
+    return found

@@ -55,7 +55,7 @@ def past_stops(simulator: Simulator, point: OperatingPoint, values: Floats) -> P
         theta = candidate_matrix(simulator.injector, names, own[part])
         job = plan.make_job(prepared, theta, False)
         outcome, trace = lanes.run(job, variant, traced=True, same_bits=simulator.same_bits)
-        sound = plan.by_candidate(outcome.sound * outcome.closed_at_start, len(theta), 1)[:, 0] > 0.0
+        sound = (outcome.sound * outcome.closed_at_start)[:, 0] > 0.0
         found[part] = np.where(sound[:, None], trace[0][:, places, : len(theta)].max(axis=0).T, np.nan)
     of = _values_of(simulator, names, own)
     return Past(found[:, 0] - of("plunger_needle.stop_lift"), found[:, 1] - of("valve.lift"))

@@ -26,7 +26,7 @@ Bools = NDArray[np.bool_]
 # has closed, and one whose needle has not is repeated with the longest horizon.
 AFTER = (2e-3, 0.5)  # [s], [1]
 LONGEST_AFTER = 12e-3  # [s]
-AT_A_TIME = 256  # points; their boundary courses are held in memory
+AT_A_TIME = 4096  # points of a batch: Ctrl-C is heeded between batches
 
 
 class Conditions(NamedTuple):
@@ -106,7 +106,7 @@ def respond(injector: Injector, rail_pressure: Floats, energising_time: Floats, 
 
 
 def simulate_points(injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions) -> Response:
-    """Simulate operating points, short ones together so that their courses take little memory.
+    """Simulate operating points; one whose needle is still open at its end is repeated with a longer horizon.
 
     Parameters
     ----------
@@ -152,13 +152,10 @@ def _last_end(point: OperatingPoint) -> float:
 def _simulated(
     injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Volumes [m³], lifts [m] and statuses of points, some at a time in the order of their horizons."""
+    """Volumes [m³], lifts [m] and statuses of points, some at a time."""
     volume, lift, status = np.empty(len(points)), np.empty(len(points)), np.empty(len(points), np.int64)
-    order = np.argsort([point.duration for point in points], kind="stable")
-    for first in range(0, len(order), AT_A_TIME):
-        part = order[first : first + AT_A_TIME].tolist()
-        batch = simulate_batch(
-            injector, [points[i] for i in part], time_step=conditions.time_step, threads=conditions.threads
-        )
+    for first in range(0, len(points), AT_A_TIME):
+        part = slice(first, first + AT_A_TIME)
+        batch = simulate_batch(injector, points[part], time_step=conditions.time_step, threads=conditions.threads)
         volume[part], lift[part], status[part] = batch.injected_volume[0], batch.greatest_lift[0], batch.status[0]
     return volume, lift, status

@@ -22,7 +22,7 @@ from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.errors import ConfigurationError, SimulationError, nearest
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
-from commonrail.maps.response import Conditions
+from commonrail.maps.response import AT_A_TIME, Conditions
 
 __all__ = ["OPERATING", "Base", "Sweep", "Variable", "fused_of", "run_points", "sweep", "unit_of"]
 
@@ -39,11 +39,11 @@ OPERATING = {
     "return_pressure": "Pa",
 }
 SHORT = {"temperature": FUEL_TEMPERATURE}
+OF_THE_SECOND = ("energising_time", "dwell")  # variables that the first of two injections does not know
 
 MOST_VARIABLES = 3
 MOST_SIMULATIONS = 200_000
 AFTER = 5e-3  # simulated after the last energising; it ends early once the needle has closed [s]
-AT_A_TIME = 256  # operating points of a batch
 
 
 class Variable(NamedTuple):
@@ -171,16 +171,18 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     own = [v for v in variables if v.name not in OPERATING]
     points = [dict(zip([v.name for v in moving], place, strict=True)) for place in _product(moving)]
     values = np.array(list(_product(own))) if own else None
-    both = run_points(injector, [base.point(p) for p in points], own, values, base.conditions)
+    whole = [base.point(p) for p in points]
+    both = run_points(injector, whole, own, values, base.conditions)
     two = _two(base, variables)
     total = np.where(both.status == OK, both.injected_volume, np.nan)
     if np.all(np.isnan(total)):
         raise SimulationError(f"{injector.name}: no point of the sweep could be simulated; check its operating points.")
     alone, fused = np.full(total.shape, np.nan), np.zeros(total.shape, bool)
     if two:
-        first = run_points(injector, [base.point(p, alone=True) for p in points], own, values, base.conditions)
-        alone = np.where(first.status == OK, first.injected_volume, np.nan)
-        fused = fused_of(both, np.array([base.point(p).pulses[-1].start for p in points]), first.opening)
+        distinct, which = _first_alone(base, points)
+        first = run_points(injector, distinct, own, values, base.conditions)
+        alone = np.where(first.status == OK, first.injected_volume, np.nan)[:, which]
+        fused = fused_of(both, np.array([point.pulses[-1].start for point in whole]), first.opening[:, which])
     second = np.where(fused, np.nan, total - alone)
     sizes = [len(v.values) for v in (*own, *moving)]
     order = [[v.name for v in (*own, *moving)].index(v.name) for v in variables]
@@ -191,6 +193,14 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
 
     is_fused = shaped(fused.astype(float)) == 1.0
     return Sweep(injector, base, tuple(variables), shaped(total), shaped(second), is_fused, shaped(both.opening))
+
+
+def _first_alone(base: Base, points: Sequence[Mapping[str, float]]) -> tuple[list[OperatingPoint], NDArray[np.intp]]:
+    """Distinct points with the first of two injections alone, and the place of each given point among them."""
+    own = [frozenset((k, v) for k, v in p.items() if k not in OF_THE_SECOND) for p in points]
+    places = {variables: place for place, variables in enumerate(dict.fromkeys(own))}
+    distinct = [base.point(dict(variables), alone=True) for variables in places]
+    return distinct, np.array([places[variables] for variables in own], np.intp)
 
 
 def _two(base: Base, variables: Sequence[Variable]) -> bool:

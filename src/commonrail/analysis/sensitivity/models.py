@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -119,7 +118,7 @@ class Features:
         for k, point in enumerate(self.points):
             short = self._at_steady(k, own) if self._steady else None
             for feature in self.features:
-                batch = short if feature.name == STEADY else _column(whole, k)
+                batch = short if feature.name == STEADY else whole and whole.at_points(slice(k, k + 1))
                 assert batch is not None
                 figures = feature.of(batch, point)
                 code = codes_of(feature, figures, batch.status[:, 0])
@@ -146,11 +145,6 @@ class Features:
             precision=precision,
             prepared=prepared,  # type: ignore[arg-type]
         )
-
-
-def _column(batch: Batch | None, k: int) -> Batch | None:
-    """Batch of a single point."""
-    return batch and Batch(**{f.name: getattr(batch, f.name)[:, k : k + 1] for f in fields(Batch)})
 
 
 class Misfits:

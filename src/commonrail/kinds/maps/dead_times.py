@@ -63,10 +63,13 @@ def find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
     rows = np.flatnonzero(data.dead_time)
     found = np.full(len(rows), np.nan)
     mass_density = np.broadcast_to(data.mass_density, data.quantity.shape)
-    for i, row in enumerate(rows):
-        points = [_energised(data.points[row], float(t)) for t in _SEARCHED]
-        batch = simulator.once(points)
-        quantity = data.shown(batch, mass_density[row], Candidates(simulator, ITSELF), points)[0]
+    points = [_energised(data.points[row], float(t)) for row in rows.tolist() for t in _SEARCHED]
+    batch = simulator.once(points) if points else None
+    for i, row in enumerate(rows.tolist()):
+        part = slice(i * len(_SEARCHED), (i + 1) * len(_SEARCHED))
+        assert batch is not None
+        own = batch.at_points(part)
+        quantity = data.shown(own, mass_density[row], Candidates(simulator, ITSELF), points[part])[0]
         above = np.flatnonzero(quantity > data.quantity[row])
         if len(above) and above[0] > 0:
             k = int(above[0])
