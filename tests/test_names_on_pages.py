@@ -31,12 +31,14 @@ FOREIGN = """
     NPY_DISABLE_CPU_FEATURES OPENBLAS_CORETYPE
     NORMAL -force-vector-width -wal -shm .venv .venv-lowest .venv/bin/commonrail .venv/bin/python
     .venv/bin/pytest
+    .xlsx .mf4 .mdf .mat .pq excel mdf mat
 """
 # Names that examples give to the user's own things, and placeholders.
 OWN = """
     my.toml my-truth.toml my-case my-folder my-injector runs/first runs/a runs/<study>-<n> worn study DIR RUN
     IDEAL LABEL INJECTOR VARIANT VERB START DURATION N NAME FILE copy.sqlite measurements.parquet data/evi.csv
     data/rail.csv p_rail seeds dead_times.csv points.csv part.toml member-2.toml member-3.toml
+    shots.mf4 run.rate units.rate us_
 """
 TOKEN = re.compile(
     r"""

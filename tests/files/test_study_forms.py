@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -143,10 +145,11 @@ def test_resampling_keeps_the_quantity_and_a_zero_moves_the_times(load: Load) ->
 
 
 POINTS = ((800.0, 300.0), (1600.0, 700.0))
+AHEAD = 42e-6  # time of the trigger before the energising [s], between two samples
 
 
-def record(path: Path, *, ahead: float = 42e-6, shots: int = 8, noise: float = 0.0) -> None:
-    """Shots of a half sine, 5 ms apart, by turns at two operating points, each with a trigger ahead of it."""
+@functools.cache
+def _record(shots: int, noise: float) -> bytes:
     asammdf = pytest.importorskip("asammdf", reason="the extra mdf is not installed")
     random = np.random.default_rng(1)
     time = 1e-5 * np.arange(1, int(shots * 500) + 1)
@@ -156,7 +159,7 @@ def record(path: Path, *, ahead: float = 42e-6, shots: int = 8, noise: float = 0
         p, et = POINTS[i % 2]
         since = (time - start) / 1e-3
         flow += np.where((since > 0.0) & (since <= 1.0), p / 40.0 * np.sin(np.pi * np.clip(since, 0.0, 1.0)), 0.0)
-        trigger[(time > start - ahead) & (time < start + et * 1e-6)] = 5.0
+        trigger[(time > start - AHEAD) & (time < start + et * 1e-6)] = 5.0
     sets = np.array([POINTS[i % 2] for i in range(shots)])
     one = asammdf.MDF()
     one.append([asammdf.Signal(flow, time, "mm3/ms", "ROI"), asammdf.Signal(trigger, time, "V", "TRIG")])
@@ -164,8 +167,23 @@ def record(path: Path, *, ahead: float = 42e-6, shots: int = 8, noise: float = 0
         asammdf.Signal(sets[:, k], starts - 1e-3, unit, name) for k, unit, name in ((0, "bar", "p"), (1, "us", "t"))
     ]
     one.append(slow)
-    one.save(path, overwrite=True)
-    one.close()
+    with tempfile.TemporaryDirectory() as folder:
+        one.save(Path(folder, "a.mf4"))
+        one.close()
+        return Path(folder, "a.mf4").read_bytes()
+
+
+def record(path: Path, *, shots: int = 8, noise: float = 0.0) -> None:
+    """Shots of a half sine, 5 ms apart, by turns at two operating points, each with a trigger ahead of it.
+
+    Parameters
+    ----------
+    path : Path
+    shots : int
+    noise : float
+        Standard deviation of a sample [mm³/ms].
+    """
+    path.write_bytes(_record(shots, noise))
 
 
 SHOTS = """

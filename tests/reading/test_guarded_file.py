@@ -35,7 +35,8 @@ ALLOWED = {
     "store/journal_file.py": "SQLite, after `check_target` or `check_plain`",
     "store/listing.py": "SQLite, a lock beside a journal that was read",
     "reading/parquet_table.py": "pyarrow on a stream of `opened`",
-    "reading/mat_file.py": "SciPy on bytes of `read_plain`",
+    "reading/mdf_child.py": "its own standard output",
+    "reading/mdf_file.py": "NumPy on what its own process has written",
     "files/posterior_file.py": "NumPy on a stream of `opened`",
 }
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.reading import mdf_file
+from commonrail.reading import mdf_child
 from commonrail.reading.mdf_file import MdfFile
 from commonrail.reading.tables import Column, Table, read_columns
 
@@ -80,8 +80,7 @@ def test_linear_rules_are_applied_and_formulas_are_not_evaluated(tmp_path: Path)
         read(formula)
 
 
-@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
-def test_what_cannot_be_read_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mf4", ("g", [signal(RATE), signal(RATE, "TRIG", "V")]))
     with pytest.raises(InputError, match=r'there is no column "RIO" \(did you mean "ROI"\?\); the header has'):
         read(path, "RIO")
@@ -91,15 +90,30 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path: Path, monkeypatch: pytest
         read_columns(path, [Column("ROI", "m3/s"), Column("TRIG", "V")])
     with pytest.raises(InputError, match="a unit like mm3/ms is expected, not"):
         read(path, "TRIG")
-    monkeypatch.setattr(mdf_file, "MOST_SAMPLES", 50)
-    with pytest.raises(InputError, match="there are 100 samples, and at most 50 are read"):
-        read(path)
     (tmp_path / "b.mf4").write_bytes(path.read_bytes()[:3000])
     with pytest.raises(InputError, match=r"b\.mf4"):
         read(tmp_path / "b.mf4")
     (tmp_path / "c.mf4").write_bytes(b"no record at all")
     with pytest.raises(InputError, match="this is no MDF record that can be read"):
         read(tmp_path / "c.mf4")
+
+
+def test_a_channel_beyond_the_limit_is_refused_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    long, short = signal(RATE), signal(RATE[:5], "p", "bar", TIME[:5])
+    path = written(tmp_path / "a.mf4", ("fast", [long]), ("slow", [short]))
+    monkeypatch.setattr(mdf_child, "MOST_SAMPLES", 50)
+    found, arrays = mdf_child.channels_of(path.read_bytes())
+    assert found[0]["fault"] == "there are 100 samples, and at most 50 are read; cut the record"
+    assert len(arrays[found[1]["values"]]) == 5
+
+
+def test_a_process_that_a_record_ends_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    child = tmp_path / "child.py"
+    child.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n", encoding="utf-8")
+    monkeypatch.setattr(mdf_child, "__file__", str(child))
+    (tmp_path / "a.mf4").write_bytes(b"MDF     ends its reader")
+    with pytest.raises(InputError, match=r"this is no MDF record that can be read \(asammdf ended on it\)"):
+        read(tmp_path / "a.mf4")
 
 
 def test_a_sample_that_is_no_number_has_its_place(tmp_path: Path) -> None:

@@ -106,7 +106,7 @@ class Survey:
 
 
 def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:
-    """Look through a data file.
+    """Find out the content of a data file.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def _listed(sheet: Sheet) -> list[Channel]:
 
 
 def _block(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[str, dict[str, Any]]:
-    """What channels are taken for, and the block of a study that reads them."""
+    """Purpose that channels are taken for, and the block of a study that reads them."""
     rates = [c for c in channels if c.kind in RATES]
     times = [c for c in channels if c.kind == "s"]
     base: dict[str, Any] = {"kind": "rate", "file": path.name}

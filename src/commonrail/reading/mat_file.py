@@ -1,4 +1,4 @@
-"""Variables of a MAT file, of version 5 to 7 by SciPy and of version 7.3, which is HDF5, by h5py.
+"""Variables of a MAT file, of version 5 to 7 or of version 7.3, which is HDF5 and read by h5py.
 
 Fields of structures are named with a point, ``run.rate``, and columns of a matrix ``rate(:,2)``. MATLAB knows no
 units: that of ``rate`` is the text ``rate_unit`` or the field ``units.rate`` beside it, or is stated by the reader.
@@ -6,7 +6,6 @@ units: that of ``rate`` is the text ``rate_unit`` or the field ``units.rate`` be
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from io import BytesIO
@@ -19,19 +18,16 @@ from numpy.typing import NDArray
 from commonrail.errors import InputError
 from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.guarded_file import read_plain
+from commonrail.reading.mat5 import DEEPEST, LARGEST_CONTENT, TooLarge, is_mat5, variables_of_mat5
 from commonrail.reading.sheet import Column, Table, cell_place, find_column
 
 __all__ = ["MatFile"]
 
-LARGEST_CONTENT = 1_000_000_000  # of a compressed file when it is unpacked [bytes]
 MOST_NUMBERS = 20_000_000  # of a variable
 MOST_VARIABLES = 10_000
 MOST_COLUMNS = 1000  # of a matrix that is taken for columns
-DEEPEST = 4  # structures in structures
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_HEAD = 128  # bytes before the first variable
-_COMPRESSED = 15  # type of an element
 
 Content = dict[str, "NDArray[Any] | str"]
 
@@ -61,7 +57,11 @@ class MatFile:
             found = dict(_of_hdf5(path, data) if is_hdf5 else _of_mat5(path, data))
         except InputError:
             raise
-        except Exception as error:  # both libraries raise a dozen types for damaged files
+        except TooLarge as error:
+            raise InputError(
+                f"{path}: unpacked the file has more than the {LARGEST_CONTENT / 1e6:g} MB read."
+            ) from error
+        except Exception as error:  # h5py raises a dozen types for damaged files
             raise InputError(f"{path}: this is no MAT file that can be read ({type(error).__name__}).") from error
         self.arrays = {name: value for name, value in found.items() if not isinstance(value, str)}
         self._texts = {name: value for name, value in found.items() if isinstance(value, str)}
@@ -111,26 +111,15 @@ def _checked(path: Path, name: str, array: NDArray[Any]) -> NDArray[Any]:
 
 
 def _of_mat5(path: Path, data: bytes) -> Iterator[tuple[str, NDArray[Any] | str]]:
-    from scipy import io
-
-    _check_packed(path, data)
-    content = io.loadmat(BytesIO(data), struct_as_record=False, squeeze_me=True)
-    for name, value in content.items():
-        if not name.startswith("__"):
-            yield from _flat(path, name, value, 0)
-
-
-def _flat(path: Path, name: str, value: Any, depth: int) -> Iterator[tuple[str, NDArray[Any] | str]]:
-    fields = getattr(value, "_fieldnames", None)
-    if fields is not None:
-        for field in fields if depth < DEEPEST else ():
-            yield from _flat(path, f"{name}.{field}", getattr(value, field), depth + 1)
-    elif isinstance(value, str):
-        yield name, value
-    else:
-        array = np.asarray(value)
-        if array.dtype.kind in "biuf" and array.size:
-            yield name, _checked(path, name, array)
+    if not is_mat5(data):
+        raise InputError(f"{path}: this is no MAT file of version 5 or later; save it with -v7 in MATLAB.")
+    for count, (name, value) in enumerate(variables_of_mat5(data), start=1):
+        if count > MOST_VARIABLES:
+            raise InputError(f"{path}: there are more than the {MOST_VARIABLES} variables that are read.")
+        if isinstance(value, str):
+            yield name, value
+        elif value.size:
+            yield name, _checked(path, name, value)
 
 
 def _of_hdf5(path: Path, data: bytes) -> Iterator[tuple[str, NDArray[Any] | str]]:
@@ -166,29 +155,3 @@ def _flat_hdf5(path: Path, group: Any, inside: str, depth: int) -> Iterator[tupl
             yield whole, "".join(map(chr, array.reshape(-1, order="F").tolist()))
         else:
             yield whole, _checked(path, whole, array)
-
-
-def _check_packed(path: Path, data: bytes) -> None:
-    """Refuse a file of version 7 whose compressed variables are more than is read."""
-    order = "little" if data[126:128] == b"IM" else "big"
-    total, start = 0, _HEAD
-    while start + 8 <= len(data):
-        kind, length = (int.from_bytes(data[start + i : start + i + 4], order) for i in (0, 4))  # type: ignore[arg-type]
-        if kind == _COMPRESSED:
-            total += _unpacked(data[start + 8 : start + 8 + length], LARGEST_CONTENT - total)
-            if total > LARGEST_CONTENT:
-                raise InputError(f"{path}: unpacked the file has more than the {LARGEST_CONTENT / 1e6:g} MB read.")
-        start += 8 + length
-
-
-def _unpacked(packed: bytes, most: int) -> int:
-    """Bytes of a compressed element, counted to one more than `most`."""
-    unpack, size = zlib.decompressobj(), 0
-    try:
-        piece = unpack.decompress(packed, 1 << 20)
-        while piece and size <= most:
-            size += len(piece)
-            piece = unpack.decompress(unpack.unconsumed_tail, 1 << 20)
-    except zlib.error:
-        return size  # damaged: told when it is read
-    return size

@@ -6,22 +6,23 @@ the linear, rational and tabular rules of the file; a rule that is a formula as 
 
 from __future__ import annotations
 
-import gc
-import logging
+import json
+import subprocess
 import sys
-import traceback
 import zlib
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError
+from commonrail.reading import mdf_child
 from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.guarded_file import read_plain
 from commonrail.reading.place import Place
@@ -30,22 +31,29 @@ from commonrail.reading.sheet import Column, Table, find_column
 __all__ = ["MdfFile"]
 
 TIME = "time"  # name of the times of whatever group
-MOST_SAMPLES = 20_000_000  # of a channel
-MOST_CHANNELS = 10_000
 LARGEST_CONTENT = 1_000_000_000  # of compressed blocks when they are unpacked [bytes]
+LONGEST_READING = 300.0  # [s]
 
-_NUMERIC_RULES = (0, 1, 2, 4, 5, 6)  # none, linear, rational, tables of numbers
 _BLOCK = 24  # bytes of the head of a block
 _PACKED = 24  # bytes of the head of what is packed
 
+Floats = NDArray[np.float64]
 
-class _Place(NamedTuple):
-    """A channel: its group and index, its unit, and the name of the times of its group."""
 
-    group: int
-    channel: int
+class _Channel(NamedTuple):
+    """A channel: its group, unit, the name of its group's times, its arrays, and what is wrong with it, if anything."""
+
+    name: str
+    group: str
     unit: str
     master: str
+    time: Floats
+    values: Floats
+    fault: str
+
+
+class _Unreadable(Exception):
+    """A record that cannot be read: the reason."""
 
 
 class MdfFile:
@@ -73,34 +81,18 @@ class MdfFile:
                 f"{path}: MDF files need asammdf; install commonrail[mdf], or export the channels to a CSV file."
             )
         _check_packed(path, data)
-        self._record = _opened(path, data)
-        self._places = self._found()
-        self.names = list(self._places)
-
-    def _found(self) -> dict[str, _Place]:
-        found: list[tuple[str, str, _Place]] = []
-        for g, group in enumerate(self._record.groups):
-            master = self._record.masters_db.get(g)
-            times = TIME if master is None else str(group.channels[master].name)
-            label = str(getattr(group.channel_group, "acq_name", "") or "") or f"group {g + 1}"
-            for i, channel in enumerate(group.channels):
-                if i != master:
-                    unit = str(getattr(channel, "unit", "") or "") or _unit_of_rule(channel)
-                    found.append((str(channel.name), label, _Place(g, i, unit.strip(" []-"), times)))
-        if not 0 < len(found) <= MOST_CHANNELS:
-            raise InputError(f"{self.path}: the record has {len(found)} channels, and 1 to {MOST_CHANNELS} are read.")
-        counts = Counter(name for name, _, _ in found)
-        places: dict[str, _Place] = {}
-        for name, label, place in found:
-            whole = name if counts[name] == 1 else f"{label}/{name}"
-            while whole in places:
-                whole = f"{whole}, group {place.group + 1}"
-            places[whole] = place
-        return places
+        try:
+            found = _channels(data)
+        except _Unreadable as error:
+            raise InputError(f"{path}: this is no MDF record that can be read ({error}).") from error
+        if not found:
+            raise InputError(f"{path}: the record has no channels.")
+        self._channels = _named(found)
+        self.names = list(self._channels)
 
     def unit(self, name: str) -> str:
         """Unit of a channel, empty if the file has none."""
-        return self._places[name].unit
+        return self._channels[name].unit
 
     def take(self, columns: Sequence[Column]) -> Table:
         """Content of one channel and its times; see `Sheet.take`."""
@@ -109,70 +101,62 @@ class MdfFile:
             raise InputError(f"{self.path}: each channel of an MDF record has its own times; name files one by one.")
         (wanted,) = channels
         name = self.names[find_column(self.path, self.names, wanted.name)]
-        place = self._places[name]
+        channel = self._channels[name]
         for column in columns:
-            if column.increasing and column.name not in (TIME, place.master):
+            if column.increasing and column.name not in (TIME, channel.master):
                 raise InputError(
-                    f'{self.path}: the times of "{name}" are called "{place.master}", not "{column.name}"; write '
-                    f'time = "{place.master}" or "{TIME}".'
+                    f'{self.path}: the times of "{name}" are called "{channel.master}", not "{column.name}"; write '
+                    f'time = "{channel.master}" or "{TIME}".'
                 )
-        time, values = self._signal(name, place)
-        numbers = {column.name: time if column.increasing else values for column in columns}
-        given = {column.name: "s" if column.increasing else place.unit for column in columns}
-        table = Table(self.path, numbers, {}, given, np.arange(1, len(time) + 1), row="sample")
+        if channel.fault:
+            raise Place(str(self.path), f'channel "{name}"').error(channel.fault)
+        numbers = {c.name: channel.time if c.increasing else channel.values for c in columns}
+        given = {c.name: "s" if c.increasing else channel.unit for c in columns}
+        table = Table(self.path, numbers, {}, given, np.arange(1, len(channel.time) + 1), row="sample")
         for each, content in numbers.items():
             wrong = np.flatnonzero(~np.isfinite(content))
             if len(wrong):
                 raise table.place(each, int(wrong[0])).error("the value is not a finite number")
         return table
 
-    def _signal(self, name: str, place: _Place) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        group = self._record.groups[place.group]
-        at = Place(str(self.path), f'channel "{name}"')
-        count = int(group.channel_group.cycles_nr)
-        if count > MOST_SAMPLES:
-            raise at.error(f"there are {count} samples, and at most {MOST_SAMPLES} are read; cut the record")
-        try:
-            signal = self._record.get(group=place.group, index=place.channel, raw=True)
-            rule = getattr(signal.conversion, "conversion_type", 0)
-            if rule not in _NUMERIC_RULES:
-                raise at.error("its values are converted by a formula or to texts, which is not read; export it to CSV")
-            samples = np.asarray(signal.physical().samples if signal.conversion is not None else signal.samples)
-            time = np.array(signal.timestamps, np.float64)
-        except InputError:
-            raise
-        except Exception as error:  # asammdf raises a dozen types for damaged records
-            raise at.error(f"it cannot be read ({type(error).__name__})") from error
-        if samples.ndim != 1 or samples.dtype.kind not in "biuf":
-            raise at.error("its values are no plain numbers")
-        return time, samples.astype(np.float64)
+
+def _named(channels: Sequence[_Channel]) -> dict[str, _Channel]:
+    """Channels by name, with their groups where a name is not the only one."""
+    counts = Counter(channel.name for channel in channels)
+    found: dict[str, _Channel] = {}
+    for number, channel in enumerate(channels, start=1):
+        whole = channel.name if counts[channel.name] == 1 else f"{channel.group}/{channel.name}"
+        found[whole if whole not in found else f"{whole}, channel {number}"] = channel
+    return found
 
 
-def _unit_of_rule(channel: Any) -> str:
-    return str(getattr(getattr(channel, "conversion", None), "unit", "") or "")
-
-
-def _opened(path: Path, data: bytes) -> Any:
-    logging.getLogger("asammdf").setLevel(logging.CRITICAL)
-    from asammdf import MDF
-
+@lru_cache(maxsize=2)  # a run reads the copy of its data once more
+def _channels(data: bytes) -> tuple[_Channel, ...]:
+    """Channels of a record, read by a process of its own; see `mdf_child`."""
+    command = [sys.executable, "-P", str(Path(mdf_child.__file__))]
     try:
-        return MDF(BytesIO(data))
-    except Exception as error:  # as above
-        reason = type(error).__name__
-        _forget(error)
-    raise InputError(f"{path}: this is no MDF record that can be read ({reason}).")
-
-
-def _forget(error: Exception) -> None:
-    """Free a record that could not be opened: asammdf's would complain on stderr whenever it is collected."""
-    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
-    try:
-        traceback.clear_frames(error.__traceback__)
-        error.__traceback__ = error.__context__ = None
-        gc.collect()
-    finally:
-        sys.unraisablehook = hook
+        done = subprocess.run(command, input=data, capture_output=True, timeout=LONGEST_READING, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise _Unreadable(f"it takes longer than {LONGEST_READING:g} s") from error
+    if done.returncode != 0:
+        last = done.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2]
+        raise _Unreadable(last[:200] if last.isprintable() and done.returncode > 0 else "asammdf ended on it")
+    with np.load(BytesIO(done.stdout), allow_pickle=False) as arrays:
+        entries = json.loads(arrays["channels"].tobytes())
+        none = np.empty(0)
+        loaded = {name: arrays[name] for name in arrays.files}
+    return tuple(
+        _Channel(
+            entry["name"],
+            entry["group"],
+            entry["unit"],
+            entry["master"],
+            loaded.get(entry.get("times", ""), none),
+            loaded.get(entry.get("values", ""), none),
+            entry["fault"],
+        )
+        for entry in entries
+    )
 
 
 def _check_packed(path: Path, data: bytes) -> None:
