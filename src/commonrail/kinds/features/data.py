@@ -264,7 +264,9 @@ class FeatureData(DataSet):
 
     def quantities(self, score: FeatureScore) -> tuple[Floats, Floats]:
         """Measured and simulated quantities of injections where there are both [m³]."""
-        both = np.isfinite(score.values) & np.array([target.feature in ("quantity", "total_quantity") for target in self.targets])
+        both = np.isfinite(score.values) & np.array(
+            [target.feature in ("quantity", "total_quantity") for target in self.targets]
+        )
         return self.measured[both], score.values[both]
 
     def relative_error(self, score: FeatureScore) -> float:
