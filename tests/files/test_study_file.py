@@ -199,7 +199,7 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         InputError,
         'kind = "rate"',
         'kind = "evi"',
-        r'data\[1\]: kind must be "rate", "quantities" or "return quantities"',
+        r'data\[1\]: kind must be "rate", "quantities", "return quantities" or "features"',
     ),
     "treatment": (
         InputError,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from commonrail.signals.features import features
+from commonrail.signals.parts import averaged
 from commonrail.signals.rate_trace import RateTrace
 from commonrail.signals.settings import FeatureSettings
 from commonrail.signals.status import FeatureStatus
@@ -45,6 +46,19 @@ def test_noise_makes_no_false_injections(seed: int) -> None:
     """2 % of the peak on a threshold of 10 %: four standard deviations of the averaged rate within its hysteresis."""
     found = features(noisy(straight(*APART, energisings=ENERGISED), 0.02, seed))
     assert [one.energising for one in found.injections] == [1, 2]
+
+
+def test_on_a_slow_ramp_the_rate_passes_the_threshold_many_times_and_there_is_one_injection() -> None:
+    """0.1 % of the peak a sample, and noise of 0.9 % after averaging: hysteresis tells them from injections."""
+    slow = straight((200e-6, 5200e-6, 5500e-6, 5600e-6), (0.0, PEAK, PEAK, 0.0), end=6e-3)
+    passes = []
+    for seed in range(5):
+        ramp = noisy(slow, 0.02, seed)
+        found = features(ramp)
+        course = averaged(ramp, found.levels.width)
+        passes.append(np.count_nonzero(np.diff(course.rate > found.levels.threshold)))
+        assert len(found.injections) == 1
+    assert max(passes) >= 6  # once up and once down would be 2
 
 
 def test_noise_that_reaches_over_the_hysteresis_is_told_apart_from_injections() -> None:

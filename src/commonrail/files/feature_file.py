@@ -9,14 +9,11 @@ from typing import Any
 
 from commonrail.files.atomic import write_csv
 from commonrail.files.run_features import ComparedFeatures
-from commonrail.signals.features import Features, unit_of
+from commonrail.signals.features import SHOWN, Features, Shown, unit_of
 from commonrail.signals.measures import FEATURES
 from commonrail.signals.shots import ShotStatistic
 
 __all__ = ["compared_record", "features_record", "write_compared", "write_features"]
-
-# By SI unit: factor and unit of a table.
-UNITS = {"s": (1e6, "us"), "m3/s": (1e6, "mm3/ms"), "kg/s": (1e3, "mg/ms"), "m3": (1e9, "mm3"), "kg": (1e6, "mg")}
 
 
 def write_features(path: Path, found: Mapping[str, Features]) -> None:
@@ -34,12 +31,12 @@ def write_features(path: Path, found: Mapping[str, Features]) -> None:
         If it cannot be written.
     """
     (unit,) = {one.unit for one in found.values()}
-    units = {name: UNITS[unit_of(name, unit)] for name in FEATURES}
+    units = {name: SHOWN[unit_of(name, unit)] for name in FEATURES}
     header = [
         "trace",
         "injection",
         "energising",
-        *(f"{name} [{shown}]" for name, (_, shown) in units.items()),
+        *(f"{name} [{shown.unit}]" for name, shown in units.items()),
         "status",
     ]
 
@@ -48,7 +45,7 @@ def write_features(path: Path, found: Mapping[str, Features]) -> None:
             if not one.injections:
                 yield [trace, "", "", *[""] * len(FEATURES), one.status.value]
             for i, injection in enumerate(one.injections, start=1):
-                values = (_text(injection.values[name], factor) for name, (factor, _) in units.items())
+                values = (_text(injection.values[name], shown) for name, shown in units.items())
                 status = "; ".join(status.value for status in injection.statuses) or "ok"
                 yield [trace, str(i), str(injection.energising or ""), *values, status]
 
@@ -73,10 +70,10 @@ def write_compared(path: Path, found: Sequence[ComparedFeatures]) -> None:
         for one in found:
             for i in range(1, len(one.measured.energisings) + 1):
                 for name in FEATURES:
-                    factor, unit = UNITS[unit_of(name)]
+                    shown = SHOWN[unit_of(name)]
                     pair = one.measured.value(name, i), one.simulated.value(name, i)
-                    texts = (_text(value, factor) for value in (*pair, pair[1] - pair[0]))
-                    yield [one.name, str(i), name, unit, *texts]
+                    texts = (_text(value, shown) for value in (*pair, pair[1] - pair[0]))
+                    yield [one.name, str(i), name, shown.unit, *texts]
 
     notes = [note for one in found for note in (_note(one.name, one.measured), *_synthetic(one))]
     write_csv(path, notes, ["data", "injection", "feature", "unit", "measured", "simulated", "difference"], rows())
@@ -119,14 +116,14 @@ def compared_record(found: Sequence[ComparedFeatures]) -> dict[str, Any]:
 
 
 def _note(name: str, one: Features) -> str:
-    factor, unit = UNITS[one.unit]
-    levels = one.levels
-    return f"{name}: threshold {levels.threshold * factor:.6g} {unit}, averaged over {levels.width * 1e6:.6g} us"
+    shown, levels = SHOWN[one.unit], one.levels
+    threshold = f"{levels.threshold * shown.factor:.6g} {shown.unit}"
+    return f"{name}: threshold {threshold}, averaged over {levels.width * 1e6:.6g} us"
 
 
 def _synthetic(one: ComparedFeatures) -> list[str]:
     return [f"{one.name}: synthetic, not measured: {one.synthetic}"] if one.synthetic else []
 
 
-def _text(value: float, factor: float) -> str:
-    return f"{value * factor:.9g}" if math.isfinite(value) else ""
+def _text(value: float, shown: Shown) -> str:
+    return f"{value * shown.factor:.9g}" if math.isfinite(value) else ""

@@ -14,7 +14,7 @@ from commonrail.errors import InputError
 from commonrail.reading.csv_file import CsvFile
 from commonrail.reading.sheet import name_and_unit
 from commonrail.reading.tables import Column, read_columns
-from commonrail.signals.rate_trace import RATE_UNITS, RateTrace
+from commonrail.signals.rate_trace import RATE_UNITS, RateTrace, bounds_around
 from commonrail.units import compatible
 
 __all__ = ["RateColumns", "read_rates"]
@@ -71,7 +71,8 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
     if len({table.units[name] for name in names}) > 1:
         raise InputError(f"{path}: some rates are by mass and some by volume; name those of one kind.")
     moments = table.columns[columns.time]
-    bounds = _bounds(moments, columns.centred)
+    before = np.concatenate(([2.0 * moments[0] - moments[1]], moments))
+    bounds = bounds_around(moments) if columns.centred else before
     keep = _within(bounds, columns.window, path)
     edges = bounds[keep[0] : keep[-1] + 2]
     return {name: RateTrace(edges, table.columns[name][keep], table.units[name], tuple(energisings)) for name in names}
@@ -94,14 +95,6 @@ def _is_rate(unit: str) -> bool:
         return any(compatible(unit, one) for one in RATE_UNITS)
     except InputError:
         return False
-
-
-def _bounds(time: Floats, centred: bool) -> Floats:
-    """Bounds of samples at times."""
-    if not centred:
-        return np.concatenate(([2.0 * time[0] - time[1]], time))
-    middles = 0.5 * (time[1:] + time[:-1])
-    return np.concatenate(([2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]))
 
 
 def _within(bounds: Floats, window: tuple[float, float] | None, path: Path) -> NDArray[np.intp]:

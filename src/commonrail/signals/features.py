@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,25 @@ from commonrail.signals.rate_trace import RATE_UNITS, RateTrace, rate_trace
 from commonrail.signals.settings import CLEAR, FeatureSettings, Levels, levels_of
 from commonrail.signals.status import FeatureStatus
 
-__all__ = ["Features", "Injection", "features", "known_feature", "unit_of"]
+__all__ = ["SHOWN", "Features", "Injection", "Shown", "features", "known_feature", "unit_of"]
+
+
+class Shown(NamedTuple):
+    """Unit in which features of one SI unit are shown: factor, text in files and on pages, decimals."""
+
+    factor: float
+    unit: str
+    text: str
+    decimals: int
+
+
+SHOWN = {  # by SI unit
+    "s": Shown(1e6, "us", "µs", 1),
+    "m3/s": Shown(1e6, "mm3/ms", "mm³/ms", 2),
+    "kg/s": Shown(1e3, "mg/ms", "mg/ms", 2),
+    "m3": Shown(1e9, "mm3", "mm³", 3),
+    "kg": Shown(1e6, "mg", "mg", 3),
+}
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.solution import Solution
 from commonrail.errors import ConfigurationError
 
-__all__ = ["RATE_UNITS", "RateTrace", "rate_trace", "spread"]
+__all__ = ["RATE_UNITS", "RateTrace", "bounds_around", "rate_trace", "spread"]
 
 Floats = NDArray[np.float64]
 
@@ -133,7 +133,7 @@ def rate_trace(source: Any, energisings: OperatingPoint | Sequence[Energising] |
     if isinstance(source, Solution):
         return RateTrace(source.time, source.rate, energisings=tuple(pulses or ()))
     if isinstance(source, Trace):
-        return RateTrace(_around(np.array(source.time)), np.array(source.value), energisings=tuple(pulses or ()))
+        return RateTrace(bounds_around(np.array(source.time)), np.array(source.value), energisings=tuple(pulses or ()))
     point = getattr(source, "point", None)
     if isinstance(point, OperatingPoint) and hasattr(source, "bounds") and hasattr(source, "rate"):
         return RateTrace(source.bounds, source.rate, energisings=tuple(point.pulses if pulses is None else pulses))
@@ -143,7 +143,7 @@ def rate_trace(source: Any, energisings: OperatingPoint | Sequence[Energising] |
     )
 
 
-def _around(time: Floats) -> Floats:
-    """Bounds in the middle between times."""
+def bounds_around(time: Floats) -> Floats:
+    """Bounds (n + 1,) in the middle between times (n,)."""
     middles = 0.5 * (time[1:] + time[:-1])
     return np.concatenate(([2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]))

@@ -10,12 +10,12 @@ from commonrail.display.table import BEST_LEGEND, SIGNS, Cell, Part, Table, mark
 from commonrail.display.text import fixed, listed, megapascal, number, pressure, signed
 from commonrail.kinds.base import View
 from commonrail.kinds.records import JUDGED, MEASURED, Models, Plotted, Record, Texts, origin_of, present
+from commonrail.signals.features import SHOWN
 
 __all__ = ["FeatureView"]
 
 _STEPS = (1.0, 2.0)  # [tolerances]
 _LEGEND = "{small} within one tolerance, {medium} within two, {large} beyond.".format(**SIGNS)
-_SHOWN = {"s": (1e6, "µs", 1), "m3/s": (1e6, "mm³/ms", 2), "m3": (1e9, "mm³", 3)}  # factor, unit, decimals by SI unit
 
 
 class FeatureView(View):
@@ -65,8 +65,8 @@ def _name(row: Record) -> str:
 
 
 def _shown(row: Record, key: str) -> str:
-    factor, _, decimals = _SHOWN[row["unit"]]
-    return fixed(row.get(key), decimals, factor)
+    shown = SHOWN[row["unit"]]
+    return fixed(row.get(key), shown.decimals, shown.factor)
 
 
 def _error(row: Record, label: str) -> float | None:
@@ -77,9 +77,9 @@ def _error(row: Record, label: str) -> float | None:
 
 def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
     def errors(row: Record) -> Iterator[str | Cell]:
-        factor, _, decimals = _SHOWN[row["unit"]]
+        shown = SHOWN[row["unit"]]
         value = number(row.get(JUDGED))
-        yield signed(None if value is None else (value - row[MEASURED]) * factor, decimals)
+        yield signed(None if value is None else (value - row[MEASURED]) * shown.factor, shown.decimals)
         error = _error(row, JUDGED)
         yield Cell(signed(error, 2), size_of(error, _STEPS))
 
@@ -120,4 +120,4 @@ def _figure(data: Record, models: Models) -> Figure:
     )
 
 
-_HEAD = Part(("feature", "unit"), lambda row: (_name(row), _SHOWN[row["unit"]][1]))
+_HEAD = Part(("feature", "unit"), lambda row: (_name(row), SHOWN[row["unit"]].text))
