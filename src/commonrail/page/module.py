@@ -57,13 +57,15 @@ def _zig() -> str:
 
 
 def _defines(variant: Variant) -> dict[str, int]:
-    size = sizes(variant)
+    size, rows = sizes(variant), make_rows(variant, 1)
     return {
         "CR_COLUMNS": size.parameters + size.fuel,
         "CR_WORK": size.work,
         "CR_FIGURES": size.figures,
         "CR_CHANNELS": size.channels,
-        "CR_INJECTED": int(make_rows(variant, 1).injected),
+        "CR_INJECTED": int(rows.injected),
+        "CR_TIP": int(rows.tip),
+        "CR_VALVE": int(rows.valve_lift),
         "CR_STEPS": MOST_STEPS,
         "CR_ROWS": MOST_ROWS,
         "CR_SLOTS": MOST_SLOTS,
