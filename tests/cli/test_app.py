@@ -29,6 +29,7 @@ VERBS = {
     "runs",
     "reproduce",
     "report",
+    "export",
     "verify",
     "catalogue",
     "new",

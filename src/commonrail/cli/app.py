@@ -16,6 +16,7 @@ from commonrail.cli.certainty import certainty
 from commonrail.cli.compare import compare
 from commonrail.cli.console import compiling, say, say_of_ending
 from commonrail.cli.doctor import doctor
+from commonrail.cli.export import export
 from commonrail.cli.family import family
 from commonrail.cli.fleet import fleet
 from commonrail.cli.guard import guarded, show_traceback
@@ -70,6 +71,7 @@ _VERBS = (
     sweep,
     inspect,
     report,
+    export,
     page,
     verify,
     catalogue,

@@ -14,7 +14,7 @@ from commonrail.export.variables import BASE_UNITS, DISPLAY_UNITS, Variable
 __all__ = ["describe2", "number", "units_element"]
 
 
-def describe2(model: Model, listed: Sequence[Variable], token: str) -> str:
+def describe2(model: Model, listed: Sequence[Variable], token: str, sources: Sequence[str]) -> str:
     """Text of the description.
 
     Parameters
@@ -23,10 +23,12 @@ def describe2(model: Model, listed: Sequence[Variable], token: str) -> str:
     listed : sequence of Variable
     token : str
         GUID that the binary compares.
+    sources : sequence of str
+        C files to be compiled where there is no binary.
     """
     attributes = {"fmiVersion": "2.0", "guid": token, **about(model), "numberOfEventIndicators": "0"}
     root = Xml.Element("fmiModelDescription", attributes)
-    Xml.SubElement(
+    simulation = Xml.SubElement(
         root,
         "CoSimulation",
         modelIdentifier=model.name,
@@ -35,6 +37,9 @@ def describe2(model: Model, listed: Sequence[Variable], token: str) -> str:
         canSerializeFMUstate="true",
         canNotUseMemoryManagementFunctions="true",
     )
+    files = Xml.SubElement(simulation, "SourceFiles")
+    for name in sources:
+        Xml.SubElement(files, "File", name=name)
     root.append(units_element(listed))
     categories = Xml.SubElement(root, "LogCategories")
     Xml.SubElement(categories, "Category", name="logStatusError", description="Sentences on what failed")

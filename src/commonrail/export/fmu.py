@@ -10,16 +10,22 @@ from pathlib import Path
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.errors import ConfigurationError
 from commonrail.export.description2 import describe2
+from commonrail.export.description3 import build_description, describe3, terminals
+from commonrail.export.documentation import documentation_page
 from commonrail.export.library import write_sources
-from commonrail.export.linker import compiler_for, link_shared
+from commonrail.export.linker import Compiler, compiler_for, link_shared
 from commonrail.export.objects import Target, emit
 from commonrail.export.sources import Model, model_of, named, template
 from commonrail.export.variables import CYLINDER, RAIL, RETURN, variables
 from commonrail.injector.definition import Injector
 
-__all__ = ["write_fmu"]
+__all__ = ["check_fmi", "write_fmu"]
 
-_HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")}
+_HEADERS = {
+    2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+_DESCRIPTIONS = {2: describe2, 3: describe3}
 _WHEN = (
     1980,
     1,
@@ -41,7 +47,7 @@ def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int
     targets : sequence of Target
         Platforms of the binaries.
     fmi : int
-        Version of the standard, 2.
+        Version of the standard, 2 or 3.
 
     Returns
     -------
@@ -53,22 +59,50 @@ def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int
     ConfigurationError
         If the standard knows no such platform, there is no compiler for one, or it fails.
     """
+    check_fmi(fmi)
     folders = {target.name: _folder(target, fmi) for target in targets}
     compilers = {target.name: compiler_for(target, prefer_zig=True) for target in targets}
     model = model_of(injector)
     token = f"{{{model.stamp[:8]}-{model.stamp[8:12]}-{model.stamp[12:16]}-{model.stamp[16:20]}-{model.stamp[20:32]}}}"
-    contents: dict[str, bytes] = {"modelDescription.xml": describe2(model, variables(injector), token).encode()}
+    listed = variables(injector)
     with tempfile.TemporaryDirectory(prefix="commonrail-") as temporary:
         folder = Path(temporary)
-        write_sources(model, folder)
-        sources = [folder / f"{model.name}.c", *_write_instance(model, folder, token, fmi)]
+        written = [*write_sources(model, folder), *_write_instance(model, folder, token, fmi)]
+        to_compile = [path.name for path in written if path.suffix == ".c"]
+        describe = _DESCRIPTIONS[fmi]
+        contents = {"modelDescription.xml": describe(model, listed, token, to_compile).encode()}
         for target in targets:
-            kernel, binary = folder / f"{target.name}.o", folder / f"{target.name}{target.suffix}"
-            kernel.write_bytes(emit(injector.wired(), target, model.name))
-            link_shared(compilers[target.name], (*sources, kernel), binary, target, ())
+            binary = folder / f"{target.name}{target.suffix}"
+            _link(compilers[target.name], model, folder, binary, target)
             contents[f"binaries/{folders[target.name]}/{model.name}{target.suffix}"] = binary.read_bytes()
+        contents |= {f"sources/{path.name}": path.read_bytes() for path in written}
+    if fmi == 3:
+        contents["sources/buildDescription.xml"] = build_description(model, to_compile).encode()
+        contents["terminalsAndIcons/terminalsAndIcons.xml"] = terminals().encode()
+    contents["documentation/index.html"] = documentation_page(model, listed).encode()
+    contents["documentation/licenses/notices.txt"] = template("notices.txt").replace("NAME", model.name).encode()
     _pack(out, contents)
     return tuple(contents)
+
+
+def _link(compiler: Compiler, model: Model, folder: Path, binary: Path, target: Target) -> None:
+    """Link the binary of a target: the C around the physics, and the physics as LLVM compiles it."""
+    kernel = folder / f"{target.name}.o"
+    kernel.write_bytes(emit(model.injector.wired(), target, model.name))
+    around = sorted(path for path in folder.glob("*.c") if path.stem != f"{model.name}_kernel")
+    link_shared(compiler, (*around, kernel), binary, target, ())
+
+
+def check_fmi(version: int) -> None:
+    """Refuse a version of the standard that is not written.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    if version not in _HEADERS:
+        known = " and ".join(map(str, _HEADERS))
+        raise ConfigurationError(f"FMUs are written for version {known} of the FMI standard, not {version}.")
 
 
 def _folder(target: Target, fmi: int) -> str:
@@ -95,7 +129,7 @@ def _write_instance(model: Model, folder: Path, token: str, fmi: int) -> list[Pa
         (folder / name).write_text(named(text, model.name), encoding="utf-8")
     for name in _HEADERS[fmi]:
         (folder / name).write_text(template(f"fmi/{name}"), encoding="utf-8")
-    return [folder / name for name in texts if name.endswith(".c")]
+    return [folder / name for name in (*texts, *_HEADERS[fmi])]
 
 
 def _pack(out: Path, contents: dict[str, bytes]) -> None:

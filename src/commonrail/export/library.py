@@ -44,7 +44,8 @@ def write_library(injector: Injector, folder: Path, targets: Sequence[Target], p
     folder : Path
         Exists; files of the same names are replaced.
     targets : sequence of Target
-        Each gets an object, a static and a shared library; with more than one, in folders by their names.
+        Each gets an object, a static and a shared library, WebAssembly the object alone; with more than one target,
+        in folders by their names.
     prefer_zig : bool
         See `compiler_for`.
 
@@ -53,7 +54,7 @@ def write_library(injector: Injector, folder: Path, targets: Sequence[Target], p
     ConfigurationError
         If there is no compiler for a target, or it fails.
     """
-    compilers = {target.name: compiler_for(target, prefer_zig) for target in targets}
+    compilers = {target.name: compiler_for(target, prefer_zig) for target in targets if target.suffix != ".wasm"}
     model = model_of(injector)
     files = write_sources(model, folder)
     shared: dict[str, Path] = {}
@@ -62,6 +63,9 @@ def write_library(injector: Injector, folder: Path, targets: Sequence[Target], p
         place.mkdir(exist_ok=True)
         kernel = place / f"{model.name}_kernel_{target.name}.o"
         kernel.write_bytes(emit(injector.wired(), target, model.name))
+        files += (kernel,)
+        if target.name not in compilers:
+            continue
         compiler = compilers[target.name]
         core = place / f"{model.name}.o"
         compile_source(compiler, folder / f"{model.name}.c", core, target)
@@ -75,7 +79,7 @@ def write_library(injector: Injector, folder: Path, targets: Sequence[Target], p
             target,
             (f"{model.name.upper()}_SHARED",),
         )
-        files += (kernel, static, shared[target.name])
+        files += (static, shared[target.name])
     files += _write_examples(model, folder)
     return Library(model, folder, shared, files)
 
@@ -96,7 +100,7 @@ def write_sources(model: Model, folder: Path) -> tuple[Path, ...]:
 def _write_examples(model: Model, folder: Path) -> tuple[Path, ...]:
     size = sizes(model.injector.wired())
     in_c = named(template("example.c"), model.name).replace(" cr.c cr_kernel", f" {model.name}.c {model.name}_kernel")
-    in_python = named(template("example.py"), model.name).replace("*cr.so", f"lib{model.name}.*")
+    in_python = named(template("example.py.in"), model.name).replace("*cr.so", f"lib{model.name}.*")
     in_python = re.sub(
         r"PARAMETERS, CHANNELS = 0, 0", f"PARAMETERS, CHANNELS = {size.parameters + 1}, {size.channels}", in_python
     )

@@ -8,7 +8,7 @@ from commonrail.errors import ConfigurationError, nearest
 from commonrail.export.texts import entry_texts, refuse_foreign
 from commonrail.injector.variants import Variant
 
-__all__ = ["TARGETS", "Target", "emit", "target_named"]
+__all__ = ["TARGETS", "Target", "emit", "linked_text", "target_named"]
 
 
 class Target(NamedTuple):
@@ -87,24 +87,26 @@ def emit(variant: Variant, target: Target | str, prefix: str = "cr") -> bytes:
     ConfigurationError
         If there is no such target, or the compiler fails.
     """
-    import llvmlite.binding as llvm
-
-    for_machine = target if isinstance(target, Target) else target_named(target)
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    machine = llvm.Target.from_triple(for_machine.triple).create_target_machine(
-        cpu=for_machine.processor, features=for_machine.features, opt=3, reloc="pic", codemodel="default"
-    )
-    module = _linked(entry_texts(variant), prefix, machine, llvm)
-    refuse_foreign(str(module))
-    module.verify()
+    machine, module = _linked(variant, target if isinstance(target, Target) else target_named(target), prefix)
     return bytes(machine.emit_object(module))
 
 
-def _linked(texts: dict[str, str], prefix: str, machine: Any, llvm: Any) -> Any:
-    """One module of all entries for a machine, without what none of them uses."""
-    whole = None
-    for name, text in texts.items():
+def linked_text(variant: Variant, prefix: str = "cr") -> str:
+    """LLVM text of all entries of a wiring, named as `emit` names them."""
+    return str(_linked(variant, TARGETS["linux64"], prefix)[1])
+
+
+def _linked(variant: Variant, target: Target, prefix: str) -> tuple[Any, Any]:
+    """LLVM's machine of a target, and one module of all entries for it, without what none of them uses."""
+    import llvmlite.binding as llvm
+
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.processor, features=target.features, opt=3, reloc="pic", codemodel="default"
+    )
+    whole: Any = None
+    for name, text in entry_texts(variant).items():
         module = llvm.parse_assembly(text)
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
         entry = module.get_function(name)
@@ -117,4 +119,6 @@ def _linked(texts: dict[str, str], prefix: str, machine: Any, llvm: Any) -> Any:
     passes = llvm.create_new_module_pass_manager()
     passes.add_global_dead_code_eliminate_pass()
     passes.run(whole, builder)
-    return whole
+    refuse_foreign(str(whole))
+    whole.verify()
+    return machine, whole

@@ -13,12 +13,15 @@ from typing import NamedTuple
 from commonrail.choices import Actuation, Boundary
 from commonrail.engine import plan
 from commonrail.engine.notes import Outcome
+from commonrail.engine.rows import make_rows
 from commonrail.engine.status import Status
 from commonrail.engine.statuses import BACKFLOW
 from commonrail.engine.time_step import TIME_STEPS
 from commonrail.export.conditions import step_condition
 from commonrail.export.entries import channels, sizes
 from commonrail.export.fuel_table import FuelTable, fuel_table
+from commonrail.export.kernel_source import kernel_source
+from commonrail.export.objects import linked_text
 from commonrail.export.texts import entry_texts
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.injector.variants import Variant
@@ -104,7 +107,11 @@ def model_of(injector: Injector) -> Model:
         name,
         digest,
         named(template("commonrail.h").replace("/*SIZES*/\n", public), name),
-        {f"{name}.c": named(template("core.c"), name), f"{name}_model.h": named(model, name)},
+        {
+            f"{name}.c": named(template("core.c"), name),
+            f"{name}_model.h": named(model, name),
+            f"{name}_kernel.c": kernel_source(linked_text(wired, name)),
+        },
     )
 
 
@@ -127,6 +134,7 @@ def _identifier(name: str) -> str:
 def _tables(injector: Injector) -> str:
     """Text of the private header: sizes, parameters, channels, fuel, sentences, the condition on the step."""
     wired, size = injector.wired(), sizes(injector.wired())
+    rows = make_rows(wired, 1)
     fuel = fuel_table(injector.fuel, injector.values[FUEL_TEMPERATURE])
     low, high = injector.fuel.pressure_range
     defines = {
@@ -137,6 +145,7 @@ def _tables(injector: Injector) -> str:
         "COLUMNS": size.parameters + size.fuel,
         "KERNEL_FIGURES": size.figures,
         **{f"F_{name.upper()}": i for i, name in enumerate(Outcome._fields)},
+        **{f"ROW_{name.upper()}": getattr(rows, name) for name in ("opened", "shut", "first_shut", "clear")},
         "DEGREE": fuel.series.shape[1] - 1,
         "COLDEST": repr(fuel.coldest),
         "HOTTEST": repr(fuel.hottest),

@@ -82,7 +82,8 @@ CR_API int cr_begin(void *state, size_t size, const double parameters[CR_PARAMET
                     double time_step, double start);
 /* Plan energisings, in order, in place of all that were planned or switched; at most CR_ENERGISINGS. */
 CR_API int cr_plan(void *state, const cr_energising *energisings, int count);
-/* Switch the energising on or off at a time that has not been simulated yet. */
+/* Switch the energising on or off at a time that has not been simulated yet. Switched on while the needle is closed, the
+ * instants of cr_figures are those of the injection that follows. */
 CR_API int cr_switch(void *state, double time, int on);
 /* March `steps` time steps. Returns CR_OK or the failure, after which the state stands still. */
 CR_API int cr_march(void *state, int64_t steps, const cr_boundary *boundary);

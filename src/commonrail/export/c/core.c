@@ -22,7 +22,7 @@ typedef struct { /* plain data: a copy of its bytes is a copy of the simulation 
     uint64_t stamp;
     int64_t size, ring, steps;
     int32_t status, energisings, on, spare;
-    double dt, start, density, rail, cylinder, medium[3];
+    double dt, start, density, rail, cylinder, borne, medium[3];
     double from[CR_ENERGISINGS], until[CR_ENERGISINGS];
     double figures[CR_KERNEL_FIGURES];
     double parameters[CR_PARAMETERS];
@@ -241,6 +241,9 @@ int cr_switch(void *state, double time, int on) {
         }
         h->from[h->energisings] = time;
         h->until[h->energisings++] = HUGE_VAL;
+        double *work = work_of(state);
+        if (work[CR_ROW_CLEAR] == 0.0) /* the needle is closed: the instants will be those of this injection */
+            work[CR_ROW_OPENED] = work[CR_ROW_SHUT] = work[CR_ROW_FIRST_SHUT] = 0.0;
     }
     h->on = on != 0;
     return CR_OK;
@@ -264,11 +267,12 @@ static void clock_at(const Head *h, double begin, cr_inputs *in) {
     in->since_end = h->until[now] < HUGE_VAL ? begin - h->until[now] : -1.0;
 }
 
-/* Failure of the present state, or CR_OK. */
-static int failure(const Head *h, const double *figures) {
+/* Failure of the present state, or CR_OK. The step was short enough up to a lift `borne`. */
+static int failure(const Head *h, const double *figures, double borne) {
     double lift = figures[CR_F_GREATEST_LIFT];
     if (h->figures[CR_F_CLOSED_AT_START] == 0.0) return CR_NOT_CLOSED_AT_START;
-    if (!cr_bears(h->parameters, isfinite(lift) ? lift : 0.0, h->medium, h->dt)) return CR_STEP_UNSTABLE;
+    if (!(lift <= borne) && !cr_bears(h->parameters, isfinite(lift) ? lift : 0.0, h->medium, h->dt))
+        return CR_STEP_UNSTABLE;
     if (figures[CR_F_INJECTED] < -CR_BACKFLOW) return CR_NOT_FINITE;
     if (figures[CR_F_SOUND] == 0.0) return isfinite(figures[CR_F_INJECTED]) ? CR_RAN_AWAY : CR_NOT_FINITE;
     return CR_OK;
@@ -277,7 +281,9 @@ static int look(Head *h, const void *state) {
     double figures[CR_KERNEL_FIGURES];
     void *result[2];
     cr_kernel_figures(result, result + 1, work_in(state), h->cylinder, figures);
-    return failure(h, figures);
+    int failed = failure(h, figures, h->borne);
+    if (!failed) h->borne = figures[CR_F_GREATEST_LIFT];
+    return failed;
 }
 
 static void advance(Head *h, void *state, int64_t count, const cr_inputs *inputs) {
@@ -340,7 +346,7 @@ int cr_status(const void *state) {
     if (!h || h->stamp != CR_STAMP) return CR_BAD_MEMORY;
     if (h->status) return h->status;
     cr_kernel_figures(result, result + 1, work_in(state), h->cylinder, figures);
-    int failed = failure(h, figures);
+    int failed = failure(h, figures, h->borne);
     return failed ? failed : figures[CR_F_CLOSED_AT_END] == 0.0 ? CR_STILL_INJECTING : CR_OK;
 }
 

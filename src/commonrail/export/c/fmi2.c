@@ -2,7 +2,6 @@
 #include "fmi2Functions.h"
 #include "cr_fmu.h"
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 static void say(Instance *m, fmi2Status status, const char *text) {
@@ -145,56 +144,27 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t 
     return n ? refuse(c, "There are no strings.") : fmi2OK;
 }
 
-/* A kept state is the number of its bytes, then the bytes. */
-typedef struct {
-    size_t size;
-} State;
-static void *bytes_of(State *s) { return s + 2; }
-
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *kept) {
-    Instance *m = c;
-    if (!m || !kept) return fmi2Error;
-    size_t size = fmu_kept_size(m);
-    State *s = *kept && ((State *)*kept)->size == size ? *kept : realloc(*kept, 2 * sizeof(State) + size);
-    if (!s) return refuse(m, "There is no memory for a state.");
-    s->size = size;
-    fmu_keep(m, bytes_of(s));
-    *kept = s;
-    return fmi2OK;
+    return c && kept && fmu_get_state(c, kept) ? fmi2OK : refuse(c, "There is no memory for a state.");
 }
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate kept) {
-    Instance *m = c;
-    State *s = kept;
-    return m && s && fmu_return(m, bytes_of(s), s->size) ? fmi2OK : refuse(m, "This is no state of this FMU.");
+    return c && kept && fmu_set_state(c, kept) ? fmi2OK : refuse(c, "This is no state of this FMU.");
 }
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *kept) {
     (void)c;
-    if (kept) {
-        free(*kept);
-        *kept = NULL;
-    }
+    fmu_free_state(kept);
     return fmi2OK;
 }
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate kept, size_t *size) {
-    State *s = kept;
-    if (!c || !s || !size) return fmi2Error;
-    *size = s->size;
+    if (!c || !kept || !size) return fmi2Error;
+    *size = fmu_state_size(kept);
     return fmi2OK;
 }
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate kept, fmi2Byte bytes[], size_t size) {
-    State *s = kept;
-    if (!c || !s || size < s->size) return refuse(c, "The memory is too small for the state.");
-    memcpy(bytes, bytes_of(s), s->size);
-    return fmi2OK;
+    return c && kept && fmu_write_state(kept, bytes, size) ? fmi2OK : refuse(c, "The memory is too small for the state.");
 }
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *kept) {
-    if (!c || !kept) return fmi2Error;
-    State *s = realloc(*kept, 2 * sizeof(State) + size);
-    if (!s) return refuse(c, "There is no memory for a state.");
-    s->size = size;
-    memcpy(bytes_of(s), bytes, size);
-    *kept = s;
-    return fmi2OK;
+    return c && kept && fmu_read_state(kept, bytes, size) ? fmi2OK : refuse(c, "There is no memory for a state.");
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference u[], size_t nu,

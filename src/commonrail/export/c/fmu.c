@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-typedef struct {
-    uint64_t size;
+typedef struct { /* a kept state; the numbers of the simulation, if it has begun, follow it */
+    uint64_t size; /* of both */
     Kept kept;
 } Snapshot;
 
@@ -146,29 +146,52 @@ int fmu_step(Instance *m, double now, double length) {
     return CR_OK;
 }
 
-size_t fmu_kept_size(const Instance *m) { return sizeof(Snapshot) + (m->state ? m->size : 0); }
-
-void fmu_keep(const Instance *m, void *bytes) {
-    Snapshot s;
-    memset(&s, 0, sizeof s);
-    s.size = fmu_kept_size(m);
-    s.kept = m->kept;
-    memcpy(bytes, &s, sizeof s);
-    if (m->state) memcpy((char *)bytes + sizeof s, m->state, m->size);
+int fmu_get_state(const Instance *m, void **kept) {
+    size_t size = sizeof(Snapshot) + (m->state ? m->size : 0);
+    Snapshot *s = *kept && fmu_state_size(*kept) == size ? *kept : realloc(*kept, size);
+    if (!s) return 0;
+    memset(s, 0, sizeof *s);
+    s->size = size;
+    s->kept = m->kept;
+    if (m->state) memcpy(s + 1, m->state, m->size);
+    *kept = s;
+    return 1;
 }
 
-int fmu_return(Instance *m, const void *bytes, size_t size) {
-    Snapshot s;
-    if (!bytes || size < sizeof s) return 0;
-    memcpy(&s, bytes, sizeof s);
-    if (s.size > size || s.size < sizeof s) return 0;
-    size_t held = (size_t)s.size - sizeof s;
-    if (held) {
-        if (!sized(m, held)) return 0;
-        memcpy(m->state, (const char *)bytes + sizeof s, held);
-    }
-    m->kept = s.kept;
+int fmu_set_state(Instance *m, const void *kept) {
+    const Snapshot *s = kept;
+    size_t held = (size_t)s->size - sizeof *s;
+    if (s->size < sizeof *s || (held && !sized(m, held))) return 0;
+    if (held) memcpy(m->state, s + 1, held);
+    m->kept = s->kept;
     if (!held) m->kept.dirty = 1;
     m->observed = 0;
+    m->sentence = NULL;
+    return 1;
+}
+
+void fmu_free_state(void **kept) {
+    if (!kept) return;
+    free(*kept);
+    *kept = NULL;
+}
+
+size_t fmu_state_size(const void *kept) { return (size_t)((const Snapshot *)kept)->size; }
+
+int fmu_write_state(const void *kept, void *bytes, size_t size) {
+    if (size < fmu_state_size(kept)) return 0;
+    memcpy(bytes, kept, fmu_state_size(kept));
+    return 1;
+}
+
+int fmu_read_state(void **kept, const void *bytes, size_t size) {
+    Snapshot head;
+    if (!bytes || size < sizeof head) return 0;
+    memcpy(&head, bytes, sizeof head);
+    if (head.size > size || head.size < sizeof head) return 0;
+    void *to = realloc(*kept, size);
+    if (!to) return 0;
+    memcpy(to, bytes, size);
+    *kept = to;
     return 1;
 }

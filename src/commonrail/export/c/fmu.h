@@ -10,6 +10,7 @@ enum {
     VR_PLAN = 1001,   /* start and duration of each planned energising [s] */
     VR_INPUT = 2000,  /* fields of cr_boundary */
     VR_COMMAND = 2100,
+    VR_TIME = 2200, /* the independent variable of FMI 3.0 */
     VR_CHANNEL = 3000,
     VR_RATE = 4000,   /* mean injection rate over the inner steps of the last communication step [kg/s] */
     VR_RETURN_RATE,   /* the same of the return flow [kg/s] */
@@ -50,7 +51,12 @@ double *fmu_writable(Instance *m, unsigned reference); /* NULL: no such number, 
 int fmu_read(Instance *m, unsigned reference, double *value); /* 0: no such number */
 int fmu_begin(Instance *m); /* a status */
 int fmu_step(Instance *m, double now, double length); /* a status */
-size_t fmu_kept_size(const Instance *m);
-void fmu_keep(const Instance *m, void *bytes);
-int fmu_return(Instance *m, const void *bytes, size_t size); /* 0: no state of this model */
+
+/* States kept for the importer; the functions return 0 where they fail. */
+int fmu_get_state(const Instance *m, void **kept); /* writes over one of the same size */
+int fmu_set_state(Instance *m, const void *kept);
+void fmu_free_state(void **kept);
+size_t fmu_state_size(const void *kept);
+int fmu_write_state(const void *kept, void *bytes, size_t size);
+int fmu_read_state(void **kept, const void *bytes, size_t size);
 #endif

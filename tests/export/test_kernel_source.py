@@ -1,0 +1,81 @@
+"""The compiled physics as C, for targets that take sources alone."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from commonrail.errors import ConfigurationError
+from commonrail.export.kernel_source import kernel_source
+from commonrail.export.library import Library
+from commonrail.export.linker import compiler_for, link_shared
+from commonrail.export.objects import target_named
+from tests.export.native import Native, Run
+from tests.export.test_library import BOUNDARY, ROUNDING
+
+MODULE = """
+define hidden noundef i32 @cr_toy(ptr %retptr, ptr %excinfo, ptr %arg.x, i64 %arg.n, double %arg.y) {{
+entry:
+{body}
+}}
+"""
+
+
+def test_the_sources_compile_without_warnings_to_the_same_injection(library: Library, native: Native, own, tmp_path):
+    target, name = target_named(own), library.model.name
+    sources = [library.folder / f"{name}.c", library.folder / f"{name}_kernel.c"]
+    out = tmp_path / "from_sources.so"
+    link_shared(compiler_for(target), sources, out, target, (f"{name.upper()}_SHARED",))
+    from_sources = Native(library._replace(shared={own: out}), own)
+    runs = [Run(one, BOUNDARY) for one in (native, from_sources)]
+    for run in runs:
+        run.plan((0.0, 500e-6))
+    seen: list[list[dict[str, float]]] = [[], []]
+    for _ in range(60):
+        for run, rows in zip(runs, seen, strict=True):
+            run.march(20)
+            rows.append(run.observe())
+    for channel in native.channels:
+        one, other = (np.array([row[channel] for row in rows]) for rows in seen)
+        assert np.max(np.abs(one - other)) <= ROUNDING * np.max(np.abs(one)), channel
+    assert seen[0][-1]["injected"] > 1e-6
+
+
+def test_loops_choices_and_constants_are_translated(tmp_path):
+    body = """  br label %loop
+
+loop:                                             ; preds = %loop, %entry
+  %i = phi i64 [ 0, %entry ], [ %next, %loop ]
+  %sum = phi double [ 0x3FF8000000000000, %entry ], [ %more, %loop ]
+  %place = getelementptr inbounds double, ptr %arg.x, i64 %i
+  %one = load double, ptr %place, align 8
+  %above = fcmp ogt double %one, -2.500000e-01
+  %taken = select i1 %above, double %one, double %arg.y
+  %more = fadd contract double %sum, %taken
+  %next = add nuw nsw i64 %i, 1
+  %ends = icmp eq i64 %next, %arg.n
+  br i1 %ends, label %out, label %loop, !llvm.loop !3
+
+out:                                              ; preds = %loop
+  store double %more, ptr %arg.x, align 8
+  ret i32 0"""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("there is no C compiler on this machine")
+    source = tmp_path / "toy.c"
+    main = (
+        "#include <stdio.h>\nint main(void) { double x[3] = {1.0, -3.0, 2.0}; "
+        'cr_toy(0, 0, (char *)x, 3, 10.0); printf("%.17g", x[0]); return 0; }\n'
+    )
+    source.write_text(kernel_source(MODULE.format(body=body)) + main)
+    subprocess.run([compiler, "-Wall", "-Werror", str(source), "-o", str(tmp_path / "toy"), "-lm"], check=True)
+    said = subprocess.run([str(tmp_path / "toy")], capture_output=True, text=True, check=True).stdout
+    assert float(said) == 1.5 + 1.0 + 10.0 + 2.0
+
+
+def test_an_unknown_instruction_is_refused():
+    with pytest.raises(ConfigurationError, match=r"no translation of `fence seq_cst`"):
+        kernel_source(MODULE.format(body="  fence seq_cst\n  ret i32 0"))
