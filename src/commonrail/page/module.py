@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import tempfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from commonrail.engine.rows import make_rows
+from commonrail.export import entries, objects, texts
 from commonrail.export.entries import sizes
 from commonrail.export.linker import compiler_for, run
 from commonrail.export.objects import emit, target_named
@@ -40,9 +42,7 @@ def wasm_module(variant: Variant) -> bytes:
 
 def _file_name(variant: Variant) -> str:
     """Name that holds all but the physics, for which the folder is named."""
-    import commonrail.export
-
-    sources = sorted(Path(commonrail.export.__file__).parent.glob("*.py"))
+    sources = [Path(inspect.getfile(one)) for one in (entries, texts, objects)]
     digest = hashlib.sha256(repr((variant.label, _defines(variant), _zig())).encode())
     for source in (*sources, _SHIM, Path(__file__)):
         digest.update(source.read_bytes())
