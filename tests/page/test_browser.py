@@ -25,6 +25,7 @@ from commonrail.page.subject import Subject, read_subject
 from tools.browser import CHROMIUM, Browser, browsing
 
 ROUNDING = 1e-9  # of a channel's peak
+DRIBBLE = 1e-6  # share that a needle at rest lets through: the page ends its simulation before the engine
 LARGEST = 1_000_000  # [bytes]
 HOSTILE = "</script><img src=x onerror=console.error('broken out')>&quot;"
 KEYS = {"ArrowRight": 39, "ArrowLeft": 37, "Home": 36}
@@ -112,7 +113,9 @@ def check_against_engine(found: dict[str, Any], injector: cr.Injector, rail: cr.
     )
     solution = cr.simulate(injector, point)
     assert found["status"] == "ok"
-    assert np.max(np.abs(np.array(found["injected"]) - solution.injected)) <= ROUNDING * solution.injected_mass
+    injected = np.array(found["injected"])
+    assert np.max(np.abs(injected - solution.injected[: len(injected)])) <= ROUNDING * solution.injected_mass
+    assert injected[-1] == pytest.approx(solution.injected_mass, rel=DRIBBLE)
     compared = set(found["channels"]) & set(solution.channels)
     assert {"needle_lift", "valve_lift", "accumulation_pressure", "coil_current"} <= compared
     for name in compared - ({"rail_pressure"} if rail else set()):
@@ -144,10 +147,10 @@ def test_j_of_every_curve_is_that_of_the_engine(page: Browser, subject: Subject)
     def scores(injector: cr.Injector) -> list[float]:
         return [d.score(Simulator(injector, (), subject.time_step)).j for d in subject.data]
 
-    assert page.evaluate("commonrail.shown().scores") == pytest.approx(scores(subject.injector), rel=ROUNDING)
+    assert page.evaluate("commonrail.scores().j") == pytest.approx(scores(subject.injector), rel=ROUNDING)
     slide(page, "plunger_needle.k1", 150.0)
     moved = subject.injector.with_values({"plunger_needle.k1": 150e6})
-    found = page.evaluate("commonrail.shown().scores")
+    found = page.evaluate("commonrail.scores().j")
     assert found == pytest.approx(scores(moved), rel=ROUNDING)
     table = page.evaluate("[...document.querySelectorAll('#scores tbody tr')].map((r) => +r.cells[2].textContent)")
     assert table == pytest.approx(found, abs=0.006)
@@ -202,7 +205,7 @@ def test_the_fan_shows_its_members(page: Browser, subject: Subject, run_folder: 
     for mass, member in zip(masses[:3], subject.fan.members, strict=False):
         injector = subject.injector.with_values(dict(zip(subject.fan.names, member.tolist(), strict=True)))
         point = replace(first.point, horizon=page.evaluate("commonrail.shown().state.point.duration"))
-        assert mass == pytest.approx(cr.simulate(injector, point).injected_mass, rel=1e-6)  # up to a whole sample
+        assert mass == pytest.approx(cr.simulate(injector, point).injected_mass, rel=DRIBBLE)  # up to a whole sample
     assert "at most 5% above" in page.evaluate("document.getElementById('fan-note').textContent")
 
 
@@ -211,8 +214,8 @@ def test_the_map_is_that_of_the_engine(page: Browser, subject: Subject) -> None:
     found = page.evaluate("commonrail.map()")
     for i, k in ((0, 11), (2, 5), (4, 3)):
         rail, time = found["pressures"][i], found["times"][k]
-        at = cr.OperatingPoint(rail, time, 5e6, 0.5e6, horizon=time + 2e-3)
-        assert found["quantity"][i][k] == pytest.approx(cr.simulate(subject.injector, at).injected_mass, rel=1e-9)
+        at = cr.OperatingPoint(rail, time, 5e6, 0.5e6, horizon=time + 2.5e-3)
+        assert found["quantity"][i][k] == pytest.approx(cr.simulate(subject.injector, at).injected_mass, rel=DRIBBLE)
 
 
 def test_the_address_holds_the_state(page: Browser, file: Path) -> None:
@@ -282,15 +285,34 @@ def test_dark_and_light(page: Browser) -> None:
     assert page.evaluate(paper) == light
 
 
-def test_a_measured_curve_through_a_meter_has_no_j(run_folder: Path, browser: Browser, tmp_path: Path) -> None:
+METERS = {
+    "causal": cr.Meter("bench", {"delay": "5 us", "cutoff": "8 kHz", "gain": 1.02, "offset": "0.01 mm3/ms"}),
+    "cascade": cr.Meter("bench", {"cutoff": "6 kHz", "delay": "-7.3 us"}, "cascade", 3),
+    "all": cr.Meter(
+        "bench",
+        {
+            **{"delay": "12.5 us", "cutoff": "9 kHz", "late_cutoff": "3 kHz", "blend": "230 us", "zeroing": 0.02},
+            **{"echo_share": 0.1, "echo_delay": "300 us", "echo_lag": "200 us", "density": "830 kg/m3"},
+            **{"second_echo_share": 0.05, "second_echo_delay": "500.4 us"},
+        },
+        "zero-phase",
+        4,
+    ),
+}
+
+
+def test_curves_are_compared_as_their_meters_show_them(run_folder: Path, browser: Browser, tmp_path: Path) -> None:
     study, _ = read_fit(run_folder)
     first = study.data[0]
     assert isinstance(first, RateData)
-    metered = replace(first, meter=cr.Meter("bench", {"delay": "5 us"}))
-    subject = replace(read_subject(str(run_folder)), data=(metered,), fan=None)
+    curves = tuple(replace(first, name=name, meter=meter) for name, meter in METERS.items())
+    subject = replace(read_subject(str(run_folder)), data=curves, fan=None)
     (tmp_path / "metered.html").write_text(page_html(subject), encoding="utf-8")
     browser.complaints.clear()
     opened(browser, tmp_path / "metered.html")
-    assert browser.evaluate("commonrail.shown().scores") == [None]
-    assert "through a meter that the page does not simulate" in browser.evaluate("document.body.innerText")
+    scores = [d.score(Simulator(subject.injector, (), subject.time_step)) for d in curves]
+    assert browser.evaluate("commonrail.scores().j") == pytest.approx([score.j for score in scores], rel=1e-9)
+    shown_rate = np.array(browser.evaluate("Array.from(commonrail.scores().rate)"))
+    assert np.max(np.abs(shown_rate - scores[0].rate)) <= ROUNDING * np.max(scores[0].rate)
+    assert "as bench shows it" in browser.evaluate("document.getElementById('rate').innerText")
     assert browser.complaints == []

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from commonrail.display.text import number
 from commonrail.engine.notes import Outcome
@@ -22,6 +21,7 @@ from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.kinds import RateData
 from commonrail.kinds.records import origin_of
 from commonrail.kinds.simulator import Simulator
+from commonrail.page.meters import meter_of, packed
 from commonrail.page.module import MOST_ROWS, MOST_STEPS
 from commonrail.page.sliders import ONE, borne, limits_of, variant_of
 from commonrail.page.subject import Slid, Subject, is_traced
@@ -32,7 +32,8 @@ __all__ = ["content"]
 
 Floats = NDArray[np.float64]
 
-TAIL = 2e-3  # simulated after the end of the last energising [s]
+TAIL = 2.5e-3  # simulated after the end of the last energising, unless needle and valve rest before [s]
+QUIET, RESTING = 100e-6, 300e-6  # an end is looked for so long after energising, and found after so long a rest [s]
 SAMPLE = 3e-6  # between the channels that are kept [s]
 KELVIN = 2.5  # between the nodes of the fuel's temperature
 CYLINDERS = 41  # nodes of the density over the cylinder's pressure
@@ -65,6 +66,8 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "dt": subject.time_step,
         "every": max(round(SAMPLE / subject.time_step), 1),
         "tail": TAIL,
+        "quiet": QUIET,
+        "resting": RESTING,
         "columns": size.parameters + size.fuel,
         "parameters": size.parameters,
         "mostSteps": MOST_STEPS,
@@ -72,11 +75,11 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "ring": _ring(subject, sliders, first),
         "channels": [c.name for c in channels(variant.actuation)],
         "figures": list(Outcome._fields),
-        "theta": _packed(candidate_matrix(injector, (), ONE)[0]),
+        "theta": packed(candidate_matrix(injector, (), ONE)[0]),
         "temperature": {
             "nodes": nodes,
             "at": at,
-            "coefficients": [_packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
+            "coefficients": [packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
         },
         "density": _densities(injector, limits["cylinder"], nodes),
         "limits": limits,
@@ -93,10 +96,6 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "present": dict(injector.values),
         "units": {name: q.unit for name, q in injector.quantities.items()},
     }
-
-
-def _packed(values: ArrayLike) -> str:
-    return base64.b64encode(np.asarray(values, "<f8").tobytes()).decode()
 
 
 def _nodes(injector: Injector) -> tuple[list[float], int]:
@@ -154,21 +153,31 @@ def _ring(subject: Subject, sliders: tuple[Slid, ...], first: OperatingPoint) ->
 def _data(d: RateData, simulator: Simulator, nodes: list[float]) -> dict[str, Any]:
     point, injector = d.point, simulator.injector
     traced = (point.rail_pressure, point.cylinder_pressure, point.return_pressure, point.drive)
-    by_mass = np.isfinite(d.mass_density)
-    pressure = point.at_start(point.cylinder_pressure)
-    metered = d.meter is not None and not d.meter.neutral
     return {
         "name": d.name,
         "role": d.role.value,
         "origin": origin_of({"synthetic": d.synthetic}),
         "point": _point(point),
         "courses": [_course(course, point, simulator.time_step) for course in traced],
-        "bounds": _packed(d.bounds),
-        "rate": _packed(d.rate),
-        "density": [d.mass_density] if by_mass else [float(injector.fuel.density(pressure, t)) for t in nodes],
-        "meter": d.meter.name if metered and d.meter else None,
+        "bounds": packed(d.bounds),
+        "rate": packed(d.rate),
+        "density": _density(d, injector, nodes),
+        "meter": meter_of(d, simulator.time_step),
         "reference": number(d.score(simulator).j),
     }
+
+
+def _density(d: RateData, injector: Injector, nodes: Sequence[float]) -> list[float]:
+    """Densities [kg/m³] that make volumes of masses, one for each temperature of the fuel, or one for all."""
+    pressure = d.point.at_start(d.point.cylinder_pressure)
+    known = {} if d.meter is None else d.meter.values
+    if np.isfinite(d.mass_density):
+        return [d.mass_density]
+    if "density" in known:
+        return [known["density"]]
+    if "temperature" in known:
+        return [float(injector.fuel.density(pressure, known["temperature"]))]
+    return [float(injector.fuel.density(pressure, t)) for t in nodes]
 
 
 def _course(course: float | Trace | None, point: OperatingPoint, dt: float) -> str | None:
@@ -177,7 +186,7 @@ def _course(course: float | Trace | None, point: OperatingPoint, dt: float) -> s
         return None
     end = max(course.time[-1] - point.start, point.duration)
     begin: Floats = np.asarray(point.start + dt * np.arange(math.ceil(end / dt) + 1), float)
-    return _packed(course.mean(begin, np.asarray(begin + dt, float)))
+    return packed(course.mean(begin, np.asarray(begin + dt, float)))
 
 
 def _point(point: OperatingPoint) -> dict[str, Any]:

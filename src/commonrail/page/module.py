@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import tempfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from commonrail.engine.rows import make_rows
+from commonrail.export import entries, objects, texts
 from commonrail.export.entries import sizes
 from commonrail.export.linker import compiler_for, run
 from commonrail.export.objects import emit, target_named
@@ -40,9 +42,7 @@ def wasm_module(variant: Variant) -> bytes:
 
 def _file_name(variant: Variant) -> str:
     """Name that holds all but the physics, for which the folder is named."""
-    import commonrail.export
-
-    sources = sorted(Path(commonrail.export.__file__).parent.glob("*.py"))
+    sources = [Path(inspect.getfile(one)) for one in (entries, texts, objects)]
     digest = hashlib.sha256(repr((variant.label, _defines(variant), _zig())).encode())
     for source in (*sources, _SHIM, Path(__file__)):
         digest.update(source.read_bytes())
@@ -57,13 +57,15 @@ def _zig() -> str:
 
 
 def _defines(variant: Variant) -> dict[str, int]:
-    size = sizes(variant)
+    size, rows = sizes(variant), make_rows(variant, 1)
     return {
         "CR_COLUMNS": size.parameters + size.fuel,
         "CR_WORK": size.work,
         "CR_FIGURES": size.figures,
         "CR_CHANNELS": size.channels,
-        "CR_INJECTED": int(make_rows(variant, 1).injected),
+        "CR_INJECTED": int(rows.injected),
+        "CR_TIP": int(rows.tip),
+        "CR_VALVE": int(rows.valve_lift),
         "CR_STEPS": MOST_STEPS,
         "CR_ROWS": MOST_ROWS,
         "CR_SLOTS": MOST_SLOTS,

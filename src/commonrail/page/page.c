@@ -20,22 +20,25 @@ EXPORT(channels) double *get_channels(void) { return channels; }
 EXPORT(figures) double *get_figures(void) { return figures; }
 
 /* Simulates `steps` steps of `inputs`, from rest at the given pressures; keeps the mass injected after every step, and
-   the channels of the start and after every `every` steps (0: never). Returns the rows of channels behind the first,
-   or -1 if the memory does not suffice. */
+   the channels of the start and after every `every` steps (0: never). From step `quiet` on it ends once needle and valve
+   have rested for `patience` steps (0: it does not end). Returns the number of steps, or -1 if the memory does not
+   suffice. */
 EXPORT(simulate)
-int32_t simulate(int32_t steps, int32_t every, int32_t ring, double dt, double rail, double cylinder, double low) {
+int32_t simulate(int32_t steps, int32_t every, int32_t ring, int32_t quiet, int32_t patience, double dt, double rail,
+                 double cylinder, double low) {
     void *result[2];
-    int32_t rows = 0;
+    int32_t rows = 0, rested = 0, k = 0;
     if (steps < 1 || steps > CR_STEPS || ring > CR_SLOTS || (every > 0 && steps / every > CR_ROWS)) return -1;
     cr_kernel_begin(result, result + 1, work, waves, ring, theta, rail, cylinder, low, dt, figures);
     injected[0] = work[CR_INJECTED];
     if (every > 0) cr_kernel_observe(result, result + 1, work, channels);
-    for (int32_t k = 0; k < steps; k++) {
+    while (k < steps && !(patience > 0 && k > quiet && rested > patience)) {
         cr_kernel_march(result, result + 1, work, waves, ring, k, 1, inputs + 6 * k, dt);
-        injected[k + 1] = work[CR_INJECTED];
-        if (every > 0 && (k + 1) % every == 0)
+        injected[++k] = work[CR_INJECTED];
+        if (every > 0 && k % every == 0)
             cr_kernel_observe(result, result + 1, work, channels + ++rows * CR_CHANNELS);
+        rested = work[CR_TIP] <= 0.0 && work[CR_VALVE] <= 0.0 ? rested + 1 : 0;
     }
-    cr_kernel_figures(result, result + 1, work, inputs[6 * (steps - 1) + 1], figures);
-    return rows;
+    cr_kernel_figures(result, result + 1, work, inputs[6 * (k - 1) + 1], figures);
+    return k;
 }

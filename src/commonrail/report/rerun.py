@@ -32,5 +32,9 @@ def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
             "Simulate the calibrated injector",
             f"commonrail simulate {injector} {' '.join(options)}",
         ),
+        (
+            "Move the parameters and see the injection change",
+            f"commonrail page {folder} --out {shlex.quote(run)}/bench.html",
+        ),
         ("Make this report again", f"commonrail report {folder}"),
     ]

@@ -90,7 +90,7 @@ function fanOf(s) {
 function request(s) {
   return {
     point: pointOf(s), data: s.data, measured: s.measured, temperature: s.temperature, values: columnsOf(s.values),
-    every: model.every, fan: fanOf(s), fanEvery: model.every, density: densityAt(s.cylinder, s.temperature),
+    every: model.every, fan: fanOf(s), fanEvery: 3 * model.every, density: densityAt(s.cylinder, s.temperature),
   };
 }
 
@@ -112,6 +112,7 @@ const PANELS = {
 const COLOURS = ["--c1", "--c2", "--c3", "--c4", "--c5"];
 let shown = null; // last answer
 let mapped = null; // last map
+let scored = null; // last J of the data, and the rate that is compared with the one that is shown
 let held = null; // curve that is kept for comparison
 const frames = []; // [ms] from an input to its drawn curve
 
@@ -176,6 +177,10 @@ function drawRate(answer, range) {
     series.push({ name: `${d.origin} ${d.name}`, x: d.x, y: d.y, colour: "--measured", dots: true });
   }
   if (held) series.push({ name: "held", ...held, colour: "--soft", dash: [5, 4], width: 1.4 });
+  if (asked.data !== null && model.data[asked.data].meter && scored && scored.rate && scored.data === asked.data && isAtData(asked)) {
+    const d = measuredOf(model.data[asked.data]);
+    series.push({ name: `as ${d.meter.name} shows it`, x: d.x, y: scored.rate.map((value) => value * MICRO), colour: "--c1", width: 2.2 });
+  }
   const rate = rateOf(thinned(course.injected, asked.every), asked.every, start, asked.density);
   series.push({ name: "simulated", ...rate, colour: "--accent", width: 2.2 });
   keysOf("rate", "Rate of injection, mm³/ms", series);
@@ -208,8 +213,7 @@ function draw(answer) {
   }
   answer.rate = rate;
   drawFigures(answer);
-  drawScores(answer.scores);
-  if (answer.stamp) frames.push({ ms: performance.now() - answer.stamp, at: performance.now(), fan: Boolean(answer.fan) });
+  if (answer.stamp) frames.push({ ms: performance.now() - answer.stamp, work: answer.work, fan: Boolean(answer.fan) });
   if (frames.length > 2000) frames.splice(0, 1000);
 }
 
@@ -237,7 +241,7 @@ function drawFigures({ course, state: asked, rate }) {
   const rows = [
     ["quantity, mm³", ((f.injected / rho) * 1e9).toFixed(3)],
     ["quantity, mg", (f.injected * 1e6).toFixed(3)],
-    ["returned, mm³", ((f.returned / rho) * 1e9).toFixed(2)],
+    ["returned until rest, mm³", ((f.returned / rho) * 1e9).toFixed(2)],
     [model.traced ? "opening at, µs" : "opening delay, µs", micro(instant(f.opening) - begin)],
     [model.traced ? "closing at, µs" : "closing delay, µs", micro(instant(f.closing) - end)],
     ["injection lasts, µs", micro(instant(f.closing) - instant(f.opening))],
@@ -259,8 +263,16 @@ function fill(list, rows, bad) {
   rows.forEach(([, value], i) => { list.children[i].lastChild.textContent = bad ? "–" : value; });
 }
 
-function drawScores(scores) {
-  if (!model.data.length) return;
+// The rate that a meter shows belongs to the data's own operating point.
+function isAtData(asked) {
+  const { point, courses } = model.data[asked.data];
+  const same = (key, i) => (courses[i] ? asked.measured[i] : asked.point[key] === point[key]);
+  return same("rail", 0) && same("cylinder", 1) && same("low", 2) && String(asked.point.pulses) === String(point.pulses);
+}
+
+function drawScores({ state: asked, scores }) {
+  scored = { ...scores, data: asked.data };
+  if (shown && asked.data !== null && model.data[asked.data].meter) draw({ ...shown, stamp: 0 });
   const body = byId("scores");
   if (!body.firstChild) {
     const table = document.createElement("table");
@@ -271,16 +283,9 @@ function drawScores(scores) {
       for (const text of [d.name, d.role, "", d.reference === null ? "–" : d.reference.toFixed(2)]) row.insertCell().textContent = text;
     }
     body.append(table);
-    const metered = model.data.filter((d) => d.meter).map((d) => d.name);
-    if (metered.length) {
-      const note = document.createElement("p");
-      note.className = "soft";
-      note.textContent = `Without J here: ${metered.join(", ")}, recorded through a meter that the page does not simulate; the report has it.`;
-      body.append(note);
-    }
   }
   const rows = body.querySelector("tbody").rows;
-  scores.forEach((j, i) => { rows[i].cells[2].textContent = j === null ? "–" : j.toFixed(2); });
+  scores.j.forEach((j, i) => { rows[i].cells[2].textContent = j === null ? "–" : j.toFixed(2); });
 }
 
 function drawMap({ map }) {
@@ -417,13 +422,16 @@ function build() {
 
 // --- Changes, address, presets -------------------------------------------------------------------------------------
 
-const courses = new Client(draw), maps = model.map ? new Client(drawMap) : null;
+const courses = new Client(draw), scores = model.data.length ? new Client(drawScores) : null, maps = model.map ? new Client(drawMap) : null;
 let addressing = 0;
+let mapping = 0;
 
 function changed(event) {
   const asked = request(state);
   courses.ask({ state: asked, stamp: event ? event.timeStamp : 0 });
-  if (maps) maps.ask({ state: { ...asked, map: model.map } });
+  if (scores) scores.ask({ state: { ...asked, fan: null, want: "scores" } });
+  // the map takes as long as sixty courses: it follows a little later, and leaves the processor to the curves
+  if (maps && !mapping) mapping = setTimeout(() => { mapping = 0; maps.ask({ state: { ...request(state), want: "map", map: model.map } }); }, 150);
   clearTimeout(addressing);
   addressing = setTimeout(() => history.replaceState(null, "", `#${address()}`), 250);
 }
@@ -595,5 +603,5 @@ take(location.hash.length > 1 ? fromAddress(location.hash.slice(1)) : stateOf(fi
 // For the console, and for tests.
 window.commonrail = {
   model, frames, csv, toml, address, take, state: () => state, shown: () => shown, map: () => mapped,
-  settled: () => shown !== null && !courses.busy,
+  scores: () => scored, settled: () => shown !== null && !courses.busy && !(scores && scores.busy),
 };

@@ -1,6 +1,10 @@
 // The compiled physics: what a page's state is simulated as. It runs in the workers and knows no document.
 "use strict";
 
+function unpacked(filter) {
+  return filter && { ...filter, response: numbersOf(filter.response) };
+}
+
 class Bench {
   constructor(model, module) {
     this.model = model;
@@ -12,6 +16,7 @@ class Bench {
       bounds: numbersOf(d.bounds),
       rate: numbersOf(d.rate),
       courses: d.courses.map((course) => (course ? numbersOf(course) : null)),
+      meter: d.meter && { ...d.meter, early: unpacked(d.meter.early), late: unpacked(d.meter.late) },
     }));
     const array = (place, length) => new Float64Array(this.m.memory.buffer, place, length);
     this.theta = array(this.m.theta(), model.columns);
@@ -30,6 +35,7 @@ class Bench {
 
   // Means over each step of the boundary pressures and of the drive's trace, and the clocks of the energising.
   setInputs(point) {
+    if (point === this.point) return this.steps;
     const { dt } = this.model, { pulses, start } = point, table = this.inputs, count = pulses.length;
     const steps = Math.min(Math.max(Math.round(point.duration / dt), 1), this.model.mostSteps);
     const held = [point.rail, point.cylinder, point.low, 0];
@@ -51,19 +57,26 @@ class Bench {
       table[6 * k + 4] = count ? begin - pulses[current][0] + lasting : -1;
       table[6 * k + 5] = count ? begin - (pulses[current][0] + pulses[current][1]) : -1;
     }
+    this.point = point;
+    this.steps = steps;
     return steps;
   }
 
-  // Simulates a point; the channels are kept every so many steps (0: not at all).
-  run(point, every) {
-    const steps = this.setInputs(point), { dt } = this.model;
-    const rows = this.m.simulate(steps, every, this.model.ring, dt, point.rail, point.cylinder, point.low);
+  // Simulates a point; the channels are kept every so many steps (0: not at all). Unless it is simulated to its end, it
+  // ends once needle and valve rest.
+  run(point, every, whole) {
+    const wanted = this.setInputs(point), { dt, quiet, resting, ring } = this.model;
+    const last = point.pulses.reduce((_, p) => p[0] + p[1], point.courses[3] ? Infinity : point.start) - point.start;
+    const after = Math.min(Math.round((last + quiet) / dt), wanted), patience = whole ? 0 : Math.round(resting / dt);
+    const steps = this.m.simulate(wanted, every, ring, after, patience, dt, point.rail, point.cylinder, point.low);
+    this.done = Math.max(steps, 0);
     const f = Object.fromEntries(this.model.figures.map((name, i) => [name, this.figures[i]]));
-    return { steps, rows, figures: f, status: this.status(rows, f) };
+    const rows = every > 0 ? Math.floor(Math.max(steps, 0) / every) : 0;
+    return { steps: Math.max(steps, 0), rows, figures: f, status: this.status(steps, f) };
   }
 
-  status(rows, f) {
-    if (rows < 0) return "too long";
+  status(steps, f) {
+    if (steps < 0) return "too long";
     if (f.closed_at_start === 0) return "not closed";
     if (f.sound === 0 || f.injected < -1e-7) return "failed";
     return f.closed_at_end === 0 ? "still injecting" : "ok";
@@ -71,21 +84,29 @@ class Bench {
 
   // Mean flows by volume between the bounds of a data set's samples, and J [mm3/ms].
   compare(d, temperature) {
-    const { dt } = this.model, n = d.rate.length, rate = new Float64Array(n);
     const density = d.density[temperature] ?? d.density[0];
+    const rate = d.meter ? this.metered(d, density) : this.sampled(d, density);
+    return { rate, j: rate.reduce((sum, y, i) => sum + Math.abs(y - d.rate[i]), 0) * 1e6 };
+  }
+
+  metered(d, density) {
+    const { dt } = this.model, rates = new Float64Array(this.done);
+    for (let k = 0; k < rates.length; k++) rates[k] = (this.injected[k + 1] - this.injected[k]) / (dt * density);
+    return shownRates(d.meter, rates, d.point.start, dt, d.bounds);
+  }
+
+  sampled(d, density) {
+    const { dt } = this.model, n = d.rate.length, rate = new Float64Array(n);
     const steps = Math.round(d.point.duration / dt);
-    let mark = 0, before = 0, j = 0, last = 0;
+    let mark = 0, before = 0, last = 0;
     for (let i = 0; i <= n; i++) {
       const bound = (d.bounds[i] - d.point.start) / dt, within = Math.min(bound, steps);
       last = Math.max(last, Math.max(Math.ceil(within) - 1, 0));
       const here = this.injected[last] + (within - last) * (this.injected[last + 1] - this.injected[last]);
-      if (i > 0) {
-        rate[i - 1] = (here - mark) / (dt * (bound - before) * density);
-        j += Math.abs(rate[i - 1] - d.rate[i - 1]);
-      }
+      if (i > 0) rate[i - 1] = (here - mark) / (dt * (bound - before) * density);
       mark = here;
       before = bound;
     }
-    return { rate, j: j * 1e6 };
+    return rate;
   }
 }

@@ -12,17 +12,20 @@ function pointOf(state) {
 function course(state) {
   bench.setParameters(state.values, state.temperature);
   const every = state.every, found = bench.run(pointOf(state), every);
-  const width = bench.model.channels.length, count = Math.max(found.rows, 0) + 1;
+  const width = bench.model.channels.length, count = found.rows + 1;
   const channels = bench.channels.slice(0, count * width), injected = bench.injected.slice(0, found.steps + 1);
   return { ...found, every, channels, injected };
 }
 
+// J of every data set at its own operating point, and the compared rate of the one that is shown.
 function scores(state) {
-  return bench.data.map((d) => {
-    if (d.meter) return null;
-    const found = bench.run({ ...d.point, courses: d.courses }, 0);
-    return found.status === "failed" || found.status === "not closed" ? null : bench.compare(d, state.temperature).j;
+  bench.setParameters(state.values, state.temperature);
+  const found = bench.data.map((d) => {
+    const duration = d.point.duration + (d.meter ? d.meter.ahead : 0);
+    const { status } = bench.run({ ...d.point, duration, courses: d.courses }, 0, true);
+    return status === "failed" || status === "not closed" ? null : bench.compare(d, state.temperature);
   });
+  return { j: found.map((one) => one && one.j), rate: state.data === null ? null : found[state.data] && found[state.data].rate };
 }
 
 // Mass injected up to every so many steps, for each member of the fan.
@@ -56,14 +59,13 @@ onmessage = async ({ data: message }) => {
     postMessage({ ready: true });
     return;
   }
-  const { id, stamp, state } = message;
-  if (state.map) {
-    postMessage({ id, map: map(state) });
-    return;
+  const { id, stamp, state } = message, begun = performance.now();
+  if (state.want === "map") postMessage({ id, map: map(state) });
+  else if (state.want === "scores") postMessage({ id, state, scores: scores(state) });
+  else {
+    const found = course(state), answer = { id, stamp, state, course: found };
+    if (state.fan) answer.fan = fan(state);
+    answer.work = performance.now() - begun;
+    postMessage(answer, [found.channels.buffer, found.injected.buffer]);
   }
-  const found = course(state), answer = { id, stamp, state, course: found };
-  if (state.fan) answer.fan = fan(state);
-  bench.setParameters(state.values, state.temperature);
-  answer.scores = scores(state);
-  postMessage(answer, [found.channels.buffer, found.injected.buffer]);
 };
