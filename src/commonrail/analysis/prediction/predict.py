@@ -2,7 +2,7 @@
 
 A band holds what the parameters may be, and the scatter of measured values about the best prediction: the residual
 level of the fit, with the stated discrepancy. Where at least `scatter.LEAST` values of a map are fitted, all of it is
-scaled by what the fit predicts of each value that is left out; with fewer, a stated tolerance is the least scatter.
+scaled by what the fit predicts of each value that is held out; with fewer, a stated tolerance is the least scatter.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ def _label(fit: _Fit, kinds: set[str]) -> str:
     label += "; noise and discrepancy included"
     scaled = [one for kind, one in fit.scatter.items() if kind in kinds and one.left_out]
     if scaled:
-        label += f", scaled by the predictions of {sum(one.left_out for one in scaled)} fitted values left out in turn"
+        label += f", scaled by the predictions of {sum(one.left_out for one in scaled)} fitted values held out in turn"
     return f"{label}; union over {len(fit.points)} optima" if len(fit.points) > 1 else label
 
 

@@ -1,4 +1,4 @@
-"""Scatter of measured values about predictions, judged by fitted values that are left out one at a time."""
+"""Scatter of measured values about predictions, judged by fitted values that are held out one at a time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["LEAST", "Scatter", "floored", "left_out", "scatter_of"]
 
 Floats = NDArray[np.float64]
 
-LEAST = 8  # values left out, from which their scatter is believed
+LEAST = 8  # values held out, from which their scatter is believed
 HELD = 1e-6  # of the variance of a residual, below which the fit follows the value whatever it is
 TAILS = {Law.STUDENT: 4.0, Law.LAPLACE: 3.0}  # degrees of freedom of t whose quantiles are those of the law
 
@@ -34,7 +34,7 @@ class Scatter(NamedTuple):
         Degrees of freedom of the factor; infinite where it is stated.
     calibration : float
         Factor on the whole standard deviation of a prediction, parameters included: root mean square of the values
-        that were left out, each over the deviation predicted for it. 1 where too few could be left out.
+        that were held out, each over the deviation predicted for it. 1 where too few could be held out.
     left_out : int
         Number of those values.
     """
@@ -51,7 +51,7 @@ class Scatter(NamedTuple):
 
 
 class LeftOut(NamedTuple):
-    """Prediction errors of values that are left out one at a time, over their predicted standard deviations.
+    """Prediction errors of values that are held out one at a time, over their predicted standard deviations.
 
     Attributes
     ----------
@@ -65,10 +65,10 @@ class LeftOut(NamedTuple):
 
 
 def left_out(found: Estimate, rows: NDArray[np.intp]) -> LeftOut:
-    """Values left out one at a time, by the linear model about the estimate and without a further simulation.
+    """Values held out one at a time, by the linear model about the estimate and without a further simulation.
 
     With the influence H of the fit, uncertain quantities and discrepancies among what is fitted, the error of the value
-    i that is left out is u_i/(1 − H_ii), and its predicted variance 1/(1 − H_ii).
+    i that is held out is u_i/(1 − H_ii), and its predicted variance 1/(1 − H_ii).
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def _courses(found: Estimate) -> list[Floats]:
 
 
 def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
-    """Estimate whose scales of noise are no smaller than stated tolerances, of data with too few values to leave out.
+    """Estimate whose scales of noise are no smaller than stated tolerances, of data with too few values to hold out.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
 
 
 def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
-    """Scatter of each kind of data: that of the fitted set that scatters most, judged by the values left out.
+    """Scatter of each kind of data: that of the fitted set that scatters most, judged by the values held out.
 
     Parameters
     ----------
