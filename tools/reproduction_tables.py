@@ -85,8 +85,9 @@ def further(record: Record) -> str:
         (
             f"- Greatest J at 80 MPa of the {count} searches of Table 3: {fixed(worst, 0)}; the paper's (60, 30) has "
             f"{paper.TABLE3[paper.Configuration(60, 30)][2]}.",
-            f"- k7: {fixed(k7['median'], 1, 1e-6)} ± {fixed(k7['standard_error'], 1, 1e-6)} N/µm, and "
-            f"{fixed(k7['paper'], 1, 1e-6)} in truth: {fixed(miss, 0)} standard errors beside it.",
+            f"- k7: {fixed(k7['median'], 1, 1e-6)} N/µm with a standard error of "
+            f"{fixed(k7['standard_error'], 1, 1e-6)} N/µm (least squares, white noise), and "
+            f"{fixed(k7['paper'], 1, 1e-6)} N/µm in truth: {fixed(miss, 0)} standard errors beside it.",
             f"- k6 near its maximum: {k6['figure']}. {k6['comment']}",
             f"- Least J of a search that starts from the theoretical stiffness, of one that does not: "
             f"{fixed(treatments['reference']['median'], 1)} and {fixed(treatments['repair']['median'], 1)} (medians).",

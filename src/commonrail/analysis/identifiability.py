@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.bands import CLOSE, Optimum, bands_of
 from commonrail.analysis.certainty.certify import certify
 from commonrail.analysis.certainty.verdict import LIMIT, Verdict
 from commonrail.analysis.influence import Influence, influence_of
 from commonrail.analysis.neighbourhood import around
+from commonrail.analysis.prediction.predict import judged_bands
 from commonrail.arguments import instance
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective
@@ -25,6 +25,7 @@ from commonrail.linear import least_squares
 
 Floats = NDArray[np.float64]
 
+CLOSE = 4.0  # difference of the sum of squares up to which another optimum explains the data as well
 NORMAL = 1.96  # standard errors of half an interval of 95 %
 
 
@@ -32,9 +33,9 @@ class Identified(dict[str, dict[str, Any]]):
     """Findings of each free parameter by name, and in `summary` those of the fit as a whole.
 
     The summary is that of `Influence.record`, `influence` what it was made of; None where the best values could not be
-    simulated. `bands` are those of `bands_of`, by the name of the data set; `refits` the record of `refits_of`, for the
-    result of a run that has made them. `certainty` is the record of `certify`, from which standard errors and verdicts
-    are; empty where a point was judged by `identify_at` alone.
+    simulated. `bands` are those of `judged_bands`, by the name of the data set; `refits` the record of `refits_of`,
+    for the result of a run that has made them. `certainty` is the record of `certify`, from which standard errors and
+    verdicts are; empty where a point was judged by `identify_at` alone.
     """
 
     summary: dict[str, Any] | None = None
@@ -48,7 +49,8 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
     Standard errors and verdicts are those of the likelihood near the best values, see `certify`; effects are those of
-    `identify_at`. With `same_bits` all are those of `identify_at`; `commonrail certainty` adds the others on demand.
+    `identify_at`. With `same_bits` all are those of `identify_at`, and there are no bands; `commonrail certainty` and
+    `commonrail predict` compute the others on demand.
     """
     study = calibration.study
     fitted = of_role(study.data, Role.FIT)
@@ -58,26 +60,20 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     )
     best = np.array([calibration.best[name] for name in study.space.names])
     found = identify_at(study.space, objective, best)
-    if found.influence:
-        optima = [Optimum(around(study.space, best), found.influence), *_others(calibration, objective)]
-        found.bands = bands_of(study.data, objective.simulator, optima)
     if found.influence and not study.same_bits:  # LAPACK, which the likelihood uses, has other bits elsewhere
-        found.certainty = certify(study, calibration.best, threads=threads).record()
+        certain = certify(study, calibration.best, threads=threads)
+        found.bands = judged_bands(study, certain.estimate, np.array([best, *_others(calibration)]), threads)
+        found.certainty = certain.record()
         for one in found.certainty["parameters"]:
             found[one["name"]] |= {key: one[key] for key in ("standard_error", "verdict")}
     return found
 
 
-def _others(calibration: Calibration, objective: Objective) -> Iterator[Optimum]:
-    """Optima of the search besides the best that explain the data as well."""
-    study = calibration.study
-    if study.loss is not Loss.SQUARES:
-        return
-    for end in calibration.ends[1:]:
-        if end.cost < calibration.cost + CLOSE:
-            influence = identify_at(study.space, objective, end.x).influence
-            if influence:
-                yield Optimum(around(study.space, end.x), influence)
+def _others(calibration: Calibration) -> list[Floats]:
+    """Optima [SI] of the search besides the best that explain the data as well."""
+    if calibration.study.loss is not Loss.SQUARES:
+        return []
+    return [end.x for end in calibration.ends[1:] if end.cost < calibration.cost + CLOSE]
 
 
 def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:

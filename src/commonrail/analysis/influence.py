@@ -15,7 +15,6 @@ __all__ = ["Influence", "influence_of"]
 Floats = NDArray[np.float64]
 
 SHOWN = 0.2  # weight in a combination from which a parameter is named
-LOOSE = 1e-6  # share of a gradient outside the held directions, above which nothing holds what it predicts
 NEGLIGIBLE = 1e-12  # singular value relative to the largest, below which a direction counts as free
 
 
@@ -35,10 +34,6 @@ class Influence(NamedTuple):
         Singular values of J, of residuals per width of the bounds, in falling order.
     directions : (k, d)
         Unit vectors in positions between the bounds that belong to them.
-    held : (h, d)
-        Orthogonal unit vectors that data or priors hold.
-    strengths : (h,)
-        Singular values of data and priors together that belong to them.
     residuals : int
         Number of the data's residuals n.
     """
@@ -48,23 +43,7 @@ class Influence(NamedTuple):
     errors: Floats
     singular: Floats
     directions: Floats
-    held: Floats
-    strengths: Floats
     residuals: int
-
-    def predicted(self, slopes: Floats) -> Floats:
-        """Standard errors (n,) of predictions that have the derivatives G (n, d) with respect to the positions.
-
-        Roots of the diagonal of max(s², 1) G (JᵀJ + PᵀP)⁻¹ Gᵀ; +inf where a prediction depends on what nothing holds,
-        NaN where a derivative is unknown.
-        """
-        known = np.asarray(np.isfinite(slopes).all(axis=1))
-        finite: Floats = np.where(known[:, None], slopes, 0.0)
-        parts = product(finite, self.held.T)
-        errors = max(self.scatter, 1.0) * np.sqrt(np.sum((parts / self.strengths) ** 2, axis=1))
-        rest = np.sqrt(np.sum((finite - product(parts, self.held)) ** 2, axis=1))
-        loose = rest > LOOSE * np.sqrt(np.sum(finite**2, axis=1))
-        return np.where(known, np.where(loose, np.inf, errors), np.nan)
 
     def record(self, names: tuple[str, ...]) -> dict[str, Any]:
         """JSON-able form; a combination names the parameters whose weight is `SHOWN` or more.
@@ -121,7 +100,5 @@ def influence_of(residuals: Floats, jacobian: Floats, priors: Floats, in_deviati
         np.where(loose, np.inf, errors),
         values,
         directions * signs[:, None],
-        all_directions[held],
-        all_values[held],
         len(residuals),
     )

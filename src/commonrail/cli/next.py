@@ -69,6 +69,9 @@ def next_(
     ] = "30us",
     draws: Annotated[int, typer.Option(min=1, max=1000, help="Draws of the parameters that are averaged over.")] = 12,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the draws.")] = 0,
+    posterior: Annotated[
+        bool, typer.Option("--posterior", help="Take the draws of `commonrail certainty --posterior`.")
+    ] = False,
     out: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="File for the measuring plan.")] = None,
     threads: Threads = None,
     json: Json = False,
@@ -86,6 +89,7 @@ def next_(
     from commonrail.analysis.design.criteria import Criterion
     from commonrail.analysis.design.next import DesignSettings, next_measurements
     from commonrail.files.plan_file import plan_record, write_plan
+    from commonrail.files.posterior_file import read_posterior
     from commonrail.files.run_folder import read_fit
     from commonrail.report.next import plan_lines, plan_tables
 
@@ -104,7 +108,8 @@ def next_(
     )
     study, best = read_fit(run)
     candidates = _candidates(study, kind or [], (rail_pressure, energising_time, dwell, first_energising_time))
-    plan = next_measurements(study, best, candidates, settings, threads=threads, note=say)
+    drawn = read_posterior(run, study.space.names) if posterior else None
+    plan = next_measurements(study, best, candidates, settings, posterior=drawn, threads=threads, note=say)
     if out is not None:
         write_plan(out, plan)
     if json:

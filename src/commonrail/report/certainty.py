@@ -68,9 +68,10 @@ def _interval(p: Record, unit: str) -> str:
 
 
 def _combinations(found: Record) -> Table:
+    half = f"half of the {fixed(found['level'], 0, 100.0)} % interval"
     parts = (
         Part(("sum [SI]",), lambda c: (c["sum"],)),
-        Part(("value", "±"), lambda c: (significant(c["value"], 4), significant(c["half_width"], 3))),
+        Part(("value", half), lambda c: (significant(c["value"], 4), significant(c["half_width"], 3))),
     )
     return table_of("Combinations", found["combinations"], parts, "By the curvature of the likelihood.", 1)
 

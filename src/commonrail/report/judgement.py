@@ -7,7 +7,7 @@ from typing import Any
 
 from commonrail.display.table import Part, Table, table_of
 from commonrail.display.text import MISSING, fixed, listed, number, signed, significant
-from commonrail.kinds.maps.bands import band_sentence
+from commonrail.kinds.bands import band_sentence
 from commonrail.kinds.records import LABELS, MEAN, MICROSECOND, MM3, Record
 
 __all__ = ["combination_table", "judgement_lines", "judgement_tables"]

@@ -34,7 +34,7 @@ def plan_tables(plan: Plan) -> list[Table]:
             ("ET [us]", lambda row: fixed(place_of(row[1].candidate.point)[1], 0, 1e6)),
             ("cost", lambda row: significant(row[1].candidate.cost, 3)),
             ("expected [mm3]", lambda row: significant(row[1].value, 3, 1e9)),
-            ("± [mm3]", lambda row: significant(row[1].deviation, 2, 1e9)),
+            ("st. dev. before [mm3]", lambda row: significant(row[1].deviation, 2, 1e9)),
             ("factor", lambda row: fixed(row[1].factor, 3)),
         ],
         note,

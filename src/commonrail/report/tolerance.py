@@ -178,9 +178,9 @@ def _trim_table(record: Record) -> Table | None:
         ("after, % of before", lambda p: fixed(100.0 * p["after"]["deviation"] / p["before"]["deviation"], 0)),
         ("out of limits before", lambda p: _out(p["before"])),
         ("out of limits after", lambda p: _out(p["after"])),
-        ("correction, µs", lambda p: f"± {fixed(p['correction']['deviation'], 1, MICROSECOND)}"),
+        ("st. dev. of the correction, µs", lambda p: fixed(p["correction"]["deviation"], 1, MICROSECOND)),
     ]
-    return tabulated("Trim", trim["points"], columns, "Correction: standard deviation over the parts.")
+    return tabulated("Trim", trim["points"], columns, "Standard deviations are those over the parts.")
 
 
 def _trim_lines(record: Record) -> list[str]:
@@ -222,7 +222,8 @@ def _distribution(dimension: Record) -> str:
     between = f"{ends[0]} to {ends[1]}"
     if given["kind"] == "normal":
         cut = "" if given["lower"] is None and given["upper"] is None else f", cut: {between}"
-        return f"normal, {quantity(given['mean'], unit, 5)} ± {quantity(given['sigma'], unit, 3)}{cut}"
+        sigma = quantity(given["sigma"], unit, 3)
+        return f"normal, {quantity(given['mean'], unit, 5)}, standard deviation {sigma}{cut}"
     return f"{given['kind']}, {between}"
 
 

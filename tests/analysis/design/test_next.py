@@ -13,6 +13,7 @@ import commonrail as cr
 from commonrail.analysis.certainty.block import Block
 from commonrail.analysis.certainty.estimate import estimate
 from commonrail.analysis.design.candidates import grid, place_of, usual_axes
+from commonrail.analysis.design.draws import posterior_draws
 from commonrail.analysis.design.shared import common_loads
 from commonrail.errors import ConfigurationError
 from commonrail.files.plan_file import plan_record, write_plan
@@ -67,6 +68,17 @@ def test_the_standard_error_that_a_plan_promises_is_that_of_a_fit_with_its_point
     # the bounds, which the plan counts as knowledge, are 100 times wider than the error
     assert plan.after["control_chamber.a_hole_diameter"] == pytest.approx(error, rel=0.01)
     assert plan.after["control_chamber.a_hole_diameter"] < plan.before["control_chamber.a_hole_diameter"]
+
+
+def test_draws_of_a_posterior_are_taken_as_they_are_and_none_twice(study: cr.Study) -> None:
+    own = cr.Likelihood.of(study, 1)
+    found = estimate(own, own.space.to_unit(np.array(list(BEST.values())))[None])
+    drawn = np.linspace(0.2e-3, 0.22e-3, 5)[:, None]
+    for many, taken in ((4, 3), (20, 5)):
+        unit = posterior_draws(found, drawn, many, 0)
+        np.testing.assert_array_equal(unit[0], found.unit)
+        assert len(set(unit[1:, 0].tolist())) == len(unit) - 1 == taken
+        assert set(unit[1:, 0].tolist()) <= set(own.space.to_unit(drawn)[:, 0].tolist())
 
 
 def test_a_plan_is_apart_from_what_was_measured_and_gains_with_each_point(study: cr.Study, plan: cr.Plan) -> None:

@@ -88,10 +88,15 @@ def test_the_verb_predicts_points_and_counts_what_the_bands_hold(file: Path, tmp
     assert (half.status, "both --rail-pressure" in half.sentence) == (2, True)
     none = run_command("predict", run, "--bands", "posterior")
     assert (none.status, "there are no draws" in none.sentence) == (2, True)
+    plan = "next", run, "--posterior", "--points", 1, "--draws", 3, "--rail-pressure", "80MPa,120MPa", "--threads", 1
+    none = run_command(*plan, "--energising-time", "500us")
+    assert (none.status, "there are no draws" in none.sentence) == (2, True)
     assert run_command("certainty", run, "--local", "--posterior", "--threads", 1).status == 0
     drawn = run_command("predict", run, *asked, "--bands", "posterior", "--threads", 1, "--json")
     assert drawn.status == 0, drawn.err
     linear = run_command("predict", run, *asked, "--threads", 1, "--json")
+    planned = run_command(*plan, "--energising-time", "500us,800us")
+    assert planned.status == 0, planned.err
     # widths alone: the search of two generations ended beside the most likely value, which draws are about; the scatter
     # of 400 draws and their replicates is some 5 % of a half width
     for own, other in zip(drawn.record["data"][0]["bands"], linear.record["data"][0]["bands"], strict=True):

@@ -9,7 +9,7 @@ from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
 
-__all__ = ["BOUNDED", "laplace_draws", "prior_information", "slope_weights"]
+__all__ = ["BOUNDED", "laplace_draws", "posterior_draws", "prior_information", "slope_weights"]
 
 Floats = NDArray[np.float64]
 
@@ -53,3 +53,20 @@ def laplace_draws(estimate: Estimate, many: int, seed: int) -> Floats:
     drawn = unit + normal @ np.linalg.cholesky(covariance).T
     inside = Walls.of(own.space).within(np.repeat(unit[None], many - 1, axis=0), drawn)
     return np.vstack([unit, inside])
+
+
+def posterior_draws(estimate: Estimate, points: Floats, many: int, seed: int) -> Floats:
+    """Positions (s, d): the most likely ones, then draws from the posterior, none twice.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    points : (m, d)
+        Drawn from the posterior [SI].
+    many : int
+        Largest number s.
+    seed : int
+        Of the choice among them.
+    """
+    chosen = np.random.default_rng(seed).permutation(len(points))[: many - 1]
+    return np.vstack([estimate.unit, estimate.likelihood.space.to_unit(points[chosen])])

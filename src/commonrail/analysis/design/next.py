@@ -15,7 +15,7 @@ from commonrail.analysis.certainty.estimate import Estimate, estimate
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.design.candidates import KINDS, MOST_CANDIDATES, Candidate, grid, place_of, usual_axes
 from commonrail.analysis.design.criteria import Criterion, Problem
-from commonrail.analysis.design.draws import laplace_draws
+from commonrail.analysis.design.draws import laplace_draws, posterior_draws
 from commonrail.analysis.design.problem import problem_of
 from commonrail.analysis.design.responses import Responder, Response
 from commonrail.analysis.design.selection import Rules, select, too_close
@@ -156,6 +156,7 @@ def next_measurements(
     candidates: Sequence[Candidate] | None = None,
     settings: DesignSettings | None = None,
     *,
+    posterior: Floats | None = None,
     threads: int | None = None,
     note: Callable[[str], None] = lambda _: None,
 ) -> Plan:
@@ -169,6 +170,9 @@ def next_measurements(
     candidates : sequence of Candidate, optional
         Measurements that could be made; by default `usual_candidates`.
     settings : DesignSettings, optional
+    posterior : (m, d), optional
+        Parameters [SI] drawn from the posterior, in the order of the study's, see `Posterior.points`, from which the
+        draws are taken; by default they are those of the normal approximation.
     threads : int, optional
         All usable processors by default; the result does not depend on it.
     note : function of str
@@ -196,7 +200,8 @@ def next_measurements(
     found = estimate(own, begin)
     data = in_order(of_role(study.data, Role.FIT))
     noises, notes = _trusted(found, data)
-    unit = laplace_draws(found, settings.draws, settings.seed)
+    many = settings.draws, settings.seed
+    unit = laplace_draws(found, *many) if posterior is None else posterior_draws(found, posterior, *many)
     note(f"simulating {len(wanted)} candidates at {len(unit)} draws of the parameters ...")
     simulator = Simulator(study.injector, own.names, study.time_step, thread_count(threads), same_bits=study.same_bits)
     by_kind = {one.kind: noise for one, noise in reversed(list(zip(data, noises, strict=True)))}

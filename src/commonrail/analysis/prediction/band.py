@@ -13,31 +13,13 @@ from commonrail.display.text import number
 from commonrail.kinds import DataSet
 from commonrail.kinds.records import point_record
 
-__all__ = ["Band", "Scatter", "band_from_draws", "band_from_slopes"]
+__all__ = ["Band", "band_from_draws", "band_from_slopes", "union"]
 
 Floats = NDArray[np.float64]
+Edges = tuple[Floats, Floats]
 
+DIGITS = 5  # of the edges of courses in result.json
 REPLICATES = 8  # draws of the scatter for each draw of the parameters
-
-
-class Scatter(NamedTuple):
-    """Scatter of measured values about the best prediction: noise and discrepancy of the model.
-
-    Attributes
-    ----------
-    factor : float
-        Multiple of the tolerance of a kind that states one; else a standard deviation in the unit of the values.
-    freedom : float
-        Degrees of freedom of the factor; infinite where it is stated.
-    """
-
-    factor: float
-    freedom: float
-
-    def deviations(self, data: DataSet, values: Floats) -> Floats:
-        """Standard deviations (n,) about predicted values (n,)."""
-        stated = data.discrepancy(values)
-        return self.factor * (np.ones(len(values)) if stated is None else stated)
 
 
 class Band(NamedTuple):
@@ -52,12 +34,18 @@ class Band(NamedTuple):
         Lower and upper edges by level.
     measured : bool
         The data set has measured values, not operating points alone.
+    alone : mapping of float to ((n,), (n,))
+        Edges by what the parameters may be alone.
+    optima : int
+        Number of optima over which the band is the union of theirs.
     """
 
     data: DataSet
     values: Floats
     edges: Mapping[float, tuple[Floats, Floats]]
     measured: bool
+    alone: Mapping[float, tuple[Floats, Floats]]
+    optima: int = 1
 
     @property
     def counted(self) -> NDArray[np.bool_]:
@@ -69,15 +57,55 @@ class Band(NamedTuple):
 
     def covered(self, level: float) -> int:
         """Number of measured values inside the band of a level."""
-        low, high = self.edges[level]
-        inside = (self.data.measured >= low) & (self.data.measured <= high)
+        return self._inside(self.edges[level])
+
+    def _inside(self, edges: Edges) -> int:
+        inside = (self.data.measured >= edges[0]) & (self.data.measured <= edges[1])
         return int(np.count_nonzero(inside & self.counted))
 
     def half_width(self, level: float) -> float:
-        """Median half width over the predicted value, where that is positive; NaN if nowhere."""
+        """Median half width over the predicted value, where that is positive; NaN if nowhere.
+
+        Of a course in time it is over the largest predicted value.
+        """
         low, high = self.edges[level]
         which = self.counted & (self.values > 0.0)
-        return float(np.median(0.5 * (high - low)[which] / self.values[which])) if which.any() else float("nan")
+        if not which.any():
+            return float("nan")
+        whole = self.values[which] if self.data.bounds is None else float(self.values[which].max())
+        return float(np.median(0.5 * (high - low)[which] / whole))
+
+    def judgement(self, level: float, estimator: str) -> dict[str, Any]:
+        """JSON-able record of the band of one level, as result.json keeps it for a data set.
+
+        Parameters
+        ----------
+        level : float
+        estimator : str
+
+        Returns
+        -------
+        dict
+            Half widths about the predicted values of a map ("half_widths", to the farther edge), None where a value is
+            not judged; edges ("lower", "upper") of a course, and of the union over several optima; counts of measured
+            values inside.
+        """
+        low, high = self.edges[level]
+        half = np.where(self.counted, np.maximum(high - self.values, self.values - low), np.nan)
+        several = {"optima": self.optima} if self.optima > 1 else {}
+        edges = {"lower": _short(low), "upper": _short(high)}
+        course = self.data.bounds is not None
+        return {
+            "level": level,
+            "estimator": estimator,
+            **({} if course else {"half_widths": _shown(half)}),
+            **(edges if course or several else {}),
+            **several,
+            "values": int(np.count_nonzero(self.data.judged)),
+            "covered": self.covered(level),
+            "covered_by_parameters_alone": self._inside(self.alone[level]),
+            "median_half_width_percent": number(100.0 * self.half_width(level)),
+        }
 
     def record(self) -> dict[str, Any]:
         """JSON-able form."""
@@ -108,7 +136,7 @@ class Band(NamedTuple):
 
 def band_from_slopes(
     values: Floats, slopes: Floats, covariance: Floats, deviations: Floats, freedom: float, levels: Sequence[float]
-) -> dict[float, tuple[Floats, Floats]]:
+) -> dict[float, Edges]:
     """Edges of bands by the linear (Laplace) approximation.
 
     Parameters
@@ -132,7 +160,7 @@ def band_from_slopes(
 
 def band_from_draws(
     drawn: Floats, deviations: Floats, freedom: float, levels: Sequence[float], seed: int = 0
-) -> dict[float, tuple[Floats, Floats]]:
+) -> dict[float, Edges]:
     """Edges of bands from predictions of drawn parameters.
 
     Parameters
@@ -164,5 +192,18 @@ def band_from_draws(
     return found
 
 
+def union(edges: Sequence[Mapping[float, Edges]]) -> dict[float, Edges]:
+    """Bands from the lowest to the highest edge of several, by level."""
+    return {
+        level: (np.min([one[level][0] for one in edges], axis=0), np.max([one[level][1] for one in edges], axis=0))
+        for level in edges[0]
+    }
+
+
 def _shown(values: Floats) -> list[float | None]:
     return [number(v) for v in values.tolist()]
+
+
+def _short(values: Floats) -> list[float | None]:
+    """Values with the digits that a figure shows."""
+    return [number(float(f"{v:.{DIGITS}g}")) for v in values.tolist()]

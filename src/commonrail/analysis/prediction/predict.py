@@ -1,8 +1,8 @@
 """Predictions of a fit with bands, by its curvature (Laplace) or by draws from its posterior.
 
-A band holds what the parameters may be, and the scatter of measured values about the best prediction: for kinds with
-a stated tolerance that tolerance, or the residual level of the fit where it is larger; for others the residual level
-with the stated discrepancy.
+A band holds what the parameters may be, and the scatter of measured values about the best prediction: the residual
+level of the fit, with the stated discrepancy. Where at least `scatter.LEAST` values of a map are fitted, all of it is
+scaled by what the fit predicts of each value that is held out; with fewer, a stated tolerance is the least scatter.
 """
 
 from __future__ import annotations
@@ -14,24 +14,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.covariance import covariance_of
-from commonrail.analysis.certainty.estimate import Estimate, estimate, pulls_of
+from commonrail.analysis.certainty.estimate import Estimate, estimate, estimate_at
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.neighbourhood import around
 from commonrail.analysis.posterior.proposals import bounded
-from commonrail.analysis.prediction.band import Band, Scatter, band_from_draws, band_from_slopes
+from commonrail.analysis.prediction.band import Band, band_from_draws, band_from_slopes, union
+from commonrail.analysis.prediction.scatter import Scatter, floored, scatter_of
 from commonrail.arguments import instance, instances, number, thread_count
 from commonrail.calibration.study import Study
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.errors import ConfigurationError, SimulationError
-from commonrail.kinds import DataSet, QuantityData, Role, of_role
+from commonrail.kinds import DataSet, QuantityData, Role, in_order, of_role
 from commonrail.kinds.simulator import Simulator
 
-__all__ = ["LEVELS", "Prediction", "predict"]
+__all__ = ["LEVEL", "LEVELS", "Prediction", "judged_bands", "predict"]
 
 Floats = NDArray[np.float64]
 
 LEVELS = (0.5, 0.9)
+LEVEL = 0.9  # of the bands that a result keeps
+FAR = 3.0  # standard errors of a parameter, beyond which an optimum is another one
 PREDICTED = "prediction"  # name of the operating points that were asked for
 
 
@@ -58,18 +60,34 @@ class Prediction:
         return {
             "levels": list(self.levels),
             "estimator": self.estimator,
-            "scatter": {kind: {"factor": one.factor} for kind, one in self.scatter.items()},
+            "scatter": {
+                kind: {"factor": one.factor, "calibration": one.calibration, "left_out": one.left_out}
+                for kind, one in self.scatter.items()
+            },
             "data": [band.record() for band in self.bands],
         }
 
 
 class _Fit(NamedTuple):
-    """Fit that predictions are made with: best values (d,), and draws (m, d) from the posterior if they are wanted."""
+    """Fit that predictions are made with.
+
+    Attributes
+    ----------
+    simulator : Simulator
+    estimate : Estimate
+    points : (k, d)
+        Calibrated values [SI], then other optima that explain the data as well.
+    scatter : mapping of str to Scatter
+        By the kind of the data.
+    draws : (m, d) or None
+        From the posterior, if they are wanted.
+    """
 
     simulator: Simulator
     estimate: Estimate
-    point: Floats
-    draws: Floats | None
+    points: Floats
+    scatter: Mapping[str, Scatter]
+    draws: Floats | None = None
 
 
 def predict(
@@ -114,47 +132,47 @@ def predict(
     threads = thread_count(threads)
     point = np.array([best[name] for name in study.space.names])
     own = Likelihood.of(study, threads)
-    found = _floored(estimate(own, own.space.to_unit(point)[None]), of_role(study.data, Role.FIT))
-    scatter = _scatter(found, of_role(study.data, Role.FIT))
+    fit = _fit(study, estimate(own, own.space.to_unit(point)[None]), point[None], threads)._replace(draws=draws)
+    bands = [_band(data, fit, shares, not wanted) for data in sets]
+    return Prediction(bands, shares, _label(fit, {data.kind for data in sets}), fit.scatter)
+
+
+def judged_bands(
+    study: Study, found: Estimate, points: Floats, threads: int | None = None
+) -> dict[str, dict[str, Any]]:
+    """Bands of all data of a study about its calibrated values, as records of result.json by the name of the data set.
+
+    Parameters
+    ----------
+    study : Study
+    found : Estimate
+        Of the study.
+    points : (k, d)
+        Calibrated values [SI], then other optima that explain the data as well: a band is the union of theirs.
+    threads : int, optional
+        All usable processors by default; the result does not depend on it.
+    """
+    fit = _fit(study, found, points, thread_count(threads))
+    label = _label(fit, {data.kind for data in study.data})
+    known = [data for data in study.data if data.kind in fit.scatter]
+    return {data.name: _band(data, fit, (LEVEL,), measured=True).judgement(LEVEL, label) for data in known}
+
+
+def _fit(study: Study, found: Estimate, points: Floats, threads: int | None) -> _Fit:
+    fitted = in_order(of_role(study.data, Role.FIT))
+    wide = floored(found, fitted)
     simulator = Simulator(study.injector, study.space.names, study.time_step, threads, same_bits=study.same_bits)
-    fit = _Fit(simulator, found, point, draws)
-    bands = []
-    for data in sets:
-        if data.kind not in scatter:
-            raise ConfigurationError(
-                f'{study.title}: no data of the kind "{data.kind}" are fitted, so nothing is known of the scatter of '
-                f"{data.name}; fit some, or predict another kind."
-            )
-        bands.append(_band(data, fit, scatter[data.kind], shares, not wanted))
-    label = "draws from the posterior" if draws is not None else "Laplace: linear about the best values"
-    return Prediction(bands, shares, f"{label}; noise and discrepancy included", scatter)
+    return _Fit(simulator, wide, points, scatter_of(wide, fitted))
 
 
-def _floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
-    """Estimate whose scales of noise are no smaller than the tolerances that data state."""
-    own = found.likelihood
-    noises = [
-        replace(noise, scale=1.0, freedom=np.inf) if _stated(data) and not noise.known and noise.scale < 1.0 else noise
-        for data, noise in zip(fitted, own.noises, strict=True)
-    ]
-    wide = own.with_noises(noises)
-    covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, pulls_of(wide, found.unit))
-    return replace(found, likelihood=wide, covariance=covariance)
-
-
-def _stated(data: DataSet) -> bool:
-    return data.discrepancy(data.measured) is not None
-
-
-def _scatter(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
-    """Scatter of each kind of data: that of the fitted set that scatters most."""
-    scatter: dict[str, Scatter] = {}
-    for data, noise, block in zip(fitted, found.likelihood.noises, found.likelihood.blocks, strict=True):
-        extra = block.noise.discrepancy if block.noise.length else 0.0
-        one = Scatter(float(np.hypot(noise.sigma, extra)) / data.residual_scale, noise.freedom)
-        if data.kind not in scatter or scatter[data.kind].factor < one.factor:
-            scatter[data.kind] = one
-    return scatter
+def _label(fit: _Fit, kinds: set[str]) -> str:
+    """Name of the estimator of the bands."""
+    label = "draws from the posterior" if fit.draws is not None else "Laplace: linear about the best values"
+    label += "; noise and discrepancy included"
+    scaled = [one for kind, one in fit.scatter.items() if kind in kinds and one.left_out]
+    if scaled:
+        label += f", scaled by the predictions of {sum(one.left_out for one in scaled)} fitted values held out in turn"
+    return f"{label}; union over {len(fit.points)} optima" if len(fit.points) > 1 else label
 
 
 def _asked(study: Study, points: Sequence[OperatingPoint]) -> QuantityData:
@@ -179,18 +197,57 @@ def _asked(study: Study, points: Sequence[OperatingPoint]) -> QuantityData:
     )
 
 
-def _band(data: DataSet, fit: _Fit, scatter: Scatter, levels: tuple[float, ...], measured: bool) -> Band:
+def _band(data: DataSet, fit: _Fit, levels: tuple[float, ...], measured: bool) -> Band:
     """Band of one data set."""
+    if data.kind not in fit.scatter:
+        raise ConfigurationError(
+            f'No data of the kind "{data.kind}" are fitted, so nothing is known of the scatter of {data.name}; fit '
+            "some, or predict another kind."
+        )
+    scatter = fit.scatter[data.kind]
     if fit.draws is not None:
-        drawn = data.simulated(fit.simulator, np.vstack([fit.point, fit.draws]))
-        deviations = scatter.deviations(data, drawn[0])
-        return Band(data, drawn[0], band_from_draws(drawn[1:], deviations, scatter.freedom, levels), measured)
-    place = around(fit.estimate.likelihood.space, fit.point)
+        drawn = data.simulated(fit.simulator, np.vstack([fit.points[:1], fit.draws]))
+        values = drawn[0]
+        spread = values + scatter.calibration * (drawn[1:] - values)
+        deviations = scatter.calibration * scatter.deviations(data, values)
+        edges, alone = (band_from_draws(spread, d, scatter.freedom, levels) for d in (deviations, 0.0 * deviations))
+        return Band(data, values, edges, measured, alone)
+    found = [_linear(data, fit, point, levels) for point in fit.points]
+    values = found[0][0]
+    edges, alone = union([one[1] for one in found]), union([one[2] for one in found])
+    return Band(data, values, edges, measured, alone, len(found))
+
+
+Edges = dict[float, tuple[Floats, Floats]]
+
+
+def _linear(data: DataSet, fit: _Fit, point: Floats, levels: tuple[float, ...]) -> tuple[Floats, Edges, Edges]:
+    """Predicted values (n,) of one optimum, edges of its bands, and those of the parameters alone."""
+    place = around(fit.estimate.likelihood.space, point)
     values = data.simulated(fit.simulator, place.values)
     if not np.isfinite(values[0]).any():
         raise SimulationError(f"{data.name} cannot be simulated with the best values, so it has no band.")
-    deviations = scatter.deviations(data, values[0])
-    edges = band_from_slopes(
-        values[0], place.slopes(values), bounded(fit.estimate), deviations, scatter.freedom, levels
+    scatter = fit.scatter[data.kind]
+    covariance = scatter.calibration**2 * bounded(_about(fit.estimate, point))
+    deviations = scatter.calibration * scatter.deviations(data, values[0])
+    edges, alone = (
+        band_from_slopes(values[0], place.slopes(values), covariance, d, scatter.freedom, levels)
+        for d in (deviations, 0.0 * deviations)
     )
-    return Band(data, values[0], edges, measured)
+    return values[0], edges, alone
+
+
+def _about(found: Estimate, point: Floats) -> Estimate:
+    """Estimate whose covariance is about given values [SI].
+
+    The distance of the calibrated values from the most likely ones, which another loss or an unfinished search leaves,
+    is an error of theirs; another optimum has a covariance of its own.
+    """
+    own, unit = found.likelihood, found.likelihood.space.to_unit(point)
+    away = unit - found.unit
+    variance = np.diag(found.covariance.total)
+    if np.all(away**2 <= FAR**2 * np.where(np.isfinite(variance), variance, 1.0)):
+        covariance = found.covariance
+        return replace(found, covariance=covariance._replace(discrepancy=covariance.discrepancy + np.outer(away, away)))
+    errors = own.residuals(point[None])[0]
+    return estimate_at(own, unit, errors, own.jacobian(unit[None])[0])

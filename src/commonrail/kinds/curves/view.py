@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.display.chart import Figure, Panel, Points, Series
+from commonrail.display.chart import Band, Figure, Panel, Points, Series
 from commonrail.display.table import BEST_LEGEND, Cell, Part, Table, marked, table_of
 from commonrail.display.text import fixed, listed, megapascal, number, percent, pressure, signed
+from commonrail.kinds.bands import shaded
 from commonrail.kinds.base import View
 from commonrail.kinds.records import (
     JUDGED,
@@ -76,9 +77,14 @@ class CurveView(View):
         seen = f" Simulated as the meter “{data['meter']}” shows it." if data.get("meter") else ""
         caption = (
             f"Rate of injection, energising time {data['energising_time'] * MICROSECOND:.0f} µs; below, "
-            f"simulated − {origin_of(data)}.{seen}"
+            f"simulated − {origin_of(data)}.{seen} {shaded(data)}".rstrip()
         )
-        panels = Panel(RATE, tuple(curves), 0.66), Panel(ERROR, tuple(errors), 0.34, zero_line=True)
+        about = (np.zeros(len(measured)), measured)
+        bands = [(_band(data, time, middle),) if "band" in data else () for middle in about]
+        panels = (
+            Panel(RATE, tuple(curves), 0.66, bands=bands[0]),
+            Panel(ERROR, tuple(errors), 0.34, zero_line=True, bands=bands[1]),
+        )
         title = f"{data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"
         return [Figure(title, caption, "time, µs", panels)]
 
@@ -161,6 +167,12 @@ _SAMPLES = Part(("samples",), lambda d: (str(d["samples"]),))
 def _origin(data: Sequence[Record]) -> str:
     origins = {origin_of(d) for d in data}
     return origins.pop() if len(origins) == 1 else "data"
+
+
+def _band(data: Record, time: Points, about: NDArray[np.float64]) -> Band:
+    """Area of a data set's band [mm³/ms], less a course [m³/s] that it is shown about."""
+    low, high = (np.array([np.nan if v is None else v for v in data["band"][key]]) for key in ("lower", "upper"))
+    return Band(JUDGED, time, _points((low - about) * MM3_PER_MS), _points((high - about) * MM3_PER_MS))
 
 
 def _points(values: NDArray[np.float64]) -> Points:

@@ -6,42 +6,19 @@ from collections.abc import Callable, Sequence
 
 from commonrail.display.chart import Band, Points
 from commonrail.display.text import MISSING, fixed, number
-from commonrail.kinds.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, origin_of, scaled
+from commonrail.kinds.bands import band_name
+from commonrail.kinds.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, scaled
 
-__all__ = ["band_cells", "band_name", "band_note", "band_sentence", "error_band", "shaded"]
+__all__ = ["band_cells", "band_note", "error_band"]
 
 INSIDE, OUTSIDE = "✓", "✗"
 
 Measure = Callable[[float, float], float]  # of a value and the measured quantity [m³]
 
 
-def band_name(data: Record) -> str:
-    """Name of the bands of a data set that has them, such as "90 % band"."""
-    return f"{100.0 * data['band']['level']:.0f} % band"
-
-
 def band_note(data: Record) -> str:
     """Sentence on what the bands are."""
     return f"{band_name(data)} by {data['band']['estimator']}; {INSIDE} measured value inside, {OUTSIDE} outside."
-
-
-def band_sentence(data: Record) -> str:
-    """Sentence on how many measured quantities of a data set lie in their bands."""
-    band = data["band"]
-    median, alone = fixed(band["median_half_width_percent"], 1), band["covered_by_parameters_alone"]
-    return (
-        f"{band['covered']} of {band['values']} measured quantities of {data['name']} ({data['role']}) lie in the "
-        f"{band_name(data)}, whose median half width is {median} % ({alone} in that of the parameters alone)."
-    )
-
-
-def shaded(data: Record) -> str:
-    """Sentence of a figure's caption, empty without bands."""
-    return (
-        f"Shaded: {band_name(data)} of the {origin_of(data)} value, by {data['band']['estimator']}."
-        if "band" in data
-        else ""
-    )
 
 
 def band_cells(row: Record) -> tuple[str]:

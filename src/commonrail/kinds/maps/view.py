@@ -10,8 +10,9 @@ from typing import Any
 from commonrail.display.chart import MARKERS, Band, Figure, Panel, Points, Series
 from commonrail.display.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.display.text import fixed, listed, megapascal, number, pressure, signed, significant
+from commonrail.kinds.bands import band_name, shaded
 from commonrail.kinds.base import View
-from commonrail.kinds.maps.bands import band_cells, band_name, band_note, error_band, shaded
+from commonrail.kinds.maps.bands import band_cells, band_note, error_band
 from commonrail.kinds.maps.dead_times import compared_dead_times, dead_time_figure, dead_time_table
 from commonrail.kinds.records import (
     JUDGED,

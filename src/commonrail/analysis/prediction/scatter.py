@@ -1,0 +1,167 @@
+"""Scatter of measured values about predictions, judged by fitted values that are held out one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.covariance import covariance_of
+from commonrail.analysis.certainty.estimate import Estimate, pulls_of
+from commonrail.kinds import DataSet
+from commonrail.kinds.noise import Law
+
+__all__ = ["LEAST", "Scatter", "floored", "left_out", "scatter_of"]
+
+Floats = NDArray[np.float64]
+
+LEAST = 8  # values held out, from which their scatter is believed
+HELD = 1e-6  # of the variance of a residual, below which the fit follows the value whatever it is
+TAILS = {Law.STUDENT: 4.0, Law.LAPLACE: 3.0}  # degrees of freedom of t whose quantiles are those of the law
+
+
+class Scatter(NamedTuple):
+    """Scatter of measured values about the best prediction: noise and discrepancy of the model.
+
+    Attributes
+    ----------
+    factor : float
+        Multiple of the tolerance of a kind that states one; else a standard deviation in the unit of the values.
+    freedom : float
+        Degrees of freedom of the factor; infinite where it is stated.
+    calibration : float
+        Factor on the whole standard deviation of a prediction, parameters included: root mean square of the values
+        that were held out, each over the deviation predicted for it. 1 where too few could be held out.
+    left_out : int
+        Number of those values.
+    """
+
+    factor: float
+    freedom: float
+    calibration: float = 1.0
+    left_out: int = 0
+
+    def deviations(self, data: DataSet, values: Floats) -> Floats:
+        """Standard deviations (n,) about predicted values (n,)."""
+        stated = data.discrepancy(values)
+        return self.factor * (np.ones(len(values)) if stated is None else stated)
+
+
+class LeftOut(NamedTuple):
+    """Prediction errors of values that are held out one at a time, over their predicted standard deviations.
+
+    Attributes
+    ----------
+    errors : (m,)
+    freedom : float
+        Degrees of freedom of their mean square (Satterthwaite): they are correlated.
+    """
+
+    errors: Floats
+    freedom: float
+
+
+def left_out(found: Estimate, rows: NDArray[np.intp]) -> LeftOut:
+    """Values held out one at a time, by the linear model about the estimate and without a further simulation.
+
+    With the influence H of the fit, uncertain quantities and discrepancies among what is fitted, the error of the value
+    i that is held out is u_i/(1 − H_ii), and its predicted variance 1/(1 − H_ii).
+
+    Parameters
+    ----------
+    found : Estimate
+    rows : (m,)
+        Rows of the residuals.
+    """
+    own, d = found.likelihood, len(found.unit)
+    innovations = own.whiten(found.errors)
+    robust = np.sqrt(
+        np.concatenate([n.density.weight(innovations[b.rows]) for b, n in zip(own.blocks, own.noises, strict=True)])
+    )
+    wide = np.vstack([found.slopes, found.shifts, *_courses(found)])
+    tangents = robust * own.whiten(wide)
+    pulls = pulls_of(own, found.unit)
+    held = np.eye(len(wide))
+    held[:d, :d] = pulls.T @ pulls
+    force = tangents @ (robust * innovations)
+    force[:d] += pulls.T @ own.priors.residuals(own.space.from_unit(found.unit[None]))[0]
+    inverse = np.linalg.pinv(tangents @ tangents.T + held, hermitian=True)
+    rest = (robust * innovations - (inverse @ force) @ tangents)[rows]
+    seen = tangents[:, rows]
+    left = np.eye(len(rows)) - seen.T @ inverse @ seen
+    free = np.diag(left) > HELD
+    root = np.sqrt(np.diag(left)[free])
+    related = left[np.ix_(free, free)] / np.outer(root, root)
+    return LeftOut(rest[free] / root, float(np.count_nonzero(free) ** 2 / max(float(np.sum(related**2)), 1e-300)))
+
+
+def _courses(found: Estimate) -> list[Floats]:
+    """Courses (k, n) of the stated discrepancy of each block."""
+    courses = []
+    for block in found.likelihood.blocks:
+        own = block.stated_courses()
+        wide = np.zeros((len(own), found.likelihood.size))
+        wide[:, block.rows] = own
+        courses.append(wide)
+    return courses
+
+
+def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
+    """Estimate whose scales of noise are no smaller than stated tolerances, of data with too few values to hold out.
+
+    Parameters
+    ----------
+    found : Estimate
+    fitted : sequence of DataSet
+        In the order of the blocks.
+    """
+    own = found.likelihood
+    few = [
+        data.discrepancy(data.measured) is not None and len(_rows(found, fitted, data.kind)) < LEAST for data in fitted
+    ]
+    noises = [
+        replace(noise, scale=1.0, freedom=np.inf) if low and not noise.known and noise.scale < 1.0 else noise
+        for low, noise in zip(few, own.noises, strict=True)
+    ]
+    wide = own.with_noises(noises)
+    covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, pulls_of(wide, found.unit))
+    return replace(found, likelihood=wide, covariance=covariance)
+
+
+def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
+    """Scatter of each kind of data: that of the fitted set that scatters most, judged by the values held out.
+
+    Parameters
+    ----------
+    found : Estimate
+        Of `floored`.
+    fitted : sequence of DataSet
+        In the order of the blocks.
+    """
+    scatter: dict[str, Scatter] = {}
+    for data, noise, block in zip(fitted, found.likelihood.noises, found.likelihood.blocks, strict=True):
+        extra = block.noise.discrepancy if block.noise.length else 0.0
+        freedom = min(noise.freedom, TAILS.get(noise.law, np.inf))
+        one = Scatter(float(np.hypot(noise.sigma, extra)) / data.residual_scale, freedom)
+        if data.kind not in scatter or scatter[data.kind].factor < one.factor:
+            scatter[data.kind] = one
+    for kind, one in scatter.items():
+        rows = _rows(found, fitted, kind)
+        judged = left_out(found, rows) if len(rows) >= LEAST else None
+        if judged is not None and len(judged.errors) >= LEAST:
+            size = float(np.sqrt(np.mean(judged.errors**2)))
+            scatter[kind] = one._replace(calibration=size, freedom=judged.freedom, left_out=len(judged.errors))
+    return scatter
+
+
+def _rows(found: Estimate, fitted: Sequence[DataSet], kind: str) -> NDArray[np.intp]:
+    """Rows of the residuals that are values of a kind that is no course in time."""
+    rows = [
+        np.arange(block.rows.start, block.rows.stop)[data.judged]
+        for data, block in zip(fitted, found.likelihood.blocks, strict=True)
+        if data.kind == kind and not block.ordered
+    ]
+    return np.concatenate(rows) if rows else np.zeros(0, dtype=np.intp)

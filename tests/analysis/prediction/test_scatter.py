@@ -1,0 +1,132 @@
+"""Bands of a model that is linear in its parameters, where what they hold is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import t
+
+from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.analysis.prediction.band import Band, band_from_slopes, union
+from commonrail.analysis.prediction.scatter import LEAST, left_out, scatter_of
+from commonrail.calibration.prior import Prior
+from commonrail.calibration.space import Parameter, Space
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.kinds import DataSet, QuantityData, Role
+from commonrail.kinds.noise import Correlation, Law, Noise
+from tests.analysis.certainty.linear import fitted, likelihood
+
+PLAIN = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE)
+MIDDLE = np.full(3, 50.0)
+N, NEW = 14, 5
+
+
+def space(sigma: float) -> Space:
+    """Three parameters with priors of a standard deviation about the middle of wide bounds."""
+    prior = Prior(50.0, sigma, "test")
+    return Space([Parameter(n, 50.0, 1.0, 101.0, "1", mark="E", source="test", prior=prior) for n in "abc"])
+
+
+def estimated(x: np.ndarray, y: np.ndarray, sigma: float = 1.0) -> Estimate:
+    return fitted(likelihood([y], [x], [PLAIN], room=space(sigma)))
+
+
+def quantities(values: np.ndarray, role: Role = Role.FIT) -> DataSet:
+    """Map whose tolerance is one unit of the residuals."""
+    points = tuple(OperatingPoint(80e6, 3e-4 + 1e-5 * i, 0.5e6, 0.1e6, horizon=4e-3) for i in range(len(values)))
+    none = np.zeros(len(values), bool)
+    return QuantityData(role.value, role, points, values, 1.0, 0.0, none, 1.0, "", "test")
+
+
+def refitted(x: np.ndarray, y: np.ndarray, scale: float, sigma: float) -> np.ndarray:
+    return np.asarray(
+        np.linalg.solve(x.T @ x / scale**2 + np.eye(3) / sigma**2, x.T @ y / scale**2 + MIDDLE / sigma**2)
+    )
+
+
+def test_values_left_out_are_predicted_as_by_fits_without_them() -> None:
+    rng = np.random.default_rng(3)
+    x = rng.normal(size=(N, 3))
+    y = x @ rng.normal(50.0, 1.0, 3) + 0.5 * rng.standard_normal(N)
+    found = estimated(x, y)
+    scale = found.likelihood.noises[0].scale
+    expected = []
+    for i in range(N):
+        rest = np.arange(N) != i
+        covariance = np.linalg.inv(x[rest].T @ x[rest] / scale**2 + np.eye(3))
+        error = x[i] @ refitted(x[rest], y[rest], scale, 1.0) - y[i]
+        expected.append(error / np.sqrt(scale**2 + x[i] @ covariance @ x[i]))
+    judged = left_out(found, np.arange(N))
+    # the search ends 1e-3 of 2 ln L below the top; derivatives of positions lose four digits
+    np.testing.assert_allclose(judged.errors, expected, atol=2e-3)
+
+
+def test_without_priors_the_degrees_of_freedom_are_those_of_the_residuals() -> None:
+    rng = np.random.default_rng(4)
+    x = rng.normal(size=(N, 3))
+    judged = left_out(estimated(x, x @ MIDDLE + rng.standard_normal(N), sigma=1e6), np.arange(N))
+    # tr(M)²/tr(M²) of a projection of rank n − d, each value by its own leverage
+    assert judged.freedom == pytest.approx(N - 3, rel=0.1)
+
+
+def covered(many: int) -> float:
+    """Share of new values inside 90 % bands, where parameters vary about the middle as the priors say."""
+    held = 0
+    for seed in range(many):
+        rng = np.random.default_rng(seed)
+        x, new = rng.normal(size=(N, 3)), rng.normal(size=(NEW, 3))
+        truth = MIDDLE + rng.standard_normal(3)
+        found = estimated(x, x @ truth + 0.5 * rng.standard_normal(N))
+        scatter = scatter_of(found, [quantities(np.zeros(N))])["quantities"]
+        factor = scatter.calibration
+        covariance = factor**2 * found.covariance.total
+        noise = np.full(NEW, factor * scatter.factor)
+        ((low, high),) = band_from_slopes(
+            new @ found.point, new * 100.0, covariance, noise, scatter.freedom, [0.9]
+        ).values()
+        seen = new @ truth + 0.5 * rng.standard_normal(NEW)
+        held += int(np.count_nonzero((low <= seen) & (seen <= high)))
+    return held / (many * NEW)
+
+
+def test_bands_hold_their_share_of_new_values() -> None:
+    # 1000 values, five to a fit: three binomial standard errors are 2.9 %
+    assert covered(200) == pytest.approx(0.9, abs=0.03)
+
+
+def test_few_values_are_not_left_out() -> None:
+    x = np.random.default_rng(1).normal(size=(LEAST - 1, 3))
+    found = estimated(x, x @ MIDDLE + np.linspace(-0.5, 0.5, LEAST - 1))
+    scatter = scatter_of(found, [quantities(np.zeros(LEAST - 1))])["quantities"]
+    assert (scatter.calibration, scatter.left_out) == (1.0, 0)
+
+
+def band(values: Sequence[float], measured: Sequence[float], half: float, alone: float, **more: Any) -> Band:
+    middle = np.array(values)
+    edges = {0.9: (middle - half, middle + half)}
+    return Band(quantities(np.array(measured)), middle, edges, True, {0.9: (middle - alone, middle + alone)}, **more)
+
+
+def test_the_count_is_of_measured_values_inside() -> None:
+    record = band([20.0] * 5, [20.0, 20.3, 19.6, 23.0, 15.0], 0.5, 0.1).judgement(0.9, "test")
+    assert (record["covered"], record["values"], record["covered_by_parameters_alone"]) == (3, 5, 1)
+    assert record["median_half_width_percent"] == pytest.approx(2.5)
+    assert record["half_widths"] == pytest.approx([0.5] * 5)
+
+
+def test_the_band_of_several_optima_is_the_union_of_theirs() -> None:
+    one, other = ({0.9: (np.array([m - 1.0]), np.array([m + 1.0]))} for m in (5.0, 5.5))
+    both = union([one, other])
+    assert both[0.9] == (np.array([4.0]), np.array([6.5]))
+    middle = np.array([5.0])
+    found = Band(quantities(np.array([6.2])), middle, both, True, both, optima=2).judgement(0.9, "test")
+    assert (found["optima"], found["covered"], found["half_widths"]) == (2, 1, [1.5])
+    assert (found["lower"], found["upper"]) == ([4.0], [6.5])
+
+
+def test_the_quantile_is_that_of_the_degrees_of_freedom_of_the_values_left_out() -> None:
+    ((low, high),) = band_from_slopes(np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), np.ones(1), 7.0, [0.9]).values()
+    assert 0.5 * (high - low)[0] == pytest.approx(t.ppf(0.95, 7.0))
