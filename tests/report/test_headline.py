@@ -53,3 +53,21 @@ def test_parameters_are_grouped_by_what_the_data_say() -> None:
 def test_without_an_identification_there_is_nothing_to_say() -> None:
     parameters = [{"name": "nozzle.holes", "at_bound": False}]
     assert parameter_lines(parameters) == []
+
+
+def test_many_curves_are_told_by_their_range_and_the_worst() -> None:
+    record = rate_record()
+    first = record["data"][0]
+    record["data"] = [
+        first
+        | {
+            "name": f"shot {i}",
+            "J": {"start": 400.0 + i, "best": 100.0 + i},
+            "J_relative": {"best": 0.01 * (1 + i % 5)},
+        }
+        for i in range(9)
+    ]
+    task, _, data, *_ = headline(record)
+    assert "fitted to 9 data sets; " in task
+    assert "J of 9 curves is 100.0 to 108.0 mm³/ms against 400.0 to 408.0 with the start values" in data
+    assert "worst is shot 4 with 5.0 %" in data

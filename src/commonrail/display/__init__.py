@@ -1,1 +1,1 @@
-"""Tables and charts as plain data, and numbers as text; nothing is drawn here."""
+"""Tables and charts as plain data, numbers as text, and results as notebooks show them; nothing is drawn here."""

@@ -12,7 +12,7 @@ from commonrail.display.chart import Bars, Boxes, Figure, Panel, Series
 from commonrail.report.axis import Axis, span
 from commonrail.report.pane import DASHES, TENTHS, colour_of, line_of, marker_path, pane_svg
 
-__all__ = ["FONT", "NARROW", "WIDE", "drawings", "figure_html", "figure_svg", "small_html", "text_width"]
+__all__ = ["FONT", "NARROW", "WIDE", "cut", "drawings", "figure_html", "figure_svg", "small_html", "text_width"]
 
 INK, SOFT, GRID = "#1d2733", "#586472", "#e3e7eb"
 FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
@@ -167,7 +167,7 @@ def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, lab
     fixed = ' data-fixed=""' if panel.categories or panel.rows or y.logarithmic else ""
     view = f"0 0 {round(TENTHS * sheet.inner)} {round(TENTHS * height)}"
     texts = [_text(text, x.at(v), height + 15.0, "middle") for v, text in xs] if labelled else []
-    names = [_text(_cut(text, sheet.left - 30.0), -6.0, y.at(v) + 4.0, "end") for v, text in ys]
+    names = [_text(cut(text, sheet.left - 30.0), -6.0, y.at(v) + 4.0, "end") for v, text in ys]
     turned = f'<g transform="translate({12.0 - sheet.left:.1f} {height / 2:.1f}) rotate(-90)">'
     return (
         f'<g class="panel" transform="translate({sheet.left:.1f} {top:.1f})">'
@@ -183,9 +183,9 @@ def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, lab
 
 def _x_ticks(panel: Panel, x: Axis, width: float) -> list[tuple[float, str]]:
     if not panel.categories:
-        return x.ticks(max(3, round(width / 90.0)))
+        return x.ticks(max(4, round(width / 90.0)))
     room = width / len(panel.categories) - 4.0
-    return [(float(i), _cut(name, max(room, 34.0))) for i, name in enumerate(panel.categories)]
+    return [(float(i), cut(name, max(room, 34.0))) for i, name in enumerate(panel.categories)]
 
 
 def text_width(text: str) -> float:
@@ -193,7 +193,7 @@ def text_width(text: str) -> float:
     return sum(0.3 if c in "iljt.,:;'|!() " else 0.85 if c in "mwMW%@" else 0.58 for c in text) * SIZE
 
 
-def _cut(text: str, width: float) -> str:
+def cut(text: str, width: float) -> str:
     """Text that fits a width [px], with an ellipsis where it is cut."""
     if text_width(text) <= width + 1.0:
         return text
@@ -211,7 +211,7 @@ def _legend(figure: Figure, width: int) -> tuple[str, float]:
     x, y = 8.0, LINE
     parts = []
     for key, text in _entries(figure):
-        text = _cut(text, width - SAMPLE - 16.0)
+        text = cut(text, width - SAMPLE - 16.0)
         own = SAMPLE + text_width(text)
         if x > 8.0 and x + own > width - 8.0:
             x, y = 8.0, y + LINE

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from markupsafe import Markup, escape
 
 from commonrail.display.heat_map import HeatMap
-from commonrail.report.draw import FONT, INK, WIDE, text_width
+from commonrail.display.text import significant
+from commonrail.report.draw import FONT, INK, WIDE, cut, text_width
 
 __all__ = ["heat_map_html", "heat_map_svg"]
 
@@ -46,12 +49,7 @@ def heat_map_svg(figure: HeatMap, height: int = 0) -> str:
         for i in range(rows)
         for j in range(columns)
     ]
-    every = max(1, -(-max(map(text_width, figure.x), default=1.0) // max(cell - 4.0, 1.0)))
-    names = [
-        (left + cell * (j + 0.5), bottom + 15.0, "middle", name)
-        for j, name in enumerate(figure.x)
-        if j % int(every) == 0
-    ]
+    names = [(left + cell * (j + 0.5), bottom + 15.0, "middle", name) for j, name in _column_names(figure.x, cell)]
     names += [(left - 6.0, bottom - tall * (i + 0.5) + 4.0, "end", name) for i, name in enumerate(figure.y)]
     names.append((left + cell * columns / 2, bottom + 33.0, "middle", figure.x_title))
     parts += [f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{at}">{escape(text)}</text>' for x, y, at, text in names]
@@ -62,6 +60,14 @@ def heat_map_svg(figure: HeatMap, height: int = 0) -> str:
         f'font-family="{escape(FONT)}" font-size="11" fill="{INK}" role="img" aria-label="{escape(figure.title)}">'
         f"{''.join(parts)}</svg>"
     )
+
+
+def _column_names(names: Sequence[str], width: float) -> list[tuple[int, str]]:
+    """Names below columns of a width [px]: words are cut, and of numbers that do not fit only some are shown."""
+    if not all(name[:1].isdigit() for name in names):
+        return [(j, cut(name, width - 4.0)) for j, name in enumerate(names)]
+    every = int(-(-max(map(text_width, names), default=1.0) // max(width - 4.0, 1.0)))
+    return list(enumerate(names))[:: max(every, 1)]
 
 
 def _cell(figure: HeatMap, i: int, j: int, place: tuple[float, float, float, float]) -> str:
@@ -111,5 +117,5 @@ def _scale(figure: HeatMap, x: float, bottom: float) -> str:
     ]
     places = (TOP + 8.0, (TOP + bottom) / 2 + 4.0, bottom)
     for y, value in zip(places, (high, 0.5 * (low + high), low), strict=True):
-        parts.append(f'<text x="{x + 13:.1f}" y="{y:.1f}">{f"{value:.3g}".replace("-", "−")}</text>')
+        parts.append(f'<text x="{x + 13:.1f}" y="{y:.1f}">{significant(value, 3).replace("-", "−")}</text>')
     return "".join(parts)

@@ -24,6 +24,7 @@ _ENDINGS = {
     True: "the search has converged",
     False: "the search ran to its end and has not converged",
 }
+NAMED = 6  # data sets that a sentence names
 _ROLES = {"fit": "On the fitted data", "validation": "On data that the fit never saw"}
 
 
@@ -95,6 +96,7 @@ def _task(record: Record) -> str:
     injector, data = record["injector"], record["data"]
     fit = [d["name"] for d in of_role(data, "fit")]
     sets = f"{len(fit)} data set{'s' if len(fit) != 1 else ''}"
+    sets += f" ({listed(fit)})" if 0 < len(fit) <= NAMED else ""
     name = injector.get("title") or injector["name"]
     count = len(record["parameters"])
     task = f"{count} parameter{'s' if count != 1 else ''} of “{name}” ({injector['variant']})"
@@ -102,7 +104,7 @@ def _task(record: Record) -> str:
         ending = "the search was stopped early and these are the best values up to then"
     else:
         ending = _ENDINGS[record.get("convergence", {}).get("converged")]
-    return f"{task} fitted to {sets} ({listed(fit)}); {ending}."
+    return f"{task} fitted to {sets}; {ending}."
 
 
 def _objective(record: Record) -> str:

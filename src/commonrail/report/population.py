@@ -53,8 +53,8 @@ def correlation_map(record: Record, names: dict[str, str]) -> HeatMap | None:
     labels = (*names.values(), "J")
     return HeatMap(
         "Correlations",
-        "Pearson's correlation over the fleet of the places between the bounds, and of J. Near ±1 two parameters stand "
-        "in for one another, or the parts vary together.",
+        "Pearson's correlation over the fleet of the places between the bounds, and of J. Near ±1 two parameters "
+        "compensate each other, or the parts vary together.",
         "",
         "",
         labels,

@@ -29,6 +29,7 @@ from commonrail.kinds.records import (
 
 __all__ = ["ERROR", "RATE", "CurveView"]
 
+NAMED = 6  # curves that a sentence tells one by one
 RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
 _J_TITLE = "Error J of the injection curves, mm³/ms"
 
@@ -46,7 +47,7 @@ class CurveView(View):
 
     def sentences(self, data: Sequence[Record]) -> list[str]:
         """J of all curves, calibrated against the other models."""
-        return [f", {listed([_sentence(d) for d in data])}"]
+        return [f", {listed([_sentence(d) for d in data])}" if len(data) <= NAMED else f", {_summary(data)}"]
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
         """J of each curve."""
@@ -103,6 +104,21 @@ def _sentence(data: Record) -> str:
     ]
     against = f" against {listed(others)}" if others else ""
     return f"{data['name']} has J = {fixed(data['J'].get(JUDGED), 1)} mm³/ms{against}"
+
+
+def _summary(data: Sequence[Record]) -> str:
+    """Range of J over many curves, and the worst of them against its sum of the rates."""
+    texts = []
+    for key, words in ((JUDGED, ""), ("start", "with the start values"), ("rigid", "as a rigid body")):
+        known = [j for d in data if (j := number(d["J"].get(key))) is not None]
+        if known:
+            span = f"{fixed(min(known), 1)} to {fixed(max(known), 1)}"
+            texts.append(f"{span} {words}".strip() if words else f"J of {len(known)} curves is {span} mm³/ms")
+    found = {d["name"]: number(d["J_relative"].get(JUDGED)) or 0.0 for d in data}
+    worst = max(found, key=lambda name: found[name])
+    against = f" against {listed(texts[1:])}" if texts[1:] else ""
+    opening = texts[0] if texts else "nothing could be simulated"
+    return f"{opening}{against}; worst is {worst} with {percent(found[worst])} %"
 
 
 def _j_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Table:

@@ -62,7 +62,7 @@
     this.view = { x: x, y: y };
     this.pane.setAttribute("viewBox", [10 * w * (x[0] - this.x[0]) / fx, 10 * h * (this.y[1] - y[1]) / fy,
       10 * w * (x[1] - x[0]) / fx, 10 * h * (y[1] - y[0]) / fy].join(" "));
-    var tx = ticks(x[0], x[1], Math.max(3, Math.round(w / 90))), ty = ticks(y[0], y[1], Math.max(3, Math.round(h / 45)));
+    var tx = ticks(x[0], x[1], Math.max(4, Math.round(w / 90))), ty = ticks(y[0], y[1], Math.max(3, Math.round(h / 45)));
     var grid = "", xs = this.group.querySelector(".xs"), ys = this.group.querySelector(".ys");
     xs.textContent = ""; ys.textContent = "";
     tx.values.forEach(function (v) {
