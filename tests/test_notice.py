@@ -7,6 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+from commonrail import notice
+from commonrail.notice import note, quiet, tell_notes
+
 CODE = """
 from contextlib import contextmanager
 from commonrail.compile import kernel
@@ -40,3 +43,17 @@ def said(cache: Path) -> list[str]:
 def test_the_first_use_alone_is_told(tmp_path: Path) -> None:
     assert said(tmp_path) == ["begin", "end", "2.0 4.0"]
     assert said(tmp_path) == ["2.0 4.0"]
+
+
+def test_notes_inside_a_quiet_block_are_not_told() -> None:
+    told: list[str] = []
+    before = notice._note
+    tell_notes(told.append)
+    try:
+        note("first")
+        with quiet():
+            note("second")
+        note("third")
+    finally:
+        tell_notes(before)
+    assert told == ["first", "third"]

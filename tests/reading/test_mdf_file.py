@@ -10,11 +10,18 @@ import numpy as np
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.reading import mdf_child
+from commonrail.reading import mdf_child, mdf_file
 from commonrail.reading.mdf_file import MdfFile
 from commonrail.reading.tables import Column, Table, read_columns
 
 asammdf = pytest.importorskip("asammdf", reason="the extra mdf is not installed")
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read records in this process: to start another one and asammdf in it takes a second."""
+    monkeypatch.setattr(mdf_file, "_read_apart", mdf_child.packed)
+
 
 TIME = np.arange(0.0, 1e-3, 1e-5)
 RATE = 20.0 * np.sin(3000.0 * TIME)
@@ -39,6 +46,7 @@ def read(path: Path, rate: str = "ROI", time: str = "time") -> Table:
     return read_columns(path, [Column(time, "s", increasing=True), Column(rate, "m3/s")])
 
 
+@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize("compression", [0, 1, 2])
 def test_a_channel_comes_with_the_times_of_its_own_group(tmp_path: Path, compression: int) -> None:
     slow = signal([800.0, 1200.0], "p", "bar", np.array([0.0, 5e-4]))
@@ -65,12 +73,14 @@ def test_two_libraries_write_records_that_are_read_alike(tmp_path: Path) -> None
     assert read(tmp_path / "other.mf4", time="t").columns["t"].tolist() == foreign.columns["time"].tolist()
 
 
+@pytest.mark.usefixtures("in_process")
 def test_channels_of_one_name_are_told_apart_by_their_groups(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mf4", ("800bar 300us", [signal(RATE)]), ("800bar 700us", [signal(2.0 * RATE)]))
     assert MdfFile(path).names == ["800bar 300us/ROI", "800bar 700us/ROI"]
     np.testing.assert_allclose(read(path, "800bar 700us/ROI").columns["800bar 700us/ROI"], 2e-6 * RATE)
 
 
+@pytest.mark.usefixtures("in_process")
 def test_linear_rules_are_applied_and_formulas_are_not_evaluated(tmp_path: Path) -> None:
     raw = np.arange(100, dtype=float)
     linear = written(tmp_path / "a.mf4", ("g", [signal(raw, conversion={"a": 0.5, "b": 1.0})]))
@@ -94,7 +104,7 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"b\.mf4"):
         read(tmp_path / "b.mf4")
     (tmp_path / "c.mf4").write_bytes(b"no record at all")
-    with pytest.raises(InputError, match="this is no MDF record that can be read"):
+    with pytest.raises(InputError, match=r"this is no MDF record that can be read \(\w"):
         read(tmp_path / "c.mf4")
 
 
@@ -116,6 +126,7 @@ def test_a_process_that_a_record_ends_is_one_sentence(tmp_path: Path, monkeypatc
         read(tmp_path / "a.mf4")
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_sample_that_is_no_number_has_its_place(tmp_path: Path) -> None:
     values = RATE.copy()
     values[7] = np.nan

@@ -85,15 +85,19 @@ def _signal(record: Any, group: int, channel: int) -> tuple[Any, Any]:
     return np.array(signal.timestamps, np.float64), samples.astype(np.float64)
 
 
+def packed(data: bytes) -> bytes:
+    """Channels of a record as the content of an .npz file."""
+    found, arrays = channels_of(data)
+    content = BytesIO()
+    np.savez(content, channels=np.frombuffer(json.dumps(found).encode(), np.uint8), **arrays)
+    return content.getvalue()
+
+
 def main() -> None:
     """Read from standard input, write to the standard output as it was when the program began."""
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print must not come between the arrays
-    found, arrays = channels_of(sys.stdin.buffer.read())
-    described = np.frombuffer(json.dumps(found).encode(), np.uint8)
-    content = BytesIO()
-    np.savez(content, channels=described, **arrays)
-    output.write(content.getvalue())
+    output.write(packed(sys.stdin.buffer.read()))
     output.close()
     os._exit(0)  # nothing that is left is worth its time, or a fault at its end
 

@@ -130,9 +130,8 @@ def _named(channels: Sequence[_Channel]) -> dict[str, _Channel]:
     return found
 
 
-@lru_cache(maxsize=2)  # a run reads the copy of its data once more
-def _channels(data: bytes) -> tuple[_Channel, ...]:
-    """Channels of a record, read by a process of its own; see `mdf_child`."""
+def _read_apart(data: bytes) -> bytes:
+    """Content that `mdf_child` writes, run in a process of its own."""
     command = [sys.executable, "-P", str(Path(mdf_child.__file__))]
     try:
         done = subprocess.run(command, input=data, capture_output=True, timeout=LONGEST_READING, check=False)
@@ -141,7 +140,14 @@ def _channels(data: bytes) -> tuple[_Channel, ...]:
     if done.returncode != 0:
         last = done.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2]
         raise _Unreadable(last[:200] if last.isprintable() and done.returncode > 0 else "asammdf ended on it")
-    with np.load(BytesIO(done.stdout), allow_pickle=False) as arrays:
+    return done.stdout
+
+
+@lru_cache(maxsize=2)  # a run reads the copy of its data once more
+def _channels(data: bytes) -> tuple[_Channel, ...]:
+    """Channels of a record."""
+    content = _read_apart(data)
+    with np.load(BytesIO(content), allow_pickle=False) as arrays:
         entries = json.loads(arrays["channels"].tobytes())
         none = np.empty(0)
         loaded = {name: arrays[name] for name in arrays.files}
