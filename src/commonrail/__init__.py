@@ -102,8 +102,9 @@ if TYPE_CHECKING:
     from commonrail.report.build import write_report
     from commonrail.report.simulation import simulation_figure
     from commonrail.reproduction.run import Reproduction, reproduce
-    from commonrail.signals.features import Features, Injection, features
+    from commonrail.signals.features import features
     from commonrail.signals.rate_trace import RateTrace
+    from commonrail.signals.result import Features, Injection
     from commonrail.signals.settings import FeatureSettings
     from commonrail.signals.shots import ShotStatistic, shot_statistics
     from commonrail.signals.status import FeatureStatus
@@ -186,8 +187,9 @@ _HOMES = {
     "report.build": "write_report",
     "report.simulation": "simulation_figure",
     "reproduction.run": "Reproduction reproduce",
-    "signals.features": "Features Injection features",
+    "signals.features": "features",
     "signals.rate_trace": "RateTrace",
+    "signals.result": "Features Injection",
     "signals.settings": "FeatureSettings",
     "signals.shots": "ShotStatistic shot_statistics",
     "signals.status": "FeatureStatus",

@@ -9,9 +9,10 @@ import pytest
 
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.errors import ConfigurationError
-from commonrail.signals.features import Features, features
+from commonrail.signals.features import features
 from commonrail.signals.measures import FEATURES
 from commonrail.signals.rate_trace import RateTrace
+from commonrail.signals.result import Features
 from commonrail.signals.settings import FeatureSettings
 from commonrail.signals.status import FeatureStatus
 from tests.signals.analytic import PEAK, SAMPLE, noisy, straight, trapezoid

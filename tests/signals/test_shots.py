@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from commonrail.errors import ConfigurationError
-from commonrail.signals.features import Features, features
+from commonrail.signals.features import features
 from commonrail.signals.rate_trace import RateTrace
+from commonrail.signals.result import Features
 from commonrail.signals.shots import ShotStatistic, shot_statistics
 from tests.signals.analytic import PEAK, noisy, trapezoid
 

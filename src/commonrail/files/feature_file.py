@@ -9,8 +9,8 @@ from typing import Any
 
 from commonrail.files.atomic import write_csv
 from commonrail.files.run_features import ComparedFeatures
-from commonrail.signals.features import SHOWN, Features, Shown, unit_of
 from commonrail.signals.measures import FEATURES
+from commonrail.signals.result import SHOWN, Features, Shown, unit_of
 from commonrail.signals.shots import ShotStatistic
 
 __all__ = ["compared_record", "features_record", "write_compared", "write_features"]

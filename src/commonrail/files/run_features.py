@@ -15,8 +15,9 @@ from commonrail.files.traces_file import TIME
 from commonrail.kinds import DataSet, FeatureData, RateData
 from commonrail.kinds.records import MEASURED
 from commonrail.kinds.simulator import ITSELF, Simulator
-from commonrail.signals.features import Features, features
+from commonrail.signals.features import features
 from commonrail.signals.rate_trace import rate_trace
+from commonrail.signals.result import Features
 from commonrail.signals.settings import FeatureSettings
 
 __all__ = ["ComparedFeatures", "run_features"]

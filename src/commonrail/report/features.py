@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from commonrail.display.table import Part, Table, table_of
 from commonrail.display.text import MISSING, listed, quantity
 from commonrail.files.run_features import ComparedFeatures
-from commonrail.signals.features import SHOWN, Features, Injection, unit_of
 from commonrail.signals.measures import FEATURES
 from commonrail.signals.rate_trace import RATE_UNITS
+from commonrail.signals.result import SHOWN, Features, Injection, unit_of
 from commonrail.signals.shots import ShotStatistic
 
 __all__ = ["compared_table", "feature_sentences", "feature_table", "shot_table"]

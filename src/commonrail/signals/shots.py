@@ -13,9 +13,9 @@ from scipy.special import chdtri, stdtrit
 from commonrail.arguments import instances, number
 from commonrail.display.text import number as plain
 from commonrail.errors import ConfigurationError
-from commonrail.signals.features import Features, unit_of
 from commonrail.signals.measures import FEATURES
 from commonrail.signals.rate_trace import spread
+from commonrail.signals.result import Features, unit_of
 
 __all__ = ["ShotStatistic", "shot_statistics"]
 

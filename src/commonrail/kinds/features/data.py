@@ -36,9 +36,10 @@ from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, point_record
 from commonrail.kinds.simulator import ITSELF, Candidates, Simulator
 from commonrail.observation.meter import Meter
-from commonrail.signals.features import Features, features
+from commonrail.signals.features import features
 from commonrail.signals.measures import FEATURES
 from commonrail.signals.rate_trace import RateTrace, rate_trace
+from commonrail.signals.result import Features
 from commonrail.signals.settings import FeatureSettings, Levels
 
 __all__ = ["FeatureData", "FeatureScore"]

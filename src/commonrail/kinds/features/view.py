@@ -10,7 +10,7 @@ from commonrail.display.table import BEST_LEGEND, SIGNS, Cell, Part, Table, mark
 from commonrail.display.text import fixed, listed, megapascal, number, pressure, signed
 from commonrail.kinds.base import View
 from commonrail.kinds.records import JUDGED, MEASURED, Models, Plotted, Record, Texts, origin_of, present
-from commonrail.signals.features import SHOWN
+from commonrail.signals.result import SHOWN
 
 __all__ = ["FeatureView"]
 
