@@ -222,6 +222,7 @@ def test_the_address_holds_the_state(page: Browser, file: Path) -> None:
     slide(page, "rail", 95.5)
     slide(page, "energising-1", 612.5)
     slide(page, "plunger_needle.k6", 201.25)
+    slide(page, "temperature", 65.0)
     address, before = page.evaluate("commonrail.address()"), shown(page)
     opened(page, file, f"#{address}")
     assert shown(page) == before
