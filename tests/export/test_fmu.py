@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import re
 import shutil
 import subprocess
@@ -270,3 +271,38 @@ def test_strange_arguments_are_no_crash(binary, fmu):
         dll.fmi2FreeInstance(ctypes.c_void_p(one))
     dll.fmi2FreeInstance(None)
     assert dll.fmi2Reset(None) == 3
+
+
+class Memory(ctypes.Structure):
+    """Figures of glibc's allocator."""
+
+    _fields_ = [(name, ctypes.c_size_t) for name in ("arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks")]
+    _fields_ += [(name, ctypes.c_size_t) for name in ("fsmblks", "uordblks", "fordblks", "keepcost")]
+
+
+def test_ten_thousand_instances_leave_no_memory_behind(binary, fmu):
+    count = getattr(ctypes.CDLL(None), "mallinfo2", None)
+    if count is None:
+        pytest.skip("this C library does not count its memory (mallinfo2)")
+    count.restype = Memory
+    dll = ctypes.CDLL(str(binary))
+    dll.fmi2Instantiate.restype = ctypes.c_void_p
+    token = fmpy.read_model_description(str(fmu)).guid.encode()
+
+    def live(instances):
+        for _ in range(instances):
+            one = ctypes.c_void_p(dll.fmi2Instantiate(b"one", 1, token, None, None, None, None))
+            assert dll.fmi2EnterInitializationMode(one) == dll.fmi2ExitInitializationMode(one) == 0
+            dll.fmi2FreeInstance(one)
+
+    def held():
+        figures = count()
+        return figures.uordblks + figures.hblkhd
+
+    live(10)
+    gc.collect()
+    before = held()
+    live(10_000)
+    gc.collect()
+    # an instance holds 53 kB; Python itself may keep some objects more
+    assert held() - before < 10 * 53_000
