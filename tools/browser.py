@@ -43,6 +43,8 @@ class Browser:
     ----------
     complaints : list of str
         Errors that the page has thrown or logged.
+    process : int
+        Of the browser.
     """
 
     def __init__(self, address: str) -> None:
@@ -52,6 +54,7 @@ class Browser:
         self._numbers = itertools.count(1)
         self._loaded = 0
         self.complaints: list[str] = []
+        self.process = 0
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
 
@@ -144,7 +147,9 @@ def browsing() -> Iterator[Browser]:
         command = [CHROMIUM, *_FLAGS, f"--user-data-dir={profile}", "about:blank"]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
-            yield Browser(_address(Path(profile), process))
+            found = Browser(_address(Path(profile), process))
+            found.process = process.pid
+            yield found
         finally:
             process.terminate()
             try:

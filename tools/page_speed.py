@@ -80,6 +80,29 @@ def drag(page: Browser, slider: str, seconds: float) -> float:
     )
 
 
+def processor_times(process: int) -> dict[str, float]:
+    """Processor time [ms] so far of the threads below a process, by the first letters of their names (Linux)."""
+    parents = {
+        int(p.name): int(_stat(p)[1]) for p in Path("/proc").iterdir() if p.name.isdigit() and (p / "stat").exists()
+    }
+    found: dict[str, float] = {}
+    for number in parents:
+        above = number
+        while above in parents and above != process:
+            above = parents[above]
+        if above == process:
+            for thread in Path(f"/proc/{number}/task").iterdir():
+                name = (thread / "comm").read_text().strip()
+                spent = int((thread / "schedstat").read_text().split()[0]) * 1e-6
+                found[name] = found.get(name, 0.0) + spent
+    return found
+
+
+def _stat(process: Path) -> list[str]:
+    """Fields of a process behind its name; its parent is the second."""
+    return (process / "stat").read_text().rpartition(")")[2].split()
+
+
 def main() -> None:
     """Measure a page, with and without its fan."""
     with browsing() as page:
@@ -88,7 +111,12 @@ def main() -> None:
         page.until("commonrail.shown() !== null")
         for fan in (False, True):
             found = measure(page, "rail", fan)
+            before = processor_times(page.process)
             rate = drag(page, "rail", 5.0)
+            after, curves = processor_times(page.process), page.evaluate("commonrail.frames.length")
+            spent = {name: (after[name] - before.get(name, 0.0)) / curves for name in after}
+            most = sorted(spent, key=lambda name: -spent[name])[:3]
+            print("processor time a curve:", ", ".join(f"{name} {spent[name]:.2f} ms" for name in most))
             told = ", ".join(f"{name} {value:.1f}" for name, value in found.items())
             print(f"{'with fan' if fan else 'one curve'}: {told} ms; {rate:.0f} curves per second while dragged")
         if page.complaints:

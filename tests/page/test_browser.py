@@ -21,7 +21,7 @@ from commonrail.files.run_folder import read_fit
 from commonrail.kinds import RateData
 from commonrail.kinds.simulator import Simulator
 from commonrail.page.build import page_html
-from commonrail.page.subject import Subject, read_subject
+from commonrail.page.subject import Slid, Subject, read_subject
 from tools.browser import CHROMIUM, Browser, browsing
 
 ROUNDING = 1e-9  # of a channel's peak
@@ -222,6 +222,7 @@ def test_the_address_holds_the_state(page: Browser, file: Path) -> None:
     slide(page, "rail", 95.5)
     slide(page, "energising-1", 612.5)
     slide(page, "plunger_needle.k6", 201.25)
+    slide(page, "temperature", 65.0)
     address, before = page.evaluate("commonrail.address()"), shown(page)
     opened(page, file, f"#{address}")
     assert shown(page) == before
@@ -315,4 +316,31 @@ def test_curves_are_compared_as_their_meters_show_them(run_folder: Path, browser
     shown_rate = np.array(browser.evaluate("Array.from(commonrail.scores().rate)"))
     assert np.max(np.abs(shown_rate - scores[0].rate)) <= ROUNDING * np.max(scores[0].rate)
     assert "as bench shows it" in browser.evaluate("document.getElementById('rate').innerText")
+    assert browser.complaints == []
+
+
+@pytest.mark.slow  # one more wiring to compile
+def test_an_injector_that_follows_a_current_is_that_of_the_engine(browser: Browser, tmp_path: Path) -> None:
+    time = np.linspace(0.0, 2e-3, 401)
+    course = cr.Trace.of(time, np.where(time < 600e-6, 20.0 * np.minimum(time / 80e-6, 1.0), 0.0))
+    injector = replace(cr.load_injector("virtual-lino-2016"), variant=cr.Variant(drive="current trace"))
+    point = cr.OperatingPoint("120 MPa", [], drive=course, horizon="1.8 ms")
+    bounds = np.linspace(0.0, 1.8e-3, 181)
+    solution = cr.simulate(injector, point)
+    rate = np.diff(np.interp(bounds, solution.time, solution.injected)) / np.diff(bounds) / solution.reference_density
+    data = cr.RateData("traced", cr.Role.FIT, point, bounds, rate, 1.0, "simulated", "simulated, not measured")
+    slid = Slid("valve.spring_preload", 60.0, 80.0)
+    subject = Subject("traced", injector, (slid,), 1e-6, {}, (data,), (), None)
+    (tmp_path / "traced.html").write_text(page_html(subject), encoding="utf-8")
+    browser.complaints.clear()
+    opened(browser, tmp_path / "traced.html")
+    found = shown(browser)
+    assert np.max(np.abs(np.array(found["injected"]) - solution.injected[: len(found["injected"])])) <= (
+        ROUNDING * solution.injected_mass
+    )
+    assert solution.injected_mass > 1e-5
+    assert browser.evaluate("commonrail.scores().j[0]") < 1e-6
+    assert browser.evaluate("document.getElementById('energising-1')") is None
+    slide(browser, "valve.spring_preload", 75.0)
+    assert browser.evaluate("commonrail.scores().j[0]") > 1.0
     assert browser.complaints == []

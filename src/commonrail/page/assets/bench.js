@@ -71,7 +71,7 @@ function densityAt(cylinder, temperature) {
 function pointOf(s) {
   const end = s.pulses.reduce((_, p) => p[0] + p[1], s.start);
   const least = s.data === null ? 0 : model.data[s.data].point.duration;
-  const duration = Math.max(end - s.start + model.tail, least);
+  const duration = model.traced ? least : Math.max(end - s.start + model.tail, least);
   return { rail: s.rail, cylinder: s.cylinder, low: s.low, start: s.start, pulses: s.pulses, duration };
 }
 
@@ -321,7 +321,7 @@ class Slider {
       label.append(soft);
     }
     const low = options.low * options.factor + (options.offset || 0), high = options.high * options.factor + (options.offset || 0);
-    this.range = Object.assign(document.createElement("input"), { type: "range", id: options.id, min: low, max: high, step: options.step || (high - low) / 500 });
+    this.range = Object.assign(document.createElement("input"), { type: "range", id: options.id, min: low, max: high, step: options.step || niceStep(high - low, 600) });
     this.exact = Object.assign(document.createElement("input"), { type: "number", min: low, max: high, step: "any" });
     this.exact.setAttribute("aria-label", `${options.label}, ${options.unit || "number"}`);
     const unit = document.createElement("span");

@@ -54,10 +54,10 @@ class Plot {
       }
     }
     if (!(high > low)) { low = Math.min(low, 0) || 0; high = low + 1; }
-    const step = niceStep((high - low) * 1.04, 4), kept = this.range;
-    const wanted = { low: low < -0.02 * (high - low) ? Math.floor(low / step) * step : Math.max(Math.floor(low / step) * step, 0), high: Math.ceil((high * 1.02) / step) * step, step };
-    const fits = kept && kept.low <= low + 1e-9 * (high - low) + 0.02 * (high - low) && kept.high >= high && high - low > 0.45 * (kept.high - kept.low);
-    this.range = fits ? kept : wanted;
+    const span = high - low, step = niceStep(span * 1.04, 4), kept = this.range;
+    const below = low < -0.08 * span ? Math.floor(low / step) * step : Math.min(low, 0) * 1.1;
+    const fits = kept && kept.low <= low && kept.high >= high && span > 0.45 * (kept.high - kept.low);
+    this.range = fits ? kept : { low: below, high: Math.ceil((high * 1.02) / step) * step, step };
   }
 
   draw() {
