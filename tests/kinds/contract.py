@@ -213,7 +213,7 @@ def _truth(kind: Kind, injector: Injector, folder: Path) -> Any:
 
 
 def _scores(data: DataSet, injector: Injector) -> dict[str, Any]:
-    models = [injector.with_values({"valve.mass": f * injector.values["valve.mass"]}) for f in (0.7, 1.3, 1.0)]
+    models = [injector.with_values({"valve.mass": f * injector.values["valve.mass"]}) for f in (0.7, 1.3, 1.0, 1.1)]
     return {label: data.score(Simulator(m, (), STEP, 1)) for label, m in zip(LABELS, models, strict=True)}
 
 
