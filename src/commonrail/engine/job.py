@@ -1,4 +1,4 @@
-"""What a run of the fast engines is given: operating points, candidates, samples to compare with; all as arrays."""
+"""Arrays that a run of the fast engines is given: operating points, candidates, samples to compare with."""
 
 from __future__ import annotations
 
