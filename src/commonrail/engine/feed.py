@@ -1,4 +1,4 @@
-"""Inputs of a block in each step: waves that arrive from its rings, boundary pressures, the drive's clocks."""
+"""Inputs of a block in each step: waves that arrive from its rings, boundary pressures, clocks of the drive."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Input of a run of the fast engines, as arrays: operating points, candidates, samples to compare with."""
+"""Arrays that a run of the fast engines is given: operating points, candidates, samples to compare with."""
 
 from __future__ import annotations
 
