@@ -99,8 +99,8 @@ def write_sources(model: Model, folder: Path) -> tuple[Path, ...]:
 
 def _write_examples(model: Model, folder: Path) -> tuple[Path, ...]:
     size = sizes(model.injector.wired())
-    in_c = named(template("example.c"), model.name).replace(" cr.c cr_kernel", f" {model.name}.c {model.name}_kernel")
-    in_python = named(template("example.py.in"), model.name).replace("*cr.so", f"lib{model.name}.*")
+    in_c = named(template("example.c"), model.name).replace(" cr.c ", f" {model.name}.c ")
+    in_python = named(template("example.py.in"), model.name)
     in_python = re.sub(
         r"PARAMETERS, CHANNELS = 0, 0", f"PARAMETERS, CHANNELS = {size.parameters + 1}, {size.channels}", in_python
     )
