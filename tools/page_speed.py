@@ -1,7 +1,7 @@
 """Time from a moved slider to its drawn curve in headless Chromium: ``python -m tools.page_speed PAGE.html``.
 
-The arrow key moves the slider in focus, as a person would move it. A time ends when the canvases are drawn; the screen
-shows them at its next refresh.
+The arrow key moves the slider in focus, as a person would move it. A time ends when the rate is drawn; the screen shows
+it at its next refresh.
 """
 
 from __future__ import annotations

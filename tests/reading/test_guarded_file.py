@@ -43,6 +43,8 @@ ALLOWED = {
     "export/fmu.py": "what it has just written into a temporary folder of its own",
     "export/sources.py": "files of the installed package",
     "export/texts.py": "files of the installed package",
+    "page/build.py": "files of the installed package",
+    "page/module.py": "files of the installed package, and what zig has just written into a temporary folder",
 }
 
 

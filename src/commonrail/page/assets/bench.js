@@ -112,6 +112,7 @@ const PANELS = {
 const COLOURS = ["--c1", "--c2", "--c3", "--c4", "--c5"];
 let shown = null; // last answer
 let mapped = null; // last map
+let panelling = 0; // frame in which the panels will be drawn
 let scored = null; // last J of the data, and the rate that is compared with the one that is shown
 let held = null; // curve that is kept for comparison
 const frames = []; // [ms] from an input to its drawn curve
@@ -201,7 +202,17 @@ function draw(answer) {
   shown = answer;
   const { state: asked, course } = answer, { start } = asked.point;
   const range = [start * MICRO, endOf(asked, course) * MICRO];
-  const rate = drawRate(answer, range), width = model.channels.length, x = timesOf(course.rows + 1, course.every, start);
+  answer.rate = drawRate(answer, range);
+  if (answer.stamp) frames.push({ ms: performance.now() - answer.stamp, work: answer.work, fan: Boolean(answer.fan) });
+  if (frames.length > 2000) frames.splice(0, 1000);
+  // the other panels follow in the same frame of the screen, once for all answers that it has seen
+  if (!panelling) panelling = requestAnimationFrame(drawPanels);
+}
+
+function drawPanels() {
+  panelling = 0;
+  const { state: asked, course } = shown, { start } = asked.point, width = model.channels.length;
+  const range = [start * MICRO, endOf(asked, course) * MICRO], x = timesOf(course.rows + 1, course.every, start);
   for (const [id, lines] of Object.entries(PANELS)) {
     const series = lines.filter(([, channel]) => channel in at).map(([name, channel, scale, colour]) => {
       const y = new Float64Array(course.rows + 1);
@@ -211,10 +222,7 @@ function draw(answer) {
     keysOf(id, `${charts[id].options.title}, ${charts[id].options.unit}`, series);
     charts[id].show(series, range);
   }
-  answer.rate = rate;
-  drawFigures(answer);
-  if (answer.stamp) frames.push({ ms: performance.now() - answer.stamp, work: answer.work, fan: Boolean(answer.fan) });
-  if (frames.length > 2000) frames.splice(0, 1000);
+  drawFigures(shown);
 }
 
 const SENTENCES = {
@@ -500,6 +508,7 @@ function hold() {
 
 function setTheme(dark) {
   document.documentElement.dataset.theme = dark ? "dark" : "light";
+  palette = new Map();
   byId("theme").textContent = dark ? "Light" : "Dark";
   for (const chart of Object.values(charts)) chart.draw();
 }
@@ -603,5 +612,5 @@ take(location.hash.length > 1 ? fromAddress(location.hash.slice(1)) : stateOf(fi
 // For the console, and for tests.
 window.commonrail = {
   model, frames, csv, toml, address, take, state: () => state, shown: () => shown, map: () => mapped,
-  scores: () => scored, settled: () => shown !== null && !courses.busy && !(scores && scores.busy),
+  scores: () => scored, settled: () => shown !== null && !courses.busy && !(scores && scores.busy) && !panelling,
 };

@@ -7,6 +7,15 @@ function niceStep(range, count) {
   return power * (share > 5 ? 10 : share > 2 ? 5 : share > 1 ? 2 : 1);
 }
 
+// Colours of the theme by the name of their property; asking the style each time would lay out the page in every frame.
+let palette = new Map();
+
+function colourOf(name) {
+  if (!name.startsWith("--")) return name;
+  if (!palette.has(name)) palette.set(name, getComputedStyle(document.documentElement).getPropertyValue(name));
+  return palette.get(name);
+}
+
 class Plot {
   // options: { title, unit, x: axis title, height, zero: include zero, keep: ranges stay while they fit }
   constructor(holder, options) {
@@ -63,8 +72,7 @@ class Plot {
   draw() {
     if (!this.xRange) return;
     this.settle();
-    const g = this.context, style = getComputedStyle(document.documentElement);
-    const ink = style.getPropertyValue("--soft"), line = style.getPropertyValue("--line");
+    const g = this.context, ink = colourOf("--soft"), line = colourOf("--line");
     const left = 46, right = 8, top = 6, bottom = this.options.x ? 34 : 18;
     const [x0, x1] = this.xRange, { low, high, step } = this.range;
     const wide = this.width - left - right, tall = this.height - top - bottom;
@@ -99,14 +107,14 @@ class Plot {
     g.beginPath();
     g.rect(left, top, wide, tall);
     g.clip();
-    for (const s of this.series) this.curve(g, s, px, py, style);
+    for (const s of this.series) this.curve(g, s, px, py);
     g.restore();
     if (this.cursor !== null) this.read(g, top, tall, ink);
     else this.readout.textContent = "";
   }
 
-  curve(g, s, px, py, style) {
-    const colour = style.getPropertyValue(s.colour) || s.colour;
+  curve(g, s, px, py) {
+    const colour = colourOf(s.colour);
     g.globalAlpha = s.faint ? 0.45 : 1;
     if (s.dots) {
       g.fillStyle = colour;
