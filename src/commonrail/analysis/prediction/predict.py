@@ -8,6 +8,7 @@ scaled by what the fit predicts of each value that is held out; with fewer, a st
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -153,9 +154,12 @@ def judged_bands(
         All usable processors by default; the result does not depend on it.
     """
     fit = _fit(study, found, points, thread_count(threads))
-    label = _label(fit, {data.kind for data in study.data})
-    known = [data for data in study.data if data.kind in fit.scatter]
-    return {data.name: _band(data, fit, (LEVEL,), measured=True).judgement(LEVEL, label) for data in known}
+    bands = {}
+    for data in study.data:
+        if data.kind in fit.scatter:
+            with suppress(SimulationError):  # a data set that cannot be simulated has no band; the report says so of it
+                bands[data.name] = _band(data, fit, (LEVEL,), measured=True)
+    return {name: band.judgement(LEVEL, _label(fit, {band.data.kind})) for name, band in bands.items()}
 
 
 def _fit(study: Study, found: Estimate, points: Floats, threads: int | None) -> _Fit:
