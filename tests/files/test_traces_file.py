@@ -78,7 +78,6 @@ def test_a_model_without_a_number_leaves_a_gap(tmp_path: Path, empty: str) -> No
         ("data,time [us],measured [mm3/ms],best\n", "the header is not"),
         ("data,time [us],measured [mm3/ms],b [mm3/ms],b [mm3/ms]\n", "the header is not"),
         (b"\xff\xfe", "this is UTF-16 text"),
-        (b"time [us]\n\x81\n", "is not UTF-8"),
     ],
 )
 def test_a_broken_file_is_one_sentence_with_the_line(tmp_path: Path, text: str | bytes, words: str) -> None:

@@ -9,6 +9,8 @@ import numpy as np
 
 from commonrail.display.heat_map import HeatMap
 from commonrail.display.text import megapascal, number, signed
+from commonrail.kinds.maps.data import QuantityData
+from commonrail.kinds.maps.returned import ReturnData
 from commonrail.kinds.records import JUDGED, MEASURED, MM3, Record, origin_of
 
 __all__ = ["error_maps"]
@@ -30,7 +32,8 @@ class _Point(NamedTuple):
 
 def error_maps(record: Record) -> list[HeatMap]:
     """Heat maps of each quantity map of a calibration; none for one with fewer than two pressures or four points."""
-    return [heat for data in record["data"] if "rows" in data for heat in _maps(data)]
+    kinds = (QuantityData.kind, ReturnData.kind)
+    return [heat for data in record["data"] if data["kind"] in kinds for heat in _maps(data)]
 
 
 def _maps(data: Record) -> list[HeatMap]:
