@@ -188,9 +188,9 @@ def _turn(path: Path) -> Iterator[None]:
     """
     with contextlib.ExitStack() as held:
         with contextlib.suppress(sqlite3.Error):  # a full disk
-            lock = held.enter_context(
-                contextlib.closing(sqlite3.connect(path, isolation_level=None, timeout=LONGEST_WAIT))
-            )
+            # An interrupted compilation may be cleared away in another thread.
+            connection = sqlite3.connect(path, isolation_level=None, timeout=LONGEST_WAIT, check_same_thread=False)
+            lock = held.enter_context(contextlib.closing(connection))
             lock.execute("BEGIN EXCLUSIVE")
         yield
 
