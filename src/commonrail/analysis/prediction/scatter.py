@@ -142,18 +142,20 @@ def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]
         In the order of the blocks.
     """
     scatter: dict[str, Scatter] = {}
+    tails: dict[str, float] = {}  # errors are weighted as their law asks: their mean square is of its scale
     for data, noise, block in zip(fitted, found.likelihood.noises, found.likelihood.blocks, strict=True):
         extra = block.noise.discrepancy if block.noise.length else 0.0
-        freedom = min(noise.freedom, TAILS.get(noise.law, np.inf))
-        one = Scatter(float(np.hypot(noise.sigma, extra)) / data.residual_scale, freedom)
+        tail = TAILS.get(noise.law, np.inf)
+        tails[data.kind] = min(tail, tails.get(data.kind, np.inf))
+        one = Scatter(float(np.hypot(noise.sigma, extra)) / data.residual_scale, min(noise.freedom, tail))
         if data.kind not in scatter or scatter[data.kind].factor < one.factor:
             scatter[data.kind] = one
     for kind, one in scatter.items():
         rows = _rows(found, fitted, kind)
         judged = left_out(found, rows) if len(rows) >= LEAST else None
         if judged is not None and len(judged.errors) >= LEAST:
-            size = float(np.sqrt(np.mean(judged.errors**2)))
-            scatter[kind] = one._replace(calibration=size, freedom=judged.freedom, left_out=len(judged.errors))
+            size, freedom = float(np.sqrt(np.mean(judged.errors**2))), min(judged.freedom, tails[kind])
+            scatter[kind] = one._replace(calibration=size, freedom=freedom, left_out=len(judged.errors))
     return scatter
 
 
