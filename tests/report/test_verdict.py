@@ -83,3 +83,13 @@ def test_a_trivial_model_that_is_as_good_is_told() -> None:
     record = sound()
     record["data"][1]["baselines"] = [{"beaten": False}]
     assert "On map at 80 MPa a trivial model is as good or better." in verdict(record, "runs/a").reasons
+
+
+def test_a_trivial_model_that_predicts_held_out_rows_better_is_told() -> None:
+    record = sound()
+    left_out = [
+        {"name": "map", "by": by, "baselines": [{"beaten": False}]} for by in ("rail_pressure", "energising_time")
+    ]
+    found = verdict(record | {"refits": {"left_out": left_out}}, "runs/a")
+    assert found.level == "care"
+    assert found.reasons == ["On held out rows of map a trivial model is as good or better."]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from commonrail.display.text import listed, number
@@ -119,14 +119,21 @@ def _plausibility(record: Record, folder: str) -> Iterator[_Point]:
 
 def _prediction(record: Record) -> Iterator[_Point]:
     """Data that the fit has not seen: none, or met worse than a trivial model meets them."""
-    validation = of_role(record["data"], "validation")
-    if not validation and not record.get("refits", {}).get("left_out"):
+    validation, held_out = of_role(record["data"], "validation"), record.get("refits", {}).get("left_out", ())
+    if not validation and not held_out:
         step = Step('Set role = "validation" for one data set of study.toml, or measure another one.')
         yield _Point(CARE, "No data were held back: errors on unseen points are not known.", step)
-    worse = [d["name"] for d in validation if any(b.get("beaten") is False for b in d.get("baselines", ()))]
-    if worse:
-        step = Step("Free fewer parameters or add data between the fitted ones; see “Figures of merit”.")
+    step = Step("Free fewer parameters or add data between the fitted ones; see “Figures of merit”.")
+    if worse := _beaten(validation):
         yield _Point(CARE, f"On {_some(worse)} a trivial model is as good or better.", step)
+    if worse := _beaten(held_out):
+        yield _Point(CARE, f"On held out rows of {_some(worse)} a trivial model is as good or better.", step)
+
+
+def _beaten(records: Iterable[Record]) -> list[str]:
+    """Names of those on which a baseline is as good as the model."""
+    found = [one["name"] for one in records if any(b.get("beaten") is False for b in one.get("baselines", ()))]
+    return list(dict.fromkeys(found))
 
 
 def _parameters(record: Record, folder: str) -> Iterator[_Point]:
