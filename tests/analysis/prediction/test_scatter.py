@@ -124,6 +124,22 @@ def test_few_values_are_not_left_out() -> None:
     assert (scatter.calibration, scatter.left_out) == (1.0, 0)
 
 
+@pytest.mark.parametrize("many", [LEAST - 1, 200])
+def test_residuals_beyond_a_stated_noise_count(many: int) -> None:
+    """Means of repeated shots: their noise is known to be small, and a wave is not in the model."""
+    place = np.arange(many) / many
+    x = np.column_stack([np.ones(many), place, place**2])
+    wave = 3.0 * np.cos(6.0 * np.pi * place)
+    stated = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=0.1)
+    found = fitted(likelihood([x @ MIDDLE + wave], [x], [stated], room=space(1e6)))
+    scatter = scatter_of(found, [quantities(np.zeros(many))])["quantities"]
+    assert (scatter.calibration, scatter.left_out) == (1.0, 0)
+    assert scatter.factor == pytest.approx(np.sqrt(np.sum(found.errors**2) / (many - 3)), rel=1e-3)
+    assert scatter.freedom == pytest.approx(many - 3, abs=1e-3)
+    honest = fitted(likelihood([x @ MIDDLE + wave], [x], [Noise(law=Law.GAUSSIAN, sigma=5.0)], room=space(1e6)))
+    assert scatter_of(honest, [quantities(np.zeros(many))])["quantities"].factor == 5.0
+
+
 def band(values: Sequence[float], measured: Sequence[float], half: float, alone: float, **more: Any) -> Band:
     middle = np.array(values)
     edges = {0.9: (middle - half, middle + half)}
