@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from commonrail.display.text import listed, number
-from commonrail.kinds.records import Record
+from commonrail.kinds.records import JUDGED, Record
 from commonrail.report.record import of_role
 
 __all__ = ["Step", "Verdict", "verdict"]
@@ -123,11 +123,21 @@ def _prediction(record: Record) -> Iterator[_Point]:
     if not validation and not held_out:
         step = Step('Set role = "validation" for one data set of study.toml, or measure another one.')
         yield _Point(CARE, "No data were held back: errors on unseen points are not known.", step)
+    if lost := [d["name"] for d in validation if _is_lost(d)]:
+        cure = Step("Correct these operating points, or narrow the bounds until the calibrated model runs there.")
+        yield _Point(CARE, f"The calibrated model does not run at all points of {_some(lost)}.", cure)
     step = Step("Free fewer parameters or add data between the fitted ones; see “Figures of merit”.")
     if worse := _beaten(validation):
         yield _Point(CARE, f"On {_some(worse)} a trivial model is as good or better.", step)
     if worse := _beaten(held_out):
         yield _Point(CARE, f"On held out rows of {_some(worse)} a trivial model is as good or better.", step)
+
+
+def _is_lost(data: Record) -> bool:
+    """True if the calibrated model has no number for the data, or for a row that is no dead time."""
+    if "rows" not in data:
+        return "J" in data and number(data["J"].get(JUDGED)) is None
+    return any(number(row.get(JUDGED)) is None for row in data["rows"] if not row.get("dead_time"))
 
 
 def _beaten(records: Iterable[Record]) -> list[str]:
