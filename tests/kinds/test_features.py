@@ -23,6 +23,7 @@ from commonrail.kinds.features.reading import unit_of_target
 from commonrail.kinds.maps.returned import ReturnData
 from commonrail.kinds.reading import Context
 from commonrail.kinds.simulator import ITSELF, Simulator
+from commonrail.observation.meter import Meter
 from commonrail.reading.place import Place
 from commonrail.reading.reach import Reach
 from commonrail.signals.features import features
@@ -136,6 +137,22 @@ def test_values_may_be_stated_and_then_need_no_file(regulated: Injector, tmp_pat
     # samples of 2 and of 5 us, averaged over one of them: a tenth of the longer one where the ramp is curved
     assert found[1] == pytest.approx(same[1], abs=0.5e-6)
     assert found[[0, 2]] == pytest.approx(same[[0, 2]], rel=1e-4)
+
+
+def test_a_mass_is_compared_with_a_mass_whatever_the_density(regulated: Injector, tmp_path: Path) -> None:
+    stated = targets(
+        '{ feature = "quantity", tolerance = "0.1 mg", value = "8 mg" }',
+        '{ feature = "quantity", injection = 2, tolerance = "0.1 mm3", value = "9 mm3" }',
+        '{ feature = "return_quantity", tolerance = "0.5 mg", value = "16 mg" }',
+    )
+    data = read(regulated, tmp_path, TRAIN + 'threshold = "5 mm3/ms"\n' + stated)
+    density = reference_density(regulated, data.curve.point)
+    one = data.simulated(itself(regulated), ITSELF)[0]
+    batch = itself(regulated).batch(data.simulated_points, ITSELF, whole=True)
+    assert one[2] == pytest.approx(batch.returned_mass[0, -1] / density, rel=1e-12)
+    metered = data.with_meter(Meter("bench", {"density": 0.9 * density})).simulated(itself(regulated), ITSELF)[0]
+    # the same mass is a larger volume in the meter; 1e-4: a threshold in mm³/ms is passed a little sooner
+    assert metered / one == pytest.approx([1.0, 1.0 / 0.9, 1.0], rel=1e-4)
 
 
 def test_each_error_counts_in_its_tolerance(regulated: Injector, tmp_path: Path) -> None:

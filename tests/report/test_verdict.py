@@ -83,3 +83,23 @@ def test_a_trivial_model_that_is_as_good_is_told() -> None:
     record = sound()
     record["data"][1]["baselines"] = [{"beaten": False}]
     assert "On map at 80 MPa a trivial model is as good or better." in verdict(record, "runs/a").reasons
+
+
+def test_a_trivial_model_that_predicts_held_out_rows_better_is_told() -> None:
+    record = sound()
+    left_out = [
+        {"name": "map", "by": by, "baselines": [{"beaten": False}]} for by in ("rail_pressure", "energising_time")
+    ]
+    found = verdict(record | {"refits": {"left_out": left_out}}, "runs/a")
+    assert found.level == "care"
+    assert found.reasons == ["On held out rows of map a trivial model is as good or better."]
+
+
+def test_held_back_data_at_which_the_model_does_not_run_are_no_praise() -> None:
+    curves = rate_record() | {"convergence": {"converged": True, "sentence": ""}}
+    curves["data"][1]["J"]["best"] = None
+    reason = "The calibrated model does not run at all points of EVI 120 MPa."
+    assert reason in verdict(curves, "runs/a").reasons
+    maps = sound()
+    maps["data"][1]["rows"][0]["best"] = None
+    assert verdict(maps, "runs/a").reasons == ["The calibrated model does not run at all points of map at 80 MPa."]

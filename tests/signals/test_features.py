@@ -158,6 +158,20 @@ def test_an_offset_at_rest_is_subtracted_if_asked() -> None:
         features(RateTrace(trace.bounds, trace.rate), settings=FeatureSettings(zero_at_rest=True))
 
 
+def test_the_error_of_the_zero_is_in_that_of_the_quantity() -> None:
+    """The mean of 39 samples at rest is subtracted over 340; 300 shots give the scatter to 4 %."""
+    settings = FeatureSettings(zero_at_rest=True)
+    shots = [features(noisy(trapezoid(), 0.01, seed), settings=settings) for seed in range(300)]
+    scatter = float(np.std([shot.value("quantity") for shot in shots], ddof=1))
+    stated = float(np.mean([shot.injections[0].standard_errors["quantity"] for shot in shots]))
+    # noise is the larger of two estimates, on average 8 % too large here; three errors of the scatter are 12 %
+    assert scatter == pytest.approx(stated, rel=0.2)
+    alone = float(
+        np.mean([features(noisy(trapezoid(), 0.01, s)).injections[0].standard_errors["quantity"] for s in (1, 2)])
+    )
+    assert stated > 2.0 * alone
+
+
 def test_samples_of_a_trace_are_means_around_their_times() -> None:
     trace = trapezoid()
     middles = 0.5 * (trace.bounds[1:] + trace.bounds[:-1])

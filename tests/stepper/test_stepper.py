@@ -225,6 +225,17 @@ def test_the_stated_errors_are_small_and_of_the_matrices_shape(linear: cr.Linear
     assert np.max(linear.errors["d"][0]) < 1e-6 * np.max(np.abs(linear.d[0]))
 
 
+def test_the_stated_error_of_a_kink_is_as_large_as_the_element(regulated: Injector) -> None:
+    """At rest the slopes to both sides of the density in the SAC differ; central differences agree on their mean."""
+    closed = cr.Stepper(regulated, POINT).linearise("5 us")
+    assert "sac.density" in closed.kinks
+    column = closed.states.index("sac.density")
+    row = int(np.argmax(closed.errors["a"][:, column] * np.array([s.startswith("waves.") for s in closed.states])))
+    element, error = closed.a[row, column], closed.errors["a"][row, column]
+    assert element != 0.0
+    assert error > 0.5 * abs(element)
+
+
 def test_waves_travel_through_the_linear_model(linear: cr.LinearModel) -> None:
     # five steps carry a wave five places on, unchanged
     names = [name for name in linear.states if name.startswith("waves.down[")]

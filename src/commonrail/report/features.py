@@ -33,7 +33,7 @@ def feature_table(name: str, found: Features) -> Table:
         Part([f"injection {i}" for i in numbers], lambda row: [cell(row[0], i) for i in numbers]),
     )
     shown = [(feature, 0) for feature in FEATURES if any(math.isfinite(found.value(feature, i)) for i in numbers)]
-    note = "± one standard error by the noise of the trace." if found.noise > 0.0 else ""
+    note = "± one standard error if the noise is independent from sample to sample." if found.noise > 0.0 else ""
     return table_of(f"Features of {name}", shown, parts, note, 2)
 
 

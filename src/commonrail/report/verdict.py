@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from commonrail.display.text import listed, number
-from commonrail.kinds.records import Record
+from commonrail.kinds.records import JUDGED, Record
 from commonrail.report.record import of_role
 
 __all__ = ["Step", "Verdict", "verdict"]
@@ -119,14 +119,31 @@ def _plausibility(record: Record, folder: str) -> Iterator[_Point]:
 
 def _prediction(record: Record) -> Iterator[_Point]:
     """Data that the fit has not seen: none, or met worse than a trivial model meets them."""
-    validation = of_role(record["data"], "validation")
-    if not validation and not record.get("refits", {}).get("left_out"):
+    validation, held_out = of_role(record["data"], "validation"), record.get("refits", {}).get("left_out", ())
+    if not validation and not held_out:
         step = Step('Set role = "validation" for one data set of study.toml, or measure another one.')
         yield _Point(CARE, "No data were held back: errors on unseen points are not known.", step)
-    worse = [d["name"] for d in validation if any(b.get("beaten") is False for b in d.get("baselines", ()))]
-    if worse:
-        step = Step("Free fewer parameters or add data between the fitted ones; see “Figures of merit”.")
+    if lost := [d["name"] for d in validation if _is_lost(d)]:
+        cure = Step("Correct these operating points, or narrow the bounds until the calibrated model runs there.")
+        yield _Point(CARE, f"The calibrated model does not run at all points of {_some(lost)}.", cure)
+    step = Step("Free fewer parameters or add data between the fitted ones; see “Figures of merit”.")
+    if worse := _beaten(validation):
         yield _Point(CARE, f"On {_some(worse)} a trivial model is as good or better.", step)
+    if worse := _beaten(held_out):
+        yield _Point(CARE, f"On held out rows of {_some(worse)} a trivial model is as good or better.", step)
+
+
+def _is_lost(data: Record) -> bool:
+    """True if the calibrated model has no number for the data, or for a row that is no dead time."""
+    if "rows" not in data:
+        return "J" in data and number(data["J"].get(JUDGED)) is None
+    return any(number(row.get(JUDGED)) is None for row in data["rows"] if not row.get("dead_time"))
+
+
+def _beaten(records: Iterable[Record]) -> list[str]:
+    """Names of those on which a baseline is as good as the model."""
+    found = [one["name"] for one in records if any(b.get("beaten") is False for b in one.get("baselines", ()))]
+    return list(dict.fromkeys(found))
 
 
 def _parameters(record: Record, folder: str) -> Iterator[_Point]:

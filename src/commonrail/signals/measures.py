@@ -123,6 +123,8 @@ def measured_between(
         "dribble": trace.quantity(at.closing, window[1]) if math.isfinite(at.closing) else math.nan,
     }
     errors = _errors(trace, at, window, levels)
+    if settings.zero_at_rest:
+        errors["quantity"] = _quantity_error_from_zero(trace, window)
     return Measured(values, errors, _statuses(at, part, math.isnan(steady)))
 
 
@@ -157,6 +159,13 @@ def _errors(trace: RateTrace, at: Instants, window: tuple[float, float], levels:
     both = math.hypot(opening, closing)
     quantity = trace.noise * math.sqrt(trace.interval * (window[1] - window[0]))
     return {"opening": opening, "closing": closing, "duration": both, "quantity": quantity}
+
+
+def _quantity_error_from_zero(trace: RateTrace, window: tuple[float, float]) -> float:
+    """Standard error of a quantity above the mean at rest: the zero of few samples counts over the whole window."""
+    rest, length = trace.interval * len(trace.at_rest), window[1] - window[0]
+    shared = max(0.0, float(trace.bounds[len(trace.at_rest)]) - window[0])  # at rest and within the window
+    return trace.noise * math.sqrt(trace.interval * length * max(1.0 + (length - 2.0 * shared) / rest, 0.0))
 
 
 def _instant_error(trace: RateTrace, time: float, levels: Levels) -> float:

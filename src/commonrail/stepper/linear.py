@@ -84,14 +84,16 @@ class LinearModel:
     a, b, c, d : matrices
         x(k+1) = A x(k) + B u(k), y(k) = C x(k) + D u(k); y(k) belongs to the sample that u(k) drives.
     errors : dict of str to matrix
-        Estimated error of each matrix "a", "b", "c", "d": a third of the change when all differences double.
+        Estimated error of each matrix "a", "b", "c", "d": a third of the change when all differences double, and half
+        the jump of the slope at the state itself.
     states, inputs, outputs : tuple of str
         Names of rows and columns. Waves in the pipes are states ``waves.down[-3]``: what left three steps ago.
     sample : float
         [s].
     kinks : tuple of str
-        States and inputs at which the slopes to both sides differ by more than 1 %: a seat, a stop or a vapour
-        pressure is there, and the linear model holds to one side only.
+        States and inputs whose difference bends a state or an output by more than 1 % of the largest move that any of
+        the differences gives it: a seat, a stop or a vapour pressure is there, and the linear model holds to one side
+        only. What hardly moves anything is not named; `errors` have its jump.
     """
 
     a: Floats
@@ -152,12 +154,14 @@ def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[s
     columns, errors, bends = [], [], []
     for is_input, coordinates in ((False, states), (True, driven)):
         for one in coordinates:
-            up, down = course(one.step, one, is_input), course(-one.step, one, is_input)
-            far = (course(2.0 * one.step, one, is_input) - course(-2.0 * one.step, one, is_input)) / (4.0 * one.step)
-            near = (up - down) / (2.0 * one.step)
+            up, down, high, low = (course(k * one.step, one, is_input) for k in (1.0, -1.0, 2.0, -2.0))
+            near, far = (up - down) / (2.0 * one.step), (high - low) / (4.0 * one.step)
+            bend = up - 2.0 * middle + down  # change of slope times the difference
+            # A smooth bend is four times as large over twice the difference, and does not touch a central difference.
+            jump = np.abs(4.0 * bend - (high - 2.0 * middle + low)) / (2.0 * one.step)
             columns.append((4.0 * near - far) / 3.0)
-            errors.append(np.abs(near - far) / 3.0)
-            bends.append(np.abs(up - 2.0 * middle + down))  # change of slope times the difference
+            errors.append(np.abs(near - far) / 3.0 + 0.5 * jump)
+            bends.append(np.abs(bend))
     coordinates = [*states, *driven]
     n = len(states)
     slopes, wrong = np.array(columns).T, np.array(errors).T

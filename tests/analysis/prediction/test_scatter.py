@@ -97,11 +97,47 @@ def test_bands_hold_their_share_of_new_values() -> None:
     assert covered(200) == pytest.approx(0.9, abs=0.03)
 
 
+@pytest.mark.parametrize(("law", "freedom"), [(Law.STUDENT, 4.0), (Law.LAPLACE, 3.0)])
+def test_bands_of_a_law_with_tails_have_the_tails(law: Law, freedom: float) -> None:
+    """Errors are weighted as the law asks, so that their mean square is of its scale and not of its outliers."""
+    rng = np.random.default_rng(5)
+
+    def draw(n: int) -> np.ndarray:
+        return 0.5 * (rng.standard_t(4.0, n) if law is Law.STUDENT else rng.laplace(size=n))
+
+    noise, held, many = Noise(law=law, correlation=Correlation.WHITE), 0, 60
+    for _ in range(many):
+        x = rng.normal(size=(20, 3))
+        found = fitted(likelihood([x @ MIDDLE + draw(20)], [x], [noise], room=space(1.0)))
+        scatter = scatter_of(found, [quantities(np.zeros(20))])["quantities"]
+        assert (scatter.left_out, scatter.freedom) == (20, freedom)
+        half = t.ppf(0.95, scatter.freedom) * scatter.calibration * scatter.factor
+        held += int(np.count_nonzero(np.abs(draw(500)) <= half))
+    # the share is known to 1 %; with quantiles of 17 degrees of freedom 83 and 81 % are held
+    assert held / (500 * many) == pytest.approx(0.9, abs=0.03)
+
+
 def test_few_values_are_not_left_out() -> None:
     x = np.random.default_rng(1).normal(size=(LEAST - 1, 3))
     found = estimated(x, x @ MIDDLE + np.linspace(-0.5, 0.5, LEAST - 1))
     scatter = scatter_of(found, [quantities(np.zeros(LEAST - 1))])["quantities"]
     assert (scatter.calibration, scatter.left_out) == (1.0, 0)
+
+
+@pytest.mark.parametrize("many", [LEAST - 1, 200])
+def test_residuals_beyond_a_stated_noise_count(many: int) -> None:
+    """Means of repeated shots: their noise is known to be small, and a wave is not in the model."""
+    place = np.arange(many) / many
+    x = np.column_stack([np.ones(many), place, place**2])
+    wave = 3.0 * np.cos(6.0 * np.pi * place)
+    stated = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=0.1)
+    found = fitted(likelihood([x @ MIDDLE + wave], [x], [stated], room=space(1e6)))
+    scatter = scatter_of(found, [quantities(np.zeros(many))])["quantities"]
+    assert (scatter.calibration, scatter.left_out) == (1.0, 0)
+    assert scatter.factor == pytest.approx(np.sqrt(np.sum(found.errors**2) / (many - 3)), rel=1e-3)
+    assert scatter.freedom == pytest.approx(many - 3, abs=1e-3)
+    honest = fitted(likelihood([x @ MIDDLE + wave], [x], [Noise(law=Law.GAUSSIAN, sigma=5.0)], room=space(1e6)))
+    assert scatter_of(honest, [quantities(np.zeros(many))])["quantities"].factor == 5.0
 
 
 def band(values: Sequence[float], measured: Sequence[float], half: float, alone: float, **more: Any) -> Band:

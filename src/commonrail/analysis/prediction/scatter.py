@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import covariance_of
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
+from commonrail.analysis.certainty.laws import scale_of
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import Law
 
@@ -134,6 +135,9 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
 def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
     """Scatter of each kind of data: that of the fitted set that scatters most, judged by the values held out.
 
+    Where none are, residuals that exceed a stated noise, or that of repeated shots, count in its place: the model's
+    own error is in them.
+
     Parameters
     ----------
     found : Estimate
@@ -141,20 +145,34 @@ def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]
     fitted : sequence of DataSet
         In the order of the blocks.
     """
+    own = found.likelihood
     scatter: dict[str, Scatter] = {}
-    for data, noise, block in zip(fitted, found.likelihood.noises, found.likelihood.blocks, strict=True):
+    levels: dict[str, Scatter] = {}  # where residuals exceed a noise that is not estimated from them, they count
+    tails: dict[str, float] = {}  # errors are weighted as their law asks: their mean square is of its scale
+    for i, (data, noise, block) in enumerate(zip(fitted, own.noises, own.blocks, strict=True)):
         extra = block.noise.discrepancy if block.noise.length else 0.0
-        freedom = min(noise.freedom, TAILS.get(noise.law, np.inf))
-        one = Scatter(float(np.hypot(noise.sigma, extra)) / data.residual_scale, freedom)
-        if data.kind not in scatter or scatter[data.kind].factor < one.factor:
-            scatter[data.kind] = one
+        tail = TAILS.get(noise.law, np.inf)
+        tails[data.kind] = min(tail, tails.get(data.kind, np.inf))
+        one = Scatter(float(np.hypot(noise.sigma, extra)) / data.residual_scale, min(noise.freedom, tail))
+        _keep_larger(scatter, data.kind, one)
+        if noise.known or block.shots is not None:
+            freedom = max(block.size - float(found.covariance.used[i]), 1.0)
+            level = scale_of(noise.law, found.errors[block.rows], freedom) / data.residual_scale
+            one = one if level <= one.factor else Scatter(level, min(freedom, tail))
+        _keep_larger(levels, data.kind, one)
     for kind, one in scatter.items():
+        scatter[kind] = levels[kind]
         rows = _rows(found, fitted, kind)
         judged = left_out(found, rows) if len(rows) >= LEAST else None
         if judged is not None and len(judged.errors) >= LEAST:
-            size = float(np.sqrt(np.mean(judged.errors**2)))
-            scatter[kind] = one._replace(calibration=size, freedom=judged.freedom, left_out=len(judged.errors))
+            size, freedom = float(np.sqrt(np.mean(judged.errors**2))), min(judged.freedom, tails[kind])
+            scatter[kind] = one._replace(calibration=size, freedom=freedom, left_out=len(judged.errors))
     return scatter
+
+
+def _keep_larger(scatter: dict[str, Scatter], kind: str, one: Scatter) -> None:
+    if kind not in scatter or scatter[kind].factor < one.factor:
+        scatter[kind] = one
 
 
 def _rows(found: Estimate, fitted: Sequence[DataSet], kind: str) -> NDArray[np.intp]:

@@ -190,17 +190,17 @@ class RateData(DataSet):
         s = simulator
         how = s.injector, self.point, self.bounds, *s.of_injector(values), s.time_step
         rates = sampled_rates(*how, prepared=s.prepared(self.points), same_bits=s.same_bits)
-        return rates / self._density_of(candidates)
+        return rates / self.density_of(candidates)
 
     def _as_shown(self, candidates: Candidates) -> Floats:
         """Samples (candidates, samples) [m³/s] as the meter shows them."""
         assert self.meter is not None
         given = candidates.given(self.meter)
         mass = candidates.simulator.flow(self.point, candidates.values, self.meter.ahead)
-        flow = mass._replace(rates=mass.rates / self._density_of(candidates, given))
+        flow = mass._replace(rates=mass.rates / self.density_of(candidates, given))
         return shown_rates(self.meter, given, flow, self.bounds)
 
-    def _density_of(self, candidates: Candidates, given: Given | None = None) -> Floats | float:
+    def density_of(self, candidates: Candidates, given: Given | None = None) -> Floats | float:
         """Density [kg/m³] that makes volumes of the simulated masses."""
         return candidates.densities(self.points, given) if math.isnan(self.mass_density) else self.mass_density
 

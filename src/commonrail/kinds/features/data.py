@@ -146,9 +146,9 @@ class FeatureData(DataSet):
         longer = replace(point, horizon=max(end - point.start, point.duration))
         value, tolerance = np.array([targets[0].value]), targets[0].tolerance
         none = np.zeros(1, bool)
-        labels = self.weight, self.source, self.synthetic
+        more = self.weight, self.source, self.synthetic, targets[0].mass_density
         return ReturnData(
-            self.name, self.role, (longer,), value, tolerance, 0.0, none, *labels, stroke_period=self.stroke_period
+            self.name, self.role, (longer,), value, tolerance, 0.0, none, *more, stroke_period=self.stroke_period
         )
 
     @classmethod
@@ -210,7 +210,20 @@ class FeatureData(DataSet):
             column = [target.feature for target in self.targets].index(RETURNED)
             found[:, column] = self.returned.simulated(simulator, values)[:, 0]
             found[np.isnan(rates).any(axis=1)] = np.nan
-        return found
+        return found * self._by_mass(Candidates(simulator, values))
+
+    def _by_mass(self, candidates: Candidates) -> Floats:
+        """Factors (candidates or 1, targets) on volumes whose measured values were made of masses.
+
+        A mass is compared with a mass, whatever the density of the candidate or of its meter.
+        """
+        stated = np.array([target.mass_density for target in self.targets])
+        by_mass = np.isfinite(stated) & np.array([target.feature != RETURNED for target in self.targets])
+        if not by_mass.any():
+            return np.ones((1, len(self.targets)))
+        given = candidates.given(self.meter) if self.meter is not None else None
+        density = np.reshape(self.curve.density_of(candidates, given), (-1, 1))
+        return np.where(by_mass, density / stated, 1.0)
 
     def _found(self, trace: RateTrace, rate: Floats) -> Features | None:
         """Features of a simulated rate, by the function and the levels of the measured ones; None of a failed one."""

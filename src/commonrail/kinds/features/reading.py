@@ -91,12 +91,16 @@ class FeaturesModel(RateModel):
 
 
 class FeatureTarget(NamedTuple):
-    """Feature of one injection, its measured value and its tolerance [SI, by volume]."""
+    """Feature of one injection, its measured value and its tolerance [SI, by volume].
+
+    `mass_density` is the density [kg/m³] that made a volume of a value measured by mass; NaN for other values.
+    """
 
     feature: str
     injection: int
     value: float
     tolerance: float
+    mass_density: float = math.nan
 
     @property
     def text(self) -> str:
@@ -215,8 +219,12 @@ def read_targets(
         tolerance = _by_volume(item.tolerance, injector, point)
         if not tolerance > 0.0:
             raise (place / "tolerance").error("the tolerance must be greater than zero")
-        value = _measured(item, measured, place) if item.value is None else _by_volume(item.value, injector, point)
-        found.append(FeatureTarget(item.feature, item.injection, value, tolerance))
+        if item.value is None:
+            value, density = _measured(item, measured, place), math.nan
+        else:
+            value = _by_volume(item.value, injector, point)
+            density = mass_density(injector, item.value[1], point)
+        found.append(FeatureTarget(item.feature, item.injection, value, tolerance, density))
     names = [target.text for target in found]
     for name in names:
         if names.count(name) > 1:
