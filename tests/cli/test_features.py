@@ -51,6 +51,27 @@ def test_several_rates_are_shots_with_mean_scatter_and_one_that_stands_apart(com
     assert len(separate["traces"]) == 10
 
 
+def test_names_that_state_operating_points_are_no_shots_and_give_energising_times(
+    command: Command, tmp_path: Path
+) -> None:
+    file = wide(tmp_path / "rates.csv", 2)
+    text = file.read_text(encoding="utf-8").replace("shot 1", "500bar_300us").replace("shot 2", "900bar_700us")
+    file.write_text(text, encoding="utf-8")
+    record = command("features", file, "--json").record
+    assert "shots" not in record
+    delays = [trace["injections"][0]["values"]["closing_delay"] for trace in record["traces"]]
+    assert delays == pytest.approx([690e-6, 290e-6], abs=1e-6)  # closing at 990 us, that of the trapezoid
+    refused = command("features", file, *ENERGISED)
+    assert refused.status == 2
+    assert '"500bar_300us" states an energising time of 300 us, but 700 us is given' in refused.sentence
+
+
+def test_a_binary_file_asks_for_the_column_of_a_rate(command: Command, tmp_path: Path) -> None:
+    file = tmp_path / "shots.mf4"
+    file.write_bytes(b"MDF")
+    assert "name the column of a rate" in command("features", file).sentence
+
+
 def test_an_energising_without_an_injection_is_told(command: Command, tmp_path: Path) -> None:
     file = wide(tmp_path / "trace.csv", 1)
     pulses = ("--energising", "0us:700us", "--energising", "1100us:100us")

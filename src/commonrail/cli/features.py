@@ -119,14 +119,15 @@ class _Wanted(NamedTuple):
 
 def _print_file(path: Path, wanted: _Wanted, out: Path | None, json: bool) -> None:
     from commonrail.files.feature_file import features_record, write_features
-    from commonrail.files.rate_file import read_rates
+    from commonrail.files.rate_file import are_repeated, read_rates
     from commonrail.report.features import feature_sentences, feature_table, shot_table
     from commonrail.signals.features import features as find
     from commonrail.signals.shots import shot_statistics
 
     traces = read_rates(path, wanted.columns, wanted.energisings)
     found = {name: find(trace, settings=wanted.settings) for name, trace in traces.items()}
-    shots = shot_statistics(list(found.values())) if wanted.repeated and len(found) > 1 else ()
+    repeated = wanted.repeated and len(found) > 1 and are_repeated(list(found))
+    shots = shot_statistics(list(found.values())) if repeated else ()
     if out is not None:
         write_features(out, found)
     if json:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 
 from commonrail.engine.operating_point import Energising
 from commonrail.errors import InputError
+from commonrail.files.survey import BINARY, named_points
 from commonrail.reading.csv_file import CsvFile
 from commonrail.reading.sheet import name_and_unit
 from commonrail.reading.tables import Column, read_columns
 from commonrail.signals.rate_trace import RATE_UNITS, RateTrace, bounds_around
-from commonrail.units import compatible
+from commonrail.units import compatible, to_text
 
-__all__ = ["RateColumns", "read_rates"]
+__all__ = ["RateColumns", "are_repeated", "read_rates"]
 
 Floats = NDArray[np.float64]
 
@@ -56,12 +58,12 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
     path : Path
     columns : RateColumns
     energisings : sequence of Energising
-        Of every shot.
+        Of every shot; where there is none, an energising time in the names of all columns is taken, from time 0.
 
     Raises
     ------
     InputError
-        If the file cannot be read, has no rate, or no samples in the window.
+        If the file cannot be read, has no rate, or no samples in the window, or a name states another energising time.
     """
     names = columns.rates or _found(path)
     if len(names) > MOST_SHOTS:
@@ -75,11 +77,38 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
     bounds = bounds_around(moments) if columns.centred else before
     keep = _within(bounds, columns.window, path)
     edges = bounds[keep[0] : keep[-1] + 2]
-    return {name: RateTrace(edges, table.columns[name][keep], table.units[name], tuple(energisings)) for name in names}
+    own = _energised(path, names, tuple(energisings))
+    return {name: RateTrace(edges, table.columns[name][keep], table.units[name], own[name]) for name in names}
+
+
+def are_repeated(names: Sequence[str]) -> bool:
+    """Whether rates may be repeated shots: their names state no different operating points."""
+    return len({(point.rail_pressure, point.energising_time) for point in named_points(names)}) < 2
+
+
+def _energised(path: Path, names: Sequence[str], given: tuple[Energising, ...]) -> dict[str, tuple[Energising, ...]]:
+    found = dict.fromkeys(names, given)
+    for point in named_points(names):
+        duration = point.energising_time
+        if duration is None:
+            continue
+        if not given:
+            found[point.column] = (Energising(0.0, duration),)
+        elif len(given) > 1 or not math.isclose(given[0].duration, duration, rel_tol=1e-6):
+            raise InputError(
+                f'{path}: the name of "{point.column}" states an energising time of {to_text(duration, "s")}, but '
+                f"{' and '.join(to_text(pulse.duration, 's') for pulse in given)} is given for all; state none, and "
+                "each rate has its own, or name only the rates that were measured with it."
+            )
+    return found
 
 
 def _found(path: Path) -> tuple[str, ...]:
     """Columns whose header has a unit of a rate."""
+    if path.suffix.lower() in (*BINARY, ".xlsx"):
+        raise InputError(
+            f"{path}: rates are found by their units in text tables alone; name the column of a rate here."
+        )
     named = [name_and_unit(cell) for cell in CsvFile(path).header]
     found = tuple(name for name, unit in named if unit and _is_rate(unit))
     if not found:

@@ -22,14 +22,14 @@ from commonrail.reading.map_table import FoundMap, GivenUnits, find_map
 from commonrail.reading.mat_file import MatFile
 from commonrail.reading.mat_map import find_mat_map
 from commonrail.reading.mdf_file import TIME, MdfFile
-from commonrail.reading.pattern import ColumnPattern
+from commonrail.reading.pattern import ColumnPattern, NamedPoint
 from commonrail.reading.place import Place
 from commonrail.reading.sheet import Column, Sheet
 from commonrail.reading.tables import open_sheet
 from commonrail.reading.wide_table import find_traces
 from commonrail.units import compatible, to_text
 
-__all__ = ["Channel", "Survey", "survey"]
+__all__ = ["BINARY", "Channel", "Survey", "named_points", "survey"]
 
 BINARY = (".mf4", ".mdf", ".mat", ".parquet", ".pq")
 UNKNOWN = "?"  # what a block needs and the file does not tell
@@ -275,6 +275,15 @@ def _pattern(names: Sequence[str]) -> str | None:
     except InputError:
         return None
     return pattern if all(read.read(name) for name in names) else None
+
+
+def named_points(names: Sequence[str]) -> tuple[NamedPoint, ...]:
+    """Operating points that the names of columns state; empty where there is one name, or not all state one."""
+    text = _pattern(names)
+    if text is None:
+        return ()
+    pattern = ColumnPattern(text, {}, Place(""))
+    return tuple(point for name in names if (point := pattern.read(name)) is not None)
 
 
 def _placeholder(found: re.Match[str]) -> str:

@@ -1,0 +1,25 @@
+"""Compilers are run in the folder of their output."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from commonrail.export.linker import archive, compile_source, compiler_for, link_shared
+from commonrail.export.objects import target_named
+
+
+def test_a_relative_folder_is_that_of_the_caller(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    target = target_named(own)
+    compiler = compiler_for(target)
+    folder = Path("library")
+    folder.mkdir()
+    source, compiled = folder / "one.c", folder / "one.o"
+    source.write_text("int one(void);\nint one(void) { return 1; }\n", encoding="utf-8")
+    static, shared = folder / "libone.a", folder / f"libone{target.suffix}"
+    compile_source(compiler, source, compiled, target)
+    archive(compiler, (compiled,), static)
+    link_shared(compiler, (source,), shared, target, ())
+    assert [path.exists() for path in (compiled, static, shared)] == [True, True, True]
