@@ -64,3 +64,16 @@ def test_several_channels_that_fit_are_named(command: Command, tmp_path: Path) -
     assert new.status == 2
     assert 'several may be the rate of injection, "a" and "b"' in new.sentence
     assert not (tmp_path / "s").exists()
+
+
+def test_a_column_that_cannot_be_read_says_why(command: Command, tmp_path: Path) -> None:
+    rows = "".join(f"{i},{i},{i}\n" for i in range(5))
+    (tmp_path / "a.csv").write_text("time [us],rate [mm3/ms],rate [mm3/ms]\n" + rows, encoding="utf-8")
+    done = command("inspect", tmp_path / "a.csv")
+    assert 'not read: the column "rate" stands 2 times in the header' in done.out
+
+
+def test_names_in_a_file_do_not_steer_the_terminal(command: Command, tmp_path: Path) -> None:
+    rows = "".join(f"{i},{i}\n" for i in range(5))
+    (tmp_path / "a.csv").write_text("time [us],\x1b]0;x\x07\u202erate [mm3/ms]\n" + rows, encoding="utf-8")
+    assert "?]0;x??rate" in command("inspect", tmp_path / "a.csv").out

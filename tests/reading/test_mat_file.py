@@ -128,3 +128,20 @@ def test_the_own_reader_agrees_with_scipy(tmp_path: Path, compressed: bool) -> N
     assert found["text"] == known["text"] == "µs"
     assert found["s.inner.unit"] == "mm3"
     np.testing.assert_array_equal(np.ravel(found["s.inner.b"]), [3.0, 4.0])
+
+
+def test_links_in_circles_and_many_large_variables_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    h5py = pytest.importorskip("h5py", reason="the extra mat is not installed")
+    with h5py.File(tmp_path / "a.mat", "w") as file:
+        for i in range(20):
+            file[f"to_{i}"] = file["/"]
+        file["rate"] = [1.0, 2.0]
+    monkeypatch.setattr(mat_file, "MOST_VARIABLES", 1000)
+    with pytest.raises(InputError, match="there are more than the 1000 variables that are read"):
+        MatFile(tmp_path / "a.mat")
+    with h5py.File(tmp_path / "b.mat", "w") as file:
+        for i in range(3):
+            file.create_dataset(f"x{i}", (100,), "f8", chunks=(100,), compression="gzip")
+    monkeypatch.setattr(mat_file, "LARGEST_CONTENT", 2000)
+    with pytest.raises(InputError, match=r"unpacked the file has more than the .* MB read"):
+        MatFile(tmp_path / "b.mat")

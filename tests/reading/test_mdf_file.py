@@ -151,3 +151,18 @@ def test_blocks_that_say_they_are_huge_are_refused(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes() + block)
     with pytest.raises(InputError, match="unpacked the record has 2000 MB or more"):
         read(path)
+
+
+@pytest.mark.usefixtures("in_process")
+def test_channels_of_version_3_without_a_rule_are_read(tmp_path: Path) -> None:
+    record = asammdf.MDF(version="3.30")
+    record.append([signal(RATE)])
+    record.save(tmp_path / "a.mdf")
+    record.close()
+    np.testing.assert_allclose(read(tmp_path / "a.mdf").columns["ROI"], RATE * 1e-6, rtol=1e-12)
+
+
+def test_the_reason_of_a_damaged_record_names_no_object(tmp_path: Path) -> None:
+    (tmp_path / "a.mf4").write_bytes(b"")
+    with pytest.raises(InputError, match=r"no MDF record that can be read \(\w+\)\.$"):
+        MdfFile(tmp_path / "a.mf4")

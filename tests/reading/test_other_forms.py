@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
 
 from commonrail.errors import InputError
 from commonrail.reading.file_form import FileForm
+from commonrail.reading.grid import read_grid
+from commonrail.reading.map_table import find_map
 from commonrail.reading.tables import Column, Table, read_columns
 
 WANTED = [Column("time", "s", increasing=True), Column("rate", ("m3/s", "kg/s"))]
@@ -68,6 +72,54 @@ def test_a_sheet_has_its_header_below_other_texts(tmp_path: Path, units: str) ->
     book.save(tmp_path / "a.xlsx")
     with pytest.raises(InputError, match=r'row \d, column "rate": "n/a" is a text, and a number is expected'):
         read_columns(tmp_path / "a.xlsx", WANTED)
+
+
+def spoilt_book(path: Path, change: Callable[[bytes], bytes]) -> Path:
+    """A workbook whose sheet, as XML, was changed."""
+    openpyxl = pytest.importorskip("openpyxl", reason="the extra excel is not installed")
+    book = openpyxl.Workbook()
+    for row in (["time [us]", "rate [mm3/ms]"], *([3 * i, i + 0.5] for i in range(5))):
+        book.active.append(row)
+    book.save(path.with_name("whole.xlsx"))
+    with ZipFile(path.with_name("whole.xlsx")) as whole, ZipFile(path, "w") as spoilt:
+        for name in whole.namelist():
+            data = whole.read(name)
+            spoilt.writestr(name, change(data) if name.endswith("sheet1.xml") else data)
+    return path
+
+
+def test_a_sheet_that_understates_its_size_is_read_whole(tmp_path: Path) -> None:
+    check(read_columns(spoilt_book(tmp_path / "a.xlsx", lambda xml: xml.replace(b"A1:B6", b"A1:A3")), WANTED))
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "sentence"),
+    [
+        (b"<v>9</v>", b"<v>x</v>", r'the sheet "Sheet" cannot be read \(ValueError\)'),
+        (b"<v>9</v>", b"<v>1" + 400 * b"0" + b"</v>", r'the sheet "Sheet" cannot be read \(OverflowError\)'),
+        (b"<v>9</v>", b"<v>1e999</v>", r'row 5, column "time": "inf" is a text'),
+        (b"</sheetData>", b"", r'the sheet "Sheet" cannot be read \(ParseError\)'),
+        (b'"B6"', b'"AMX6"', "there are 1038 columns, and at most 1000 are read"),
+        (b'<row r="6"', b'<row r="9999999"', "more than the 1048576 rows"),
+    ],
+)
+def test_a_spoilt_sheet_is_one_sentence(tmp_path: Path, was: bytes, becomes: bytes, sentence: str) -> None:
+    path = spoilt_book(tmp_path / "a.xlsx", lambda xml: xml.replace(was, becomes))
+    with pytest.raises(InputError, match=sentence):
+        read_columns(path, WANTED)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("rate [mm3/ms],time [us]\n0," + "9" * 200_000, "line 2: the line has 200002 characters"),
+        ("mm3\nrail pressure [bar] \\ energising time [us],300,500\n800,,\n1200,,\n", "the map holds no quantity"),
+    ],
+)
+def test_a_grid_that_cannot_be_used_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=sentence):
+        find_map(read_grid(tmp_path / "a.csv"))
 
 
 def test_parquet_has_its_units_in_the_names(tmp_path: Path) -> None:

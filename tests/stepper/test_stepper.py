@@ -122,6 +122,7 @@ def test_a_failed_step_leaves_the_state_as_it_was(regulated: Injector) -> None:
     [
         ({"duration": "1.5 us"}, "whole number of time steps of 1 us, and 1.5 us is 1.5 of them"),
         ({"duration": 0.0}, "whole number of time steps"),
+        ({"duration": 1e300}, "must be at most 1 s"),
         ({"duration": "10 us", "current": "10 A"}, "regulated drive, which takes no current; give command"),
         ({"duration": "10 us", "command": 1}, "command must be True or False"),
         ({"duration": "10 us", "rail_pressure": "1 m"}, "rail pressure"),

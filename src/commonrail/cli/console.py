@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -31,6 +32,8 @@ __all__ = [
 
 SIMULATING = "simulating ..."
 COMPILING = "compiling the simulation for this machine, once (some ten seconds)"
+# Control characters but tab and line feed, and those that turn the direction of writing.
+_OBEYED = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 WIDTH_OF_A_FILE = 160  # columns where stdout is no terminal
 
 
@@ -97,7 +100,7 @@ def print_rows(
         number = texts is not None and index >= texts
         grid.add_column(column, justify="right" if number else "left", overflow="fold")
     for row in rows:
-        grid.add_row(*row)
+        grid.add_row(*map(_shown, row))
     _print(grid)
 
 
@@ -107,7 +110,7 @@ def print_pairs(pairs: Sequence[tuple[str, str]], title: str) -> None:
 
     grid = Grid.grid(padding=(0, 3))
     for pair in pairs:
-        grid.add_row(*pair)
+        grid.add_row(*map(_shown, pair))
     typer.echo(title)
     _print(grid)
 
@@ -123,6 +126,11 @@ def _print(grid: Any) -> None:
     with console.capture() as captured:
         console.print(grid)
     typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
+
+
+def _shown(cell: str) -> str:
+    """Text of a cell without what a terminal would obey: names come from files of others."""
+    return _OBEYED.sub("?", cell)
 
 
 def _console(stream: Any) -> Console:

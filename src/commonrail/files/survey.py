@@ -187,8 +187,8 @@ def _columns(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
 
 def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
     """Survey of a file with named channels."""
-    channels = _listed(sheet)
-    facts = {channel.name: channel.text() for channel in channels}
+    channels, unread = _listed(sheet)
+    facts = {channel.name: channel.text() for channel in channels} | unread
     if isinstance(sheet, MatFile):
         try:
             found = _of_map(path, find_mat_map(sheet, given), PLAIN, given)
@@ -199,17 +199,19 @@ def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
     return Survey(path, taken, facts, "", block)
 
 
-def _listed(sheet: Sheet) -> list[Channel]:
-    """Channels with numbers."""
+def _listed(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
+    """Channels with numbers; what is wrong with others that have a unit, by their names."""
     own_times = isinstance(sheet, MdfFile)
     found = []
+    unread: dict[str, str] = {}
     for name in sheet.names:
         unit = str(sheet.unit(name)) if hasattr(sheet, "unit") else ""
         wanted = [Column(name, "1", required=False)]
         try:
             table = sheet.take([Column(TIME, "s", increasing=True), *wanted] if own_times else wanted)
-        except InputError:
-            continue  # texts, or nothing
+        except InputError as error:  # of a column without a unit: texts, or nothing
+            unread |= {name: f"not read: {str(error).removeprefix(f'{sheet.path}: ')}"} if unit else {}
+            continue
         values = table.columns[name]
         values = values[np.isfinite(values)]
         if len(values):
@@ -217,8 +219,9 @@ def _listed(sheet: Sheet) -> list[Channel]:
             step = float(np.median(np.diff(times))) if len(times) > 1 else None
             found.append(Channel(name, unit, len(values), float(values.min()), float(values.max()), step))
     if not found:
-        raise InputError(f"{sheet.path}: no column holds numbers below a header.")
-    return found
+        reason = next(iter(unread.values()), "no column holds numbers below a header.")
+        raise InputError(f"{sheet.path}: {reason.removeprefix('not read: ')}")
+    return found, unread
 
 
 def _block(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[str, dict[str, Any]]:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from commonrail.errors import InputError
 from commonrail.reading.guarded_file import read_plain
+from commonrail.reading.text_file import LONGEST_LINE
 
 __all__ = ["MOST_CELLS", "Grid", "numbers_of", "read_grid"]
 
@@ -101,6 +102,12 @@ def _parsed(path: Path, text: str, encoding: str) -> Grid:
     lines = [(n, line) for n, line in lines if not line.lstrip().startswith("#")]
     if not lines or any("\0" in line for _, line in lines):
         raise InputError(f"{path}: the file has no rows of text.")
+    for n, line in lines:
+        if len(line) > LONGEST_LINE:
+            raise InputError(
+                f"{path}, line {n}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
+                "read; keep only the columns that are needed."
+            )
     separator = next((s for s in (";", "\t") if sum(s in line for _, line in lines) * 2 > len(lines)), ",")
     cells = [[c.strip() for c in next(csv.reader([line], delimiter=separator))] for _, line in lines]
     if sum(map(len, cells)) > MOST_CELLS:

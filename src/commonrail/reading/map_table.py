@@ -186,6 +186,8 @@ def _matrix(grid: Grid, start: int, given: GivenUnits) -> FoundMap:
     turned = _pressures_across(grid, axes, units, order)
     down, right = (np.repeat(axes[0], width), np.tile(axes[1], len(axes[0])))
     filled = np.isfinite(cells).ravel()
+    if not filled.any():
+        raise InputError(f"{grid.path}: the map holds no quantity; all its cells are empty.")
     pressure, time = (right, down) if turned else (down, right)
     empty = int(cells.size - filled.sum())
     said = (*grid.said, *_omitted(empty))

@@ -130,28 +130,34 @@ def _of_hdf5(path: Path, data: bytes) -> Iterator[tuple[str, NDArray[Any] | str]
     import h5py
 
     with h5py.File(BytesIO(data), "r") as file:
-        yield from _flat_hdf5(path, file, "", 0)
+        left = LARGEST_CONTENT
+        for number, (whole, item) in enumerate(_flat_hdf5(file, "", 0), start=1):
+            if number > MOST_VARIABLES:
+                raise InputError(f"{path}: there are more than the {MOST_VARIABLES} variables that are read.")
+            if isinstance(item, h5py.Group):
+                continue
+            if item.size is None or item.external or item.is_virtual or not item.size or item.dtype.kind not in "biuf":
+                continue
+            if item.size > MOST_NUMBERS:
+                raise InputError(f'{path}: "{whole}" has {item.size} numbers, and at most {MOST_NUMBERS} are read.')
+            left -= item.size * item.dtype.itemsize
+            if left < 0:
+                raise TooLarge
+            array = np.asarray(item[()]).T  # MATLAB keeps columns together
+            if item.attrs.get("MATLAB_class") == b"char":
+                yield whole, "".join(map(chr, array.reshape(-1, order="F").tolist()))
+            else:
+                yield whole, _checked(path, whole, array)
 
 
-def _flat_hdf5(path: Path, group: Any, inside: str, depth: int) -> Iterator[tuple[str, NDArray[Any] | str]]:
+def _flat_hdf5(group: Any, inside: str, depth: int) -> Iterator[tuple[str, Any]]:
+    """Data sets and groups by their names; where links lead in circles, more than the file holds."""
     import h5py
 
-    if len(group) > MOST_VARIABLES:
-        raise InputError(f"{path}: there are {len(group)} variables, and at most {MOST_VARIABLES} are read.")
     for name in group:
         if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue  # MATLAB's own, and links, which may lead to other files
         item, whole = group[name], f"{inside}{name}"
-        if isinstance(item, h5py.Group):
-            if depth < DEEPEST:
-                yield from _flat_hdf5(path, item, f"{whole}.", depth + 1)
-            continue
-        if item.size is None or item.external or item.is_virtual or not item.size or item.dtype.kind not in "biuf":
-            continue
-        if item.size > MOST_NUMBERS:
-            raise InputError(f'{path}: "{whole}" has {item.size} numbers, and at most {MOST_NUMBERS} are read.')
-        array = np.asarray(item[()]).T  # MATLAB keeps columns together
-        if item.attrs.get("MATLAB_class") == b"char":
-            yield whole, "".join(map(chr, array.reshape(-1, order="F").tolist()))
-        else:
-            yield whole, _checked(path, whole, array)
+        yield whole, item
+        if isinstance(item, h5py.Group) and depth < DEEPEST:
+            yield from _flat_hdf5(item, f"{whole}.", depth + 1)

@@ -58,6 +58,8 @@ def find_mat_map(file: MatFile, given: GivenUnits = GivenUnits()) -> FoundMap:
         )
     pressure, moments = np.repeat(rail, len(time)), np.tile(time, len(rail))
     filled = np.isfinite(cells).ravel()
+    if not filled.any():
+        raise InputError(f'{file.path}: the map holds no quantity; "{names["quantity"]}" has no finite number.')
     other = "across" if way == "down" else "down"
     said = [f'variables "{names["rail pressure"]}", "{names["energising time"]}" and "{names["quantity"]}"']
     if empty := int(cells.size - filled.sum()):

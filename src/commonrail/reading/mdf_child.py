@@ -19,7 +19,8 @@ MOST_SAMPLES = 20_000_000  # of a channel
 MOST_VALUES = 100_000_000  # of all channels
 MOST_CHANNELS = 10_000
 
-_NUMERIC_RULES = (0, 1, 2, 4, 5, 6)  # none, linear, rational, tables of numbers
+# Rules of numbers alone, by version: none, linear, rational, tables; of version 3 polynomial and exponential ones too.
+_NUMERIC_RULES = {3: (0, 1, 2, 6, 7, 8, 9, 65535), 4: (0, 1, 2, 4, 5, 6)}
 
 
 def channels_of(data: bytes) -> tuple[list[dict[str, Any]], dict[str, Any]]:
@@ -77,7 +78,8 @@ class _Refused(Exception):
 
 def _signal(record: Any, group: int, channel: int) -> tuple[Any, Any]:
     signal = record.get(group=group, index=channel, raw=True)
-    if getattr(signal.conversion, "conversion_type", 0) not in _NUMERIC_RULES:
+    rules = _NUMERIC_RULES[4 if str(record.version) >= "4" else 3]
+    if getattr(signal.conversion, "conversion_type", rules[0]) not in rules:
         raise _Refused("its values are converted by a formula or to texts, which is not read; export it to CSV")
     samples = np.asarray(signal.physical().samples if signal.conversion is not None else signal.samples)
     if samples.ndim != 1 or samples.dtype.kind not in "biuf":
@@ -97,7 +99,12 @@ def main() -> None:
     """Read from standard input, write to the standard output as it was when the program began."""
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print must not come between the arrays
-    output.write(packed(sys.stdin.buffer.read()))
+    data = sys.stdin.buffer.read()
+    try:
+        content = packed(data)
+    except Exception as error:  # of damaged records; their texts name objects of asammdf
+        raise SystemExit(type(error).__name__) from error
+    output.write(content)
     output.close()
     os._exit(0)  # nothing that is left is worth its time, or a fault at its end
 

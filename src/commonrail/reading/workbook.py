@@ -19,6 +19,7 @@ __all__ = ["WorkbookSheet", "read_sheet", "sheet_names"]
 
 LARGEST_CONTENT = 500_000_000  # of a workbook when it is unpacked [bytes]
 MOST_COLUMNS = 1000
+MOST_ROWS = 1_048_576  # of a sheet
 
 
 class WorkbookSheet(GridSheet):
@@ -70,7 +71,12 @@ def read_sheet(path: Path, sheet: str | None = None) -> Grid:
         known = ", ".join(book.sheetnames)
         raise InputError(f'{path}: there is no sheet "{sheet}"{nearest(sheet, book.sheetnames)}; it has {known}.')
     for name in book.sheetnames if sheet is None else [sheet]:
-        rows, lines = _cells(path, book[name])
+        try:
+            rows, lines = _cells(path, book[name])
+        except InputError:
+            raise
+        except Exception as error:  # openpyxl reads a sheet when its rows are asked for, and raises as in `_opened`
+            raise InputError(f'{path}: the sheet "{name}" cannot be read ({type(error).__name__}).') from error
         if rows:
             return Grid(path, tuple(rows), tuple(lines), (f'sheet "{name}"',))
     raise InputError(f"{path}: {'all sheets are' if sheet is None else 'the sheet is'} empty.")
@@ -98,10 +104,21 @@ def _cells(path: Path, sheet: Any) -> tuple[list[tuple[str | float, ...]], list[
     rows: list[tuple[str | float, ...]] = []
     lines: list[int] = []
     count = 0
-    for number, row in enumerate(sheet.iter_rows(values_only=True, max_col=MOST_COLUMNS), start=1):
+    if not hasattr(sheet, "iter_rows"):  # a sheet that is a chart
+        return rows, lines
+    # What a sheet says of its size may be less than it holds, and openpyxl would read no more than that.
+    sheet.reset_dimensions()
+    for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
+        if number > MOST_ROWS:
+            raise InputError(f"{path}: the sheet has more than the {MOST_ROWS} rows that a sheet can have.")
         cells = tuple(map(_cell, row))
         while cells and cells[-1] == "":
             cells = cells[:-1]
+        if len(cells) > MOST_COLUMNS:
+            raise InputError(
+                f"{path}, row {number}: there are {len(cells)} columns, and at most {MOST_COLUMNS} are read; keep only "
+                "those that are needed."
+            )
         count += len(cells)
         if count > MOST_CELLS:
             raise InputError(f"{path}: the sheet has more than the {MOST_CELLS} cells that are read.")
@@ -115,5 +132,6 @@ def _cell(value: Any) -> str | float:
     if value is None:
         return ""
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value) if math.isfinite(value) else ""
+        number = float(value)
+        return number if math.isfinite(number) else str(value)
     return str(value).strip()

@@ -12,7 +12,7 @@ from commonrail.arguments import Quantity, flag, instance, number
 from commonrail.choices import Actuation, Boundary
 from commonrail.engine.channels import all_channels
 from commonrail.engine.notes import RUNAWAY
-from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.operating_point import LONGEST, OperatingPoint
 from commonrail.engine.plan import coefficients_at
 from commonrail.engine.stability import longest_step
 from commonrail.engine.status import Status
@@ -254,6 +254,10 @@ class Stepper:
 
     def _count(self, duration: Quantity) -> int:
         seconds = number(duration, "s", "duration of a step")
+        if seconds > LONGEST:
+            raise ConfigurationError(
+                f"The duration of a step must be at most {LONGEST:g} s, and {seconds:g} s was given; take several."
+            )
         steps = seconds / self.time_step
         count = round(steps)
         if count < 1 or abs(steps - count) > ROUNDING * count:
