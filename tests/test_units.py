@@ -244,6 +244,11 @@ def test_to_text_chooses_a_prefix(value: float, unit: str, expected: str) -> Non
     assert to_text(value, unit) == expected
 
 
+def test_to_text_writes_few_digits_without_an_exponent() -> None:
+    assert to_text(1.23e-7, "s", 2) == "120 ns"
+    assert to_text(163e6, "Pa", 1) == "200 MPa"
+
+
 @given(
     value=st.floats(min_value=-1e12, max_value=1e12).filter(lambda v: abs(v) > 1e-12),
     unit=st.sampled_from([*SHOWN, "K", "1", "kg/m3"]),

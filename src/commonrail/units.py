@@ -149,7 +149,10 @@ def to_text(value: float, unit: str, digits: int = 6) -> str:
     if rounded == 0.0 or not math.isfinite(rounded) or not choices:
         return f"{rounded:.{digits}g} {unit}"
     shown = next(fitting, choices[-1])
-    return f"{value / FAST[shown].factor:.{digits}g} {shown}"
+    text = f"{value / FAST[shown].factor:.{digits}g}"
+    # Few digits of hundreds are written out: 120 ns, not 1.2e+02 ns.
+    plain = f"{float(text):.0f}" if "e+" in text and abs(float(text)) < 1e6 else text
+    return f"{plain} {shown}"
 
 
 def _rescaled(number: str, source: Scale, target: Scale) -> float:

@@ -87,6 +87,11 @@ def test_the_calibration_finds_what_the_files_were_made_with(walked: list[Done])
     assert {name: best[name] for name in TRUTH} == pytest.approx({name: true[name] for name in TRUTH}, rel=2e-3)
 
 
+def test_the_search_of_the_written_study_can_be_found_converged(walked: list[Done]) -> None:
+    edit(Path("fit/study.toml"))
+    assert cr.load_study("fit/study.toml").method.polish >= 3  # refinements that a verdict asks for
+
+
 def test_what_no_file_tells_is_named_and_not_invented(bench: Path, tmp_path: Path) -> None:
     done = run_command("new", tmp_path / "s", "--injector", "cri2-16", "--from", bench / "raw" / "map_january.csv")
     assert done.status == 0, done.err

@@ -9,11 +9,13 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from commonrail.errors import ConfigurationError
 from commonrail.export.objects import Target
+from commonrail.notice import note
 
 __all__ = ["Compiler", "archive", "compile_source", "compiler_for", "link_shared", "own_platform"]
 
@@ -142,6 +144,9 @@ def run(command: Sequence[str], folder: Path) -> None:
     """
     caches = {name: str(zig_cache()) for name in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR")}
     environment = os.environ | {name: value for name, value in caches.items() if name not in os.environ}
+    built = _built(command, Path(environment["ZIG_GLOBAL_CACHE_DIR"]))
+    if built is not None and not built.exists():
+        note(f"zig builds the C library of {built.name} for its first use: up to some minutes, once ...")
     try:
         done = subprocess.run(
             command, cwd=folder, env=environment, capture_output=True, text=True, timeout=_LONGEST, check=False
@@ -151,6 +156,14 @@ def run(command: Sequence[str], folder: Path) -> None:
     if done.returncode != 0:
         lines = [line for line in done.stderr.splitlines() if "error" in line] or [done.stderr.strip() or "no message"]
         raise ConfigurationError(f"The C compiler {command[0]} failed: {lines[0].strip()}")
+    if built is not None:
+        with suppress(OSError):
+            built.mkdir(parents=True, exist_ok=True)
+
+
+def _built(command: Sequence[str], cache: Path) -> Path | None:
+    """Folder that says that zig has linked for the command's target; None for other compilers."""
+    return cache / "targets" / command[command.index("-target") + 1] if "-target" in command else None
 
 
 def zig_cache() -> Path:

@@ -82,7 +82,7 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
 
 
 def are_repeated(names: Sequence[str]) -> bool:
-    """Return whether rates may be repeated shots: their names state no different operating points."""
+    """True where rates may be repeated shots: their names state no different operating points."""
     return len({(point.rail_pressure, point.energising_time) for point in named_points(names)}) < 2
 
 
