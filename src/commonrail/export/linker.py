@@ -88,9 +88,9 @@ def link_shared(compiler: Compiler, inputs: Sequence[Path], out: Path, target: T
         *(() if target.suffix == ".dll" else ("-fPIC",)),
         "-shared",
         "-s",
-        *map(str, inputs),
+        *_absolute(inputs),
         "-o",
-        str(out),
+        *_absolute((out,)),
         *(("-lm",) if target.suffix == ".so" else ()),
     ]
     run(command, out.parent)
@@ -106,7 +106,10 @@ def compile_source(compiler: Compiler, source: Path, out: Path, target: Target) 
     target : Target
     """
     position = () if target.suffix == ".dll" else ("-fPIC",)
-    run([*compiler.command, *_WARNINGS, "-O2", "-g0", *position, "-c", str(source), "-o", str(out)], out.parent)
+    run(
+        [*compiler.command, *_WARNINGS, "-O2", "-g0", *position, "-c", *_absolute((source,)), "-o", *_absolute((out,))],
+        out.parent,
+    )
 
 
 def archive(compiler: Compiler, objects: Sequence[Path], out: Path) -> None:
@@ -121,7 +124,12 @@ def archive(compiler: Compiler, objects: Sequence[Path], out: Path) -> None:
     """
     out.unlink(missing_ok=True)
     tool = (sys.executable, "-m", "ziglang", "ar") if compiler.is_zig else (shutil.which("ar") or "ar",)
-    run([*tool, "rcs", str(out), *map(str, objects)], out.parent)
+    run([*tool, "rcs", *_absolute((out, *objects))], out.parent)
+
+
+def _absolute(paths: Sequence[Path]) -> list[str]:
+    """Paths for a compiler, which runs in another folder than its caller."""
+    return [str(path.absolute()) for path in paths]
 
 
 def run(command: Sequence[str], folder: Path) -> None:
