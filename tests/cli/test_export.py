@@ -64,3 +64,23 @@ def test_an_fmu_is_written_and_listed(command: Command, tmp_path: Path) -> None:
     with zipfile.ZipFile(out) as archive:
         assert [f"{out}/{name}" for name in archive.namelist()] == record["files"]
         assert archive.testzip() is None
+
+
+def test_a_library_is_written_below_the_current_folder(command: Command, tmp_path: Path, monkeypatch) -> None:
+    names = linker.own_platform()
+    if not names:
+        pytest.skip("this machine runs none of the platforms that libraries are made for")
+    monkeypatch.chdir(tmp_path)
+    done = command("export", "library", "virtual-lino-2016", "--out", "lib", "--platforms", names[0])
+    if "needs a C compiler" in done.err:
+        pytest.skip("there is no compiler on this machine")
+    assert done.status == 0, done.err
+    assert (tmp_path / "lib" / "libvirtual_lino_2016.a").is_file()
+
+
+def test_an_example_of_somebody_else_is_not_replaced(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "example.py").write_text("mine", encoding="utf-8")
+    done = command("export", "library", "virtual-lino-2016", "--out", str(tmp_path))
+    assert done.status == 2
+    assert "example.py would be replaced; name a new folder" in done.err
+    assert [path.name for path in tmp_path.iterdir()] == ["example.py"]

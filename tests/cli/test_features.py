@@ -66,10 +66,12 @@ def test_names_that_state_operating_points_are_no_shots_and_give_energising_time
     assert '"500bar_300us" states an energising time of 300 us, but 700 us is given' in refused.sentence
 
 
-def test_a_binary_file_asks_for_the_column_of_a_rate(command: Command, tmp_path: Path) -> None:
+def test_a_binary_file_is_not_taken_for_a_text(command: Command, tmp_path: Path) -> None:
     file = tmp_path / "shots.mf4"
     file.write_bytes(b"MDF")
-    assert "name the column of a rate" in command("features", file).sentence
+    refused = command("features", file)
+    assert refused.status == 2
+    assert "UTF-8" not in refused.sentence
 
 
 def test_an_energising_without_an_injection_is_told(command: Command, tmp_path: Path) -> None:
@@ -146,3 +148,26 @@ def test_features_of_a_run_that_was_fitted_to_features(command: Command, tmp_pat
         for row in fitted["rows"]:
             # the record and the verb simulate the same injector in the same steps
             assert values[row["feature"]] == pytest.approx(row[label], rel=1e-9)
+
+
+def test_rates_of_parquet_and_mdf_are_found_by_their_units(command: Command, tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow", reason="the extra fleet is not installed")
+    from pyarrow import parquet
+
+    time = np.arange(300) * 5.0
+    rate = np.interp(time, [270.0, 320.0, 600.0, 640.0], [0.0, 30.0, 30.0, 0.0])
+    columns = {"time [us]": time, "shot [mm3/ms]": rate}
+    parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
+    rows = zip(*columns.values(), strict=True)
+    text = "\n".join([",".join(columns), *(f"{float(t)!r},{float(r)!r}" for t, r in rows)])
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    found = [json.loads(command("features", tmp_path / name, "--json").out) for name in ("a.parquet", "a.csv")]
+    assert found[0] == found[1]
+    asammdf = pytest.importorskip("asammdf", reason="the extra mdf is not installed")
+    record = asammdf.MDF()
+    record.append([asammdf.Signal(rate, time * 1e-6, "mm3/ms", "shot")])
+    record.save(tmp_path / "a.mf4", overwrite=True)
+    record.close()
+    done = command("features", tmp_path / "a.mf4")
+    assert done.status == 0, done.err
+    assert "Features of shot" in done.out

@@ -6,12 +6,15 @@ import csv
 import json
 from collections.abc import Callable, Iterable
 from functools import cache
-from io import SEEK_END, StringIO
+from io import SEEK_END, BytesIO, StringIO
 from pathlib import Path
 from random import Random
 from typing import NamedTuple
+from zipfile import ZipFile, ZipInfo
 
 import numpy as np
+from openpyxl import Workbook
+from scipy.io import savemat
 
 from commonrail.calibration.study import Study
 from commonrail.engine.plan import make_job, prepare
@@ -22,6 +25,7 @@ from commonrail.files.injector_file import load_injector
 from commonrail.files.injector_writer import injector_text
 from commonrail.files.run_folder import read_run
 from commonrail.files.study_file import load_study
+from commonrail.files.survey import survey
 from commonrail.files.tolerance_file import load_tolerances
 from commonrail.files.truth_file import load_truth
 from commonrail.files.type_file import load_type
@@ -83,9 +87,22 @@ def write_input(random: Random, name: str, folder: Path) -> None:
 
 def _spoilt(random: Random, file: str, data: bytes) -> bytes:
     kind = file.rpartition(".")[2]
-    if kind == "parquet":
+    if kind == "xlsx":
+        return _spoilt_book(random, data)
+    if kind in ("parquet", "mat"):
         return random.choice(BYTES)(random, data)
     return spoilt_database(random, data) if kind == "sqlite" else mutated(random, file, data)
+
+
+def _spoilt_book(random: Random, data: bytes) -> bytes:
+    """A workbook with faults in one of its parts."""
+    stream = BytesIO()
+    with ZipFile(BytesIO(data)) as whole, ZipFile(stream, "w") as spoilt:
+        chosen = random.choice([name for name in whole.namelist() if "sheet1" in name or "workbook.xml" in name])
+        for name in whole.namelist():
+            part = whole.read(name)
+            spoilt.writestr(ZipInfo(name), random.choice(BYTES)(random, part) if name == chosen else part)
+    return stream.getvalue()
 
 
 def check(name: str, folder: Path) -> str:
@@ -173,6 +190,29 @@ def _read_run(folder: Path) -> None:
 
 def _report(folder: Path) -> None:
     write_report(folder)
+
+
+def _survey(folder: Path) -> None:
+    for path in sorted(folder.iterdir()):
+        survey(path)
+
+
+@cache
+def _bench_files() -> list[Files]:
+    """A map as a workbook and as a MAT file."""
+    book, stream, other = Workbook(), BytesIO(), BytesIO()
+    rows = (
+        ["quantity [mm3]"],
+        ["rail pressure [bar] \\ energising time [us]", 300, 500],
+        [800, 10, 25],
+        [1200, 15, 40],
+    )
+    for row in rows:
+        book.active.append(row)
+    book.save(stream)
+    units = {"p_unit": "bar", "et_unit": "us", "q_unit": "mm3"}
+    savemat(other, {"p": [800.0, 1200.0], "et": [300.0, 500.0], "q": [[10.0, 25.0], [15.0, 40.0]], **units})
+    return [{"map.xlsx": stream.getvalue()}, {"map.mat": other.getvalue()}]
 
 
 def _folder(path: Path, *names: str) -> Files:
@@ -283,5 +323,6 @@ TARGETS = {
     "report": Target(_report, _runs, (".json", ".csv"), 6),
     "journal": Target(kept.read_journal, kept.runs, (".sqlite",), 6),
     "fleet": Target(kept.read_fleet, kept.fleets, ("fleet.toml", "study.toml", "s.csv", ".parquet"), 5),
+    "bench file": Target(_survey, _bench_files, (".xlsx", ".mat"), 6),
     "fleet journal": Target(kept.read_fleet_journal, kept.fleet_runs, (".sqlite",), 3),
 }

@@ -25,6 +25,7 @@ EXAMPLES = {
     "report": 20,
     "journal": 50,
     "fleet": 50,
+    "bench file": 100,
     "fleet journal": 30,
 }
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from commonrail.errors import InputError
 from commonrail.export.entries import sizes
 from commonrail.export.linker import archive, compile_source, compiler_for, link_shared
 from commonrail.export.objects import Target, emit
@@ -14,6 +15,8 @@ from commonrail.export.sources import Model, model_of, named, template
 from commonrail.injector.definition import Injector
 
 __all__ = ["Library", "write_library", "write_sources"]
+
+_EXAMPLES = ("example.c", "example.py")
 
 
 class Library(NamedTuple):
@@ -53,7 +56,10 @@ def write_library(injector: Injector, folder: Path, targets: Sequence[Target], p
     ------
     ConfigurationError
         If there is no compiler for a target, or it fails.
+    InputError
+        If files of the examples' names are there that no export has written.
     """
+    _refuse_foreign_examples(folder)
     compilers = {target.name: compiler_for(target, prefer_zig) for target in targets if target.suffix != ".wasm"}
     model = model_of(injector)
     files = write_sources(model, folder)
@@ -95,6 +101,13 @@ def write_sources(model: Model, folder: Path) -> tuple[Path, ...]:
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return tuple(folder / name for name in texts)
+
+
+def _refuse_foreign_examples(folder: Path) -> None:
+    """Refuse a folder whose own example.c or example.py would be lost; an export has a kernel's source beside them."""
+    foreign = [name for name in _EXAMPLES if (folder / name).exists() and not any(folder.glob("*_kernel.c"))]
+    if foreign:
+        raise InputError(f"{folder}: {' and '.join(foreign)} would be replaced; name a new folder.")
 
 
 def _write_examples(model: Model, folder: Path) -> tuple[Path, ...]:

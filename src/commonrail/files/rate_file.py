@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from commonrail.engine.operating_point import Energising
 from commonrail.errors import InputError
-from commonrail.files.survey import BINARY, named_points
+from commonrail.files.survey import named_points
 from commonrail.reading.csv_file import CsvFile
-from commonrail.reading.sheet import name_and_unit
-from commonrail.reading.tables import Column, read_columns
+from commonrail.reading.sheet import Sheet, name_and_unit
+from commonrail.reading.tables import Column, Table, open_sheet, take_columns
 from commonrail.signals.rate_trace import RATE_UNITS, RateTrace, bounds_around
 from commonrail.units import compatible, to_text
 
@@ -65,24 +65,34 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
     InputError
         If the file cannot be read, has no rate, or no samples in the window, or a name states another energising time.
     """
-    names = columns.rates or _found(path)
+    sheet = open_sheet(path)
+    names = columns.rates or _found(sheet)
     if len(names) > MOST_SHOTS:
         raise InputError(f"{path}: there are {len(names)} rates, and at most {MOST_SHOTS} are read; name those wanted.")
     time = Column(columns.time, "s", columns.time_unit, increasing=True)
-    table = read_columns(path, [time, *(Column(name, tuple(RATE_UNITS), columns.rate_unit) for name in names)])
-    if len({table.units[name] for name in names}) > 1:
+    rates = [Column(name, tuple(RATE_UNITS), columns.rate_unit) for name in names]
+    if sheet.apart:
+        tables = [take_columns(sheet, [time, rate]) for rate in rates]
+    else:
+        tables = [take_columns(sheet, [time, *rates])] * len(rates)
+    if len({table.units[name] for name, table in zip(names, tables, strict=True)}) > 1:
         raise InputError(f"{path}: some rates are by mass and some by volume; name those of one kind.")
+    own = _energised(path, names, tuple(energisings))
+    return {name: _trace(table, name, columns, own[name]) for name, table in zip(names, tables, strict=True)}
+
+
+def _trace(table: Table, name: str, columns: RateColumns, energisings: tuple[Energising, ...]) -> RateTrace:
+    """A rate within the window."""
     moments = table.columns[columns.time]
     before = np.concatenate(([2.0 * moments[0] - moments[1]], moments))
     bounds = bounds_around(moments) if columns.centred else before
-    keep = _within(bounds, columns.window, path)
+    keep = _within(bounds, columns.window, table.path)
     edges = bounds[keep[0] : keep[-1] + 2]
-    own = _energised(path, names, tuple(energisings))
-    return {name: RateTrace(edges, table.columns[name][keep], table.units[name], own[name]) for name in names}
+    return RateTrace(edges, table.columns[name][keep], table.units[name], energisings)
 
 
 def are_repeated(names: Sequence[str]) -> bool:
-    """True where rates may be repeated shots: their names state no different operating points."""
+    """Return whether rates may be repeated shots: their names state no different operating points."""
     return len({(point.rail_pressure, point.energising_time) for point in named_points(names)}) < 2
 
 
@@ -103,18 +113,17 @@ def _energised(path: Path, names: Sequence[str], given: tuple[Energising, ...]) 
     return found
 
 
-def _found(path: Path) -> tuple[str, ...]:
-    """Columns whose header has a unit of a rate."""
-    if path.suffix.lower() in (*BINARY, ".xlsx"):
-        raise InputError(
-            f"{path}: rates are found by their units in text tables alone; name the column of a rate here."
-        )
-    named = [name_and_unit(cell) for cell in CsvFile(path).header]
+def _found(sheet: Sheet) -> tuple[str, ...]:
+    """Columns that have a unit of a rate."""
+    if isinstance(sheet, CsvFile):
+        named = [name_and_unit(cell) for cell in sheet.header]
+    else:
+        named = [(name, str(sheet.unit(name))) for name in sheet.names if hasattr(sheet, "unit")]
     found = tuple(name for name, unit in named if unit and _is_rate(unit))
     if not found:
         raise InputError(
-            f'{path}: no column has the unit of a rate in its header, as in "rate [mm3/ms]"; name the columns and '
-            "state their unit."
+            f'{sheet.path}: no column has the unit of a rate in its header, as in "rate [mm3/ms]"; name the columns '
+            "and state their unit."
         )
     return found
 
