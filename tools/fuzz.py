@@ -22,7 +22,7 @@ from pathlib import Path
 from random import Random
 
 LONGEST = 5.0  # processor time for one input [s]
-HUNG = 600.0  # wall time, which a busy machine stretches, after which a process that does not even hear its clock is given up [s]
+HUNG = 600.0  # wall time, long for a busy machine, after which a process that does not hear its clock is given up [s]
 MEMORY = 1_000_000_000  # of a process in addition to what the program itself takes [bytes]
 PROCESSES = 2
 
