@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from commonrail.files.map_file import write_map_file
 from commonrail.reading.tables import Column, read_columns
 from tests.cli.conftest import Command
@@ -77,3 +79,14 @@ def test_names_in_a_file_do_not_steer_the_terminal(command: Command, tmp_path: P
     rows = "".join(f"{i},{i}\n" for i in range(5))
     (tmp_path / "a.csv").write_text("time [us],\x1b]0;x\x07\u202erate [mm3/ms]\n" + rows, encoding="utf-8")
     assert "?]0;x??rate" in command("inspect", tmp_path / "a.csv").out
+
+
+@pytest.mark.parametrize(("cell", "ambiguous"), [("1.200", True), ("0.200", False), ("1.2", False)])
+def test_a_point_that_may_separate_thousands_is_named(
+    command: Command, tmp_path: Path, cell: str, ambiguous: bool
+) -> None:
+    """In a text separated by semicolons, as German tables are."""
+    file = tmp_path / "map.csv"
+    rows = (f"{pressure};{time};{cell}" for pressure in (40, 80) for time in (300, 500, 700))
+    file.write_text("\n".join(("p [MPa];ET [us];Q [mm3]", *rows)), encoding="utf-8")
+    assert ("write 1200, not 1.200" in command("inspect", file).out) == ambiguous

@@ -25,6 +25,7 @@ LONGEST_NUMBER = 100  # [characters]
 _MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 
 
 @dataclass(frozen=True)
@@ -118,8 +119,17 @@ def _parsed(path: Path, text: str, encoding: str) -> Grid:
         raise InputError(f"{path}: some numbers have a decimal point and some a comma; write all of them alike.")
     number = _with_comma if comma else _with_point
     names = {";": "semicolons", "\t": "tabs", ",": "commas"}
-    said = (f"encoding {encoding}", f"separated by {names[separator]}", f"decimal {'comma' if comma else 'point'}")
+    sign = "decimal comma" if comma else "decimal point"
+    if not comma and separator == ";" and _like_thousands(flat):
+        sign += " (three digits follow each, as in thousands: write 1200, not 1.200, if that is meant)"
+    said = (f"encoding {encoding}", f"separated by {names[separator]}", sign)
     return Grid(path, tuple(tuple(map(number, row)) for row in cells), tuple(n for n, _ in lines), said, comments)
+
+
+def _like_thousands(cells: list[str]) -> bool:
+    """Return whether every point in numbers could separate thousands, so that none is certainly a decimal point."""
+    pointed = [cell for cell in cells if "." in cell and _POINT.fullmatch(cell)]
+    return bool(pointed) and all(_THOUSANDS.fullmatch(cell) for cell in pointed)
 
 
 def _with_point(cell: str) -> str | float:
