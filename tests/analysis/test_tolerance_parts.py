@@ -44,6 +44,7 @@ def tolerances(**changes: object) -> Tolerances:
         (Uniform(-1.0, 2.0), stats.uniform(-1.0, 3.0)),
         (Triangular(0.0, 1.0, 4.0), stats.triang(0.25, 0.0, 4.0)),
         (Triangular(0.0, 0.0, 4.0), stats.triang(0.0, 0.0, 4.0)),
+        (Triangular(0.0, 1e200, 4e200), stats.triang(0.25, 0.0, 4e200)),  # its square is no number
     ],
 )
 def test_a_distribution_has_scipys_values_at_all_shares(own: Distribution, scipys: stats.rv_continuous) -> None:

@@ -153,8 +153,8 @@ class Triangular:
     def at(self, shares: Floats) -> Floats:
         """As `Distribution`."""
         width = self.upper - self.lower
-        rising = self.lower + np.sqrt(shares * width * (self.mode - self.lower))
-        falling = self.upper - np.sqrt((1.0 - shares) * width * (self.upper - self.mode))
+        rising = self.lower + np.sqrt(shares * width) * np.sqrt(self.mode - self.lower)
+        falling = self.upper - np.sqrt((1.0 - shares) * width) * np.sqrt(self.upper - self.mode)
         return np.asarray(np.where(shares * width < self.mode - self.lower, rising, falling))
 
     def record(self) -> dict[str, Any]:
