@@ -1,0 +1,21 @@
+"""Platform for which tests export, where this machine has one and a compiler for it."""
+
+from __future__ import annotations
+
+import pytest
+
+from commonrail.errors import ConfigurationError
+from commonrail.export.linker import compiler_for, own_platform
+from commonrail.export.objects import target_named
+
+
+def usable_platform() -> str:
+    """Name of this machine's platform; the test is skipped where there is none, or no compiler."""
+    names = own_platform()
+    if not names:
+        pytest.skip("this machine runs none of the platforms that are exported to")
+    try:
+        compiler_for(target_named(names[0]))
+    except ConfigurationError as error:
+        pytest.skip(str(error))
+    return names[0]
