@@ -1,4 +1,4 @@
-"""Feed spoilt files to every reader: python -m tools.fuzz 100000 [--seed 1] [--keep DIR].
+"""Feed spoilt files to every reader: python -m tools.fuzz 100000 [--seed 1] [--first 0] [--keep DIR].
 
 Each input must be read or refused with one sentence that names a file, within 5 s and 1 GB. Inputs after which
 something else happened are kept in a folder, with a note beside them. Exit status 1 if there is any.
@@ -38,7 +38,7 @@ def main() -> int:
     if options.part is not None:
         return _run_part(options)
     command = [sys.executable, "-m", "tools.fuzz", str(options.inputs), "--seed", str(options.seed)]
-    command += ["--keep", str(options.keep)]
+    command += ["--first", str(options.first), "--keep", str(options.keep)]
     parts = [
         subprocess.Popen([*command, "--part", str(i)], stdout=subprocess.PIPE, text=True) for i in range(PROCESSES)
     ]
@@ -59,6 +59,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("inputs", type=int)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="number of the first input: to go on where a trial ended")
     parser.add_argument("--keep", type=Path, default=Path("fuzz-findings"), help="folder for inputs that fail")
     parser.add_argument("--part", type=int, help=argparse.SUPPRESS)
     return parser.parse_args()
@@ -83,7 +84,7 @@ def _run_part(options: argparse.Namespace) -> int:
         names, weights = zip(*((name, target.weight) for name, target in TARGETS.items()), strict=True)
         done = failed = refused = 0
         slowest = 0.0
-        for number in range(options.part, options.inputs, PROCESSES):
+        for number in range(options.first + options.part, options.first + options.inputs, PROCESSES):
             random = Random(f"{options.seed} {number}")
             (name,) = random.choices(names, weights)
             # of the names of the folders alone the sentence must hold this one

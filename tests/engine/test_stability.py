@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -81,6 +82,13 @@ def test_enclosed_fuel_presses_as_a_spring(rigid: Injector) -> None:
     spring = 2.2e9 * (np.pi / 4 * 4.3e-3**2) ** 2 / 1e-12
     limit = 0.7 * np.sqrt(sum(drawn(rigid)[0]) / spring)
     assert longest_step(small, own_vector(small), medium) == pytest.approx(limit, rel=0.01)  # contacts: 0.1 % of it
+
+
+def test_an_area_beyond_all_numbers_bears_no_step_and_warns_of_nothing(rigid: Injector) -> None:
+    huge = rigid.with_values({"plunger_needle.plunger_diameter": 4.3e297})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert longest_step(huge, own_vector(huge), EMPTY) == 0.0
 
 
 def test_a_pipe_takes_a_step_at_least(rigid: Injector) -> None:

@@ -199,8 +199,9 @@ def _risen(actuation: Actuation, values: Values, lift: Any) -> Values:
 def room_left(values: Values, lift: Any) -> Any:
     """Control chamber [m³] that a plunger risen by `lift` [m], at most to its stop, leaves; never quite nothing."""
     risen = np.clip(lift, 0.0, values["plunger_needle.stop_lift"])
-    taken = pipe_area(values["plunger_needle.plunger_diameter"]) * risen
-    return np.maximum(values["control_chamber.volume"] - taken, 1e-30)
+    with np.errstate(all="ignore"):  # an area beyond all numbers leaves NaN, which no step bears
+        taken = pipe_area(values["plunger_needle.plunger_diameter"]) * risen
+        return np.maximum(values["control_chamber.volume"] - taken, 1e-30)
 
 
 def longest_step(injector: Injector, theta: Floats, medium: Medium, lift: float = 0.0) -> float:
