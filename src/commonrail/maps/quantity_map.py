@@ -12,6 +12,7 @@ from commonrail.arguments import instance
 from commonrail.display.shown import Shown
 from commonrail.injector.definition import Injector
 from commonrail.maps.axes import MapAxes
+from commonrail.maps.bands import MapBands
 from commonrail.maps.choices import CellState
 from commonrail.maps.inverse import Inverse, Rules, invert
 from commonrail.maps.response import Conditions, density_at, require_some, respond
@@ -48,6 +49,8 @@ class InjectionMap(Shown):
         Places where the quantity falls with the energising time, found on all simulated points.
     lines : tuple of Line
         All simulated points, one line for each rail pressure.
+    bands : MapBands or None
+        Of measured quantities, where a fit tells them.
     """
 
     injector: Injector
@@ -61,6 +64,7 @@ class InjectionMap(Shown):
     inverse_ballistic: Bools
     falls: tuple[Fall, ...]
     lines: tuple[Line, ...]
+    bands: MapBands | None = None
 
     @property
     def simulations(self) -> int:

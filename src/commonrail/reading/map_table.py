@@ -17,11 +17,12 @@ from commonrail.errors import InputError
 from commonrail.reading.grid import Grid, numbers_of
 from commonrail.units import compatible, convert
 
-__all__ = ["KINDS", "FoundMap", "GivenUnits", "find_map", "kind_of", "unit_in"]
+__all__ = ["BAND", "KINDS", "FoundMap", "GivenUnits", "find_map", "kind_of", "unit_in"]
 
 Floats = NDArray[np.float64]
 
 MOST_HEADER = 30  # rows in which the header of a table is looked for
+BAND = "_band_"  # in the names of columns that hold an edge of a band beside the quantity
 
 KINDS = {"rail pressure": ("Pa",), "energising time": ("s",), "quantity": ("m3", "kg")}
 SENSIBLE = {"rail pressure": (2e6, 400e6), "energising time": (5e-6, 20e-3)}  # SI
@@ -134,6 +135,8 @@ def _columns(header: Sequence[str | float], given: GivenUnits) -> dict[str, tupl
     stated = given.by_kind()
     found: dict[str, list[tuple[int, str]]] = {kind: [] for kind in KINDS}
     for i, cell in enumerate(header):
+        if BAND in str(cell):
+            continue
         for unit in unit_in(str(cell))[:1]:
             found[kind_of(unit)].append((i, stated[kind_of(unit)] or _plain(unit)))
     if all(len(places) == 1 for places in found.values()):

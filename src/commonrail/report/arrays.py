@@ -106,6 +106,14 @@ def _map(found: InjectionMap) -> Arrays:
         "time_for_quantity": _array(back, found.inverse.energising_time, "s"),
         "state": Array(back, names(found.inverse.state)),
     }
+    if found.bands is not None:
+        for stem, axis, edges in (
+            ("injected_volume", forward, found.bands.quantity),
+            ("delivered", back, found.bands.delivered),
+        ):
+            for level, pair in edges.items():
+                for side, volume in zip(("lower", "upper"), pair, strict=True):
+                    values[f"{stem}_{100.0 * level:g}_{side}"] = _array(axis, volume, "m3")
     return Arrays(axes, values, f"Quantity map of {found.injector.name}")
 
 

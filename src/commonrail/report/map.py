@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.display.chart import BOTH, MARKERS, Figure, Panel, Series, points
+from commonrail.display.chart import BOTH, MARKERS, Band, Figure, Panel, Series, points
 from commonrail.display.heat_map import HeatMap
 from commonrail.display.table import Table, tabulated
 from commonrail.display.text import fixed, listed, significant
@@ -20,6 +20,7 @@ from commonrail.maps.table import notes_of
 from commonrail.report.draw import drawings
 from commonrail.report.draw_map import heat_map_html
 from commonrail.report.html import render
+from commonrail.report.map_bands import band_about, band_heats, band_sentences
 
 __all__ = ["map_figures", "map_html", "map_lines", "map_tables"]
 
@@ -102,7 +103,7 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
         named.append(f"{int(m.inverse_ballistic.sum())} are ballistic: the needle turns round below its largest lift")
     if named:
         lines.append(f"Of the cells {listed(named)}.")
-    return [*lines, _monotonicity(m)]
+    return [*lines, *band_sentences(m), _monotonicity(m)]
 
 
 def _monotonicity(m: InjectionMap) -> str:
@@ -219,7 +220,7 @@ def map_figures(
     """
     labels = list(found)
     first = found[labels[0]]
-    heats = [_inverse_heat(first, labels[0]), _quantity_heat(first, labels[0])]
+    heats = [_inverse_heat(first, labels[0]), _quantity_heat(first, labels[0]), *band_heats(first, labels[0])]
     if len(labels) == 2:
         times, volumes = difference(first, found[labels[1]])
         what = f"{labels[1]} less {labels[0]}"
@@ -301,8 +302,10 @@ def _chosen(m: InjectionMap, compared: Comparison | None = None) -> Sequence[int
 
 def _curves(m: InjectionMap, compared: Comparison | None, largest: float = np.inf) -> Figure:
     """Quantities over energising time, every simulated point; enlarged if there is a largest quantity."""
-    series = []
+    series: list[Series] = []
+    bands: list[Band] = []
     for family, row in enumerate(_chosen(m, compared)):
+        bands += band_about(m, row, family, largest)
         line = m.lines[row]
         shown = np.flatnonzero(~(line.volume > largest))
         shown = shown[: int(np.argmax(np.diff(shown, append=-1) != 1)) + 1] if np.isfinite(largest) else shown
@@ -319,9 +322,10 @@ def _curves(m: InjectionMap, compared: Comparison | None, largest: float = np.in
     return Figure(
         "Small quantities" if zoomed else "Quantity over energising time",
         "Each line is a rail pressure and joins all simulated points"
-        + ("; markers are measured." if compared else "."),
+        + ("; markers are measured" if compared else "")
+        + ("; areas are the 90 % bands of measured quantities." if bands else "."),
         "energising time, µs",
-        (Panel("quantity, mm³", tuple(series)),),
+        (Panel("quantity, mm³", tuple(series), bands=tuple(bands)),),
     )
 
 
