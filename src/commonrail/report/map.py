@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from commonrail.display.chart import BOTH, MARKERS, Band, Figure, Panel, Series, points
 from commonrail.display.heat_map import HeatMap
 from commonrail.display.table import Table, tabulated
-from commonrail.display.text import fixed, listed, significant
+from commonrail.display.text import counted, fixed, listed, significant
 from commonrail.maps.choices import CellState
 from commonrail.maps.difference import Comparison, difference
 from commonrail.maps.inverse import TOLERANCE
@@ -88,8 +88,9 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
     miss = np.abs(inverse.delivered - m.axes.quantity)[searched]
     opening = f"{label}: " if label else ""
     lines = [
-        f"{opening}{len(m.axes.rail_pressure)} rail pressures × {len(m.axes.quantity)} quantities; {searched.sum()} of "
-        f"{inverse.state.size} cells were simulated until they deliver their quantity, within "
+        f"{opening}{counted(len(m.axes.rail_pressure), 'rail pressure')} × "
+        f"{counted(len(m.axes.quantity), 'quantity', 'quantities')}; {searched.sum()} of "
+        f"{counted(inverse.state.size, 'cell')} were simulated until they deliver their quantity, within "
         f"{fixed(miss.max(initial=0.0), 3, MM3)} mm³ ({m.simulations} injections)."
     ]
     counts = {
@@ -111,9 +112,8 @@ def _monotonicity(m: InjectionMap) -> str:
         return f"Monotone: the quantity never falls by more than {fixed(FALL, 2, MM3)} mm³ with longer energising."
     pressures = sorted({fall.rail_pressure for fall in m.falls})
     return (
-        f"Not monotone: the quantity falls with longer energising at {len(m.falls)} "
-        f"place{'s' if len(m.falls) > 1 else ''}, at {listed([significant(p, 4, MPA) for p in pressures])} MPa; the "
-        "table names them."
+        f"Not monotone: the quantity falls with longer energising at {counted(len(m.falls), 'place')}, "
+        f"at {listed([significant(p, 4, MPA) for p in pressures])} MPa; the table names them."
     )
 
 
