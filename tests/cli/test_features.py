@@ -171,3 +171,24 @@ def test_rates_of_parquet_and_mdf_are_found_by_their_units(command: Command, tmp
     done = command("features", tmp_path / "a.mf4")
     assert done.status == 0, done.err
     assert "Features of shot" in done.out
+
+
+def test_the_form_of_a_text_is_stated(command: Command, tmp_path: Path) -> None:
+    plain = tmp_path / "plain.csv"
+    german = tmp_path / "german.csv"
+    lines = ["time [µs];rate [mm3/ms]"]
+    lines += [f"{t};{30.5 if 300 < t <= 600 else 0.0}" for t in range(0, 1500, 5)]
+    plain.write_text("\n".join(lines), encoding="utf-8")
+    german.write_bytes("\n".join(lines).replace(".", ",").encode("cp1252"))
+    stated = ("--encoding", "cp1252", "--decimal", ",")
+    expected = command("features", plain, "--json")
+    assert expected.status == 0, expected.err
+    assert command("features", german, *stated, "--json").out == expected.out
+    assert command("features", german, *stated[2:]).status == 2
+    for options, words in (
+        (("--decimal", "x"), "the decimal sign"),
+        (("--encoding", "utf-99"), "there is no encoding"),
+    ):
+        refused = command("features", german, *options)
+        assert refused.status == 2
+        assert words in refused.sentence

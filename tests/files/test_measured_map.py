@@ -112,6 +112,41 @@ def test_what_is_no_map_is_refused_with_its_line(tmp_path: Path, text: str, word
         found(tmp_path, text)
 
 
+@pytest.mark.parametrize(
+    ("text", "units"),
+    [
+        ("rail pressure in bar\n" + QUANTITY + DOWN, '"MPa" and "bar" of the rail pressure'),
+        ("quantity [mg]\n" + QUANTITY + DOWN, '"mg" and "mm3" of the quantity'),
+        ("energising time [ms]\n" + QUANTITY + ACROSS, '"us" and "ms" of the energising time'),
+    ],
+)
+def test_units_that_contradict_each_other_are_refused_and_can_be_stated(tmp_path: Path, text: str, units: str) -> None:
+    with pytest.raises(InputError, match=f"the units {units} contradict each other"):
+        found(tmp_path, text)
+    check(found(tmp_path, text, given=GivenUnits("MPa", "us", "mm3")))
+
+
+@pytest.mark.parametrize("more", ["Menge in mm³\n", "# reference density 820 kg/m3\n", "quantity [mm^3]\n"])
+def test_the_same_unit_twice_and_remarks_are_no_contradiction(tmp_path: Path, more: str) -> None:
+    check(found(tmp_path, more + QUANTITY + DOWN))
+
+
+@pytest.mark.parametrize(
+    "text", ["p [bar] \\ ET [us];400;800\n500;1;2\n1.200;3;4\n", "ET [us] \\ p [bar];500;1.200\n400;1;3\n800;2;4\n"]
+)
+def test_points_that_separate_thousands_beside_hundreds_are_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match=r'line \d: "1\.200" stands beside "500".*write 1200, or 500\.000'):
+        found(tmp_path, QUANTITY + text)
+    assert 1.2e8 in in_si(found(tmp_path, QUANTITY + text.replace("1.200", "1200")), 1.0).rail_pressure
+
+
+def test_three_decimals_throughout_are_read_and_said(tmp_path: Path) -> None:
+    """No cell tells whether thousands are meant: 5.000 is five, and whoever asks is told."""
+    read = found(tmp_path, QUANTITY + "p [MPa] \\ ET [ms];1.250;2.500\n40.000;1.125;2.225\n")
+    assert read.energising_time.tolist() == [1.25, 2.5]
+    assert any("as in thousands" in said for said in read.said)
+
+
 def test_an_unknown_encoding_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "map.csv"
     path.write_text(LONG)

@@ -60,17 +60,63 @@ def test_energisings_without_a_pause_are_fused_and_have_no_second_quantity() -> 
 
 
 def test_each_distinct_first_injection_is_simulated_once() -> None:
-    given = [
-        {"rail_pressure": p, "dwell": d, "energising_time": t}
-        for p in (80e6, 100e6)
-        for d in (1e-3, 2e-3)
-        for t in (3e-4, 4e-4)
-    ]
-    distinct, which = _first_alone(TWO, given)
+    given = [(p, d, t) for p in (80e6, 100e6) for d in (1e-3, 2e-3) for t in (3e-4, 4e-4)]
+    columns = dict(zip(("rail_pressure", "dwell", "energising_time"), np.array(given).T, strict=True))
+    distinct, which = _first_alone(TWO, columns, len(given))
     assert [point.rail_pressure for point in distinct] == [80e6, 100e6]
     assert which.tolist() == [0] * 4 + [1] * 4
-    for place, changed in zip(which.tolist(), given, strict=True):
-        assert distinct[place] == TWO.point(changed, alone=True)
+    for place, (rail, _, _) in zip(which.tolist(), given, strict=True):
+        assert distinct[place] == TWO.point({"rail_pressure": rail}, alone=True)
+    alone, which = _first_alone(TWO, {"dwell": np.array([1e-3, 2e-3])}, 2)
+    assert (alone, which.tolist()) == ([TWO.point({}, alone=True)], [0, 0])
+
+
+@pytest.mark.parametrize("base", [SINGLE, TWO])
+@pytest.mark.parametrize("alone", [False, True])
+def test_many_points_are_those_that_are_made_one_by_one(base: Base, alone: bool) -> None:
+    """Equal to the last digit, and printed alike: no value is of NumPy's types."""
+    if alone and base is SINGLE:
+        base = base._replace(first_energising_time=200e-6)
+    rng = np.random.default_rng(3)
+    columns = {
+        "rail_pressure": rng.uniform(20e6, 200e6, 50),
+        "dwell": rng.uniform(0.0, 3e-3, 50),
+        "energising_time": rng.uniform(0.0, 2e-3, 50),
+        "return_pressure": rng.uniform(0.1e6, 1e6, 50),
+    }
+    made = base.points(columns, 50, alone)
+    for i, point in enumerate(made):
+        one = base.point({name: float(values[i]) for name, values in columns.items()}, alone)
+        assert point == one
+        assert repr(point) == repr(one)
+        assert [type(pulse) for pulse in point.pulses] == [type(pulse) for pulse in one.pulses]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "word"),
+    [
+        ("rail_pressure", 80.0, "rail pressure must lie between"),
+        ("rail_pressure", np.nan, "rail pressure must be finite"),
+        ("cylinder_pressure", 90e6, "must stay below the rail pressure"),
+        ("return_pressure", 90e6, "must stay below the rail pressure"),
+        ("cylinder_pressure", 1.0, "cylinder pressure must lie between"),
+        ("dwell", -1e-6, "must start at or after"),
+        ("energising_time", 0.2, "duration of an energising must lie between"),
+        ("dwell", 0.995, "horizon must lie between"),
+    ],
+)
+def test_one_bad_point_of_many_is_refused_with_its_sentence(name: str, value: float, word: str) -> None:
+    columns = {"rail_pressure": np.full(5, 80e6)}
+    usual = {"rail_pressure": 80e6, "cylinder_pressure": 5e6, "return_pressure": 5e5, "dwell": 1e-3}
+    columns[name] = np.full(5, usual.get(name, 4e-4))
+    columns[name][3] = value
+    with pytest.raises(cr.ConfigurationError, match=word):
+        TWO.points(columns, 5)
+
+
+def test_a_first_injection_of_no_length_is_refused() -> None:
+    with pytest.raises(cr.ConfigurationError, match="must be greater than zero"):
+        sweep(INJECTOR, [Variable("first_energising_time", "s", np.array([0.0, 3e-4]))], TWO)
 
 
 def batch(first_closing: float, closing: float) -> Batch:

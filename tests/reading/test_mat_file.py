@@ -71,9 +71,13 @@ def test_damaged_and_huge_files_are_refused(tmp_path: Path, monkeypatch: pytest.
         MatFile(tmp_path / "b.mat")
     savemat(tmp_path / "c.mat", {"zeros": np.zeros(200_000)}, do_compression=True)
     monkeypatch.setattr(mat5_module, "LARGEST_CONTENT", 1_000_000)
-    with pytest.raises(InputError, match=r"unpacked the file has more than the .* MB read"):
+    with pytest.raises(InputError, match=r"unpacked the file has more than the .* MB that are read"):
         MatFile(tmp_path / "c.mat")
     monkeypatch.setattr(mat5_module, "LARGEST_CONTENT", 10_000_000)
+    monkeypatch.setattr(mat5_module, "SMALLEST_LIMIT", 1_000_000)  # the file has 2 kB and zeros of 1.6 MB
+    with pytest.raises(InputError, match=r"more than the 1 MB that are read of one of its size"):
+        MatFile(tmp_path / "c.mat")
+    monkeypatch.setattr(mat5_module, "SMALLEST_LIMIT", 10_000_000)
     monkeypatch.setattr(mat_file, "MOST_NUMBERS", 1000)
     with pytest.raises(InputError, match='"zeros" has 200000 numbers, and at most 1000 are read'):
         MatFile(tmp_path / "c.mat")
@@ -142,6 +146,6 @@ def test_links_in_circles_and_many_large_variables_end(tmp_path: Path, monkeypat
     with h5py.File(tmp_path / "b.mat", "w") as file:
         for i in range(3):
             file.create_dataset(f"x{i}", (100,), "f8", chunks=(100,), compression="gzip")
-    monkeypatch.setattr(mat_file, "LARGEST_CONTENT", 2000)
-    with pytest.raises(InputError, match=r"unpacked the file has more than the .* MB read"):
+    monkeypatch.setattr(mat5_module, "LARGEST_CONTENT", 2000)
+    with pytest.raises(InputError, match=r"unpacked the file has more than the .* MB that are read"):
         MatFile(tmp_path / "b.mat")

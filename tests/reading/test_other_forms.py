@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.reading.file_form import FileForm
+from commonrail.files.survey import survey
+from commonrail.kinds.maps.found import found_table
+from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.grid import read_grid
-from commonrail.reading.map_table import find_map
+from commonrail.reading.map_table import GivenUnits, find_map
 from commonrail.reading.tables import Column, Table, read_columns
 
 WANTED = [Column("time", "s", increasing=True), Column("rate", ("m3/s", "kg/s"))]
@@ -133,3 +135,23 @@ def test_parquet_has_its_units_in_the_names(tmp_path: Path) -> None:
     parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
     with pytest.raises(InputError, match='row 3, column "rate": there is no finite number'):
         read_columns(tmp_path / "a.parquet", WANTED)
+
+
+def test_a_map_in_parquet_is_found_by_its_units(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow", reason="the extra fleet is not installed")
+    from pyarrow import parquet
+
+    path = tmp_path / "map.parquet"
+    columns = {"p [bar]": [400, 800], "T [K]": [300.0, 300.0], "ET [us]": [300.0, 300.0], "q [mm3]": [1.5, None]}
+    parquet.write_table(pyarrow.table(columns), path)
+    found = survey(path)
+    assert found.taken_for == "a quantity map: a table with a row for each point"
+    assert found.block["layout"] == "found"
+    assert "1 without a quantity omitted" in found.said
+    table = found_table(path, PLAIN, GivenUnits(), "quantity", matrix=False)
+    assert table.columns["rail_pressure"].tolist() == pytest.approx([40e6])
+    assert table.columns["quantity"].tolist() == pytest.approx([1.5e-9])
+    with pytest.raises(InputError, match="this format holds columns only"):
+        found_table(path, PLAIN, GivenUnits(), "quantity", matrix=True)
+    parquet.write_table(pyarrow.table({**columns, "q2 [mg]": [1.0, 2.0]}), path)
+    assert 'the columns "q" and "q2" have the unit of a quantity' in survey(path).facts["no map"]

@@ -16,6 +16,7 @@ from commonrail.units import parse
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import Energising
     from commonrail.files.rate_file import RateColumns
+    from commonrail.reading.file_form import FileForm
     from commonrail.signals.settings import FeatureSettings
 
 __all__ = ["features"]
@@ -59,6 +60,11 @@ def features(
     separate: Annotated[
         bool, typer.Option("--separate", help="The rates are of different operating points, no repeated shots.")
     ] = False,
+    encoding: Annotated[
+        str | None, typer.Option(help="Encoding of a text, e.g. cp1252 or utf-16. [default: utf-8]")
+    ] = None,
+    decimal: Annotated[str, typer.Option(help='Decimal sign of a text, "." or ",".')] = ".",
+    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
     model: Annotated[str, typer.Option(help="Simulation of a run: best, start or rigid.")] = "best",
     out: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="Table of all features.")] = None,
     json: Json = False,
@@ -72,6 +78,7 @@ def features(
     Examples:
       commonrail features data/evi.csv --energising-time 700us
       commonrail features train.csv --energising 0us:200us --energising 900us:600us --out features.csv
+      commonrail features bench.txt --encoding cp1252 --decimal , --energising-time 700us
       commonrail features runs/first --threshold 2mm3/ms
     """
     from commonrail.files.rate_file import RateColumns
@@ -87,7 +94,8 @@ def features(
             raise InputError(f"{source}: a run has its own rates and energisings; omit --rate and --energising.")
         _print_run(source, model, settings, out, json)
         return
-    columns = RateColumns(time, tuple(rate or ()), time_unit, rate_unit, centred, _window(window))
+    form = _form(encoding, decimal, sheet)
+    columns = RateColumns(time, tuple(rate or ()), time_unit, rate_unit, centred, _window(window), form)
     _print_file(source, _Wanted(columns, pulses, settings, not separate), out, json)
 
 
@@ -97,6 +105,14 @@ def _energisings(duration: str | None, pulses: list[str]) -> tuple[Energising, .
     if duration is None and not pulses:
         return ()
     return OperatingPoint(100e6, read_energisings(duration, pulses)).pulses
+
+
+def _form(encoding: str | None, decimal: str, sheet: str | None) -> FileForm:
+    from commonrail.reading.file_form import FileForm, check_encoding
+
+    if decimal not in (".", ","):
+        raise InputError(f'--decimal {decimal}: the decimal sign of a text is "." or ",".')
+    return FileForm(check_encoding(encoding, "--encoding") if encoding else "", decimal, sheet or "")
 
 
 def _window(text: str | None) -> tuple[float, float] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,12 +12,13 @@ import typer
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.options import Json, Threads, with_overrides
 from commonrail.cli.output import check_file
-from commonrail.errors import InputError
+from commonrail.errors import CommonrailError, InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.maps.choices import Beyond, Several
 from commonrail.units import parse
 
 if TYPE_CHECKING:
+    from commonrail.files.model_name import NamedModel
     from commonrail.injector.definition import Injector
     from commonrail.maps.axes import MapAxes
     from commonrail.maps.difference import Comparison
@@ -25,6 +27,20 @@ if TYPE_CHECKING:
     from commonrail.maps.table import MapTable, MapUnits
 
 __all__ = ["map_"]
+
+
+class Bands(StrEnum):
+    """Source of the bands about the map of a run."""
+
+    LAPLACE = "laplace"
+    """Linear about the best values."""
+
+    POSTERIOR = "posterior"
+    """Draws of `commonrail certainty --posterior`."""
+
+    NONE = "none"
+    """No bands."""
+
 
 INVERSE, QUANTITY = "tiEnergising", "qInjected"  # labels where none is given
 READABLE = ("MPa", "mm3", "us")  # units of files that people read
@@ -69,6 +85,10 @@ def map_(
     unreachable: Annotated[
         Beyond, typer.Option(help="Rule for quantities that the longest energising time does not deliver.")
     ] = Beyond.EXTRAPOLATE,
+    bands: Annotated[
+        Bands | None,
+        typer.Option(help="Bands of 50 % and 90 % about the map of a run. [default: laplace, if a map was fitted]"),
+    ] = None,
     measured: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Measured map that the model is compared with, CSV or Excel.")
     ] = None,
@@ -96,7 +116,8 @@ def map_(
     """Compute the quantity map of an injector and its inverse.
 
     Each cell of the inverse is simulated until it delivers its quantity within 0.01 mm3. Cells that cannot be
-    reached, where several energising times deliver the quantity, or where the needle is ballistic are named.
+    reached, where several energising times deliver the quantity, or where the needle is ballistic are named. The map
+    of a run has bands in which measured quantities are expected, as `commonrail predict` computes them.
 
     \b
     Examples:
@@ -122,10 +143,10 @@ def map_(
         threads,
     )
     named = _named(models, set_ or [])
-    wanted = _axes(next(iter(named.values())), conditions, (rail_pressure, quantity, energising_time), axes)
+    wanted = _axes(named[0].injector, conditions, (rail_pressure, quantity, energising_time), axes)
     rules = Rules(several, unreachable)
-    found = {text: injection_map(injector, wanted, conditions, rules, say) for text, injector in named.items()}
-    first = next(iter(found.values()))
+    found = {model.label: injection_map(model.injector, wanted, conditions, rules, say) for model in named}
+    first = found[named[0].label] = _with_bands(found[named[0].label], named[0], bands)
     units = pressure_unit, quantity_unit, time_unit
     from commonrail.maps.table import inverse_table, quantity_table
 
@@ -148,10 +169,35 @@ def map_(
         say(f"wrote {file}")
 
 
-def _named(models: list[str], settings: list[str]) -> dict[str, Injector]:
+def _named(models: list[str], settings: list[str]) -> list[NamedModel]:
     from commonrail.files.model_name import read_model_names
 
-    return {model.label: with_overrides(model.injector, settings) for model in read_model_names(models)}
+    named = read_model_names(models)
+    if not settings:
+        return named
+    return [model._replace(injector=with_overrides(model.injector, settings), run=None) for model in named]
+
+
+def _with_bands(found: InjectionMap, model: NamedModel, wanted: Bands | None) -> InjectionMap:
+    """Map with bands, where the model is a run's and they are not refused; why it has none is said where it is open."""
+    if wanted is Bands.NONE or (wanted is None and model.run is None):
+        return found
+    if model.run is None:
+        raise InputError(f"--bands: {model.text} is no run folder as it was calibrated, and only a fit has bands.")
+    from commonrail.files.posterior_file import read_draws
+    from commonrail.files.run_folder import read_fit
+    from commonrail.maps.bands import with_bands
+
+    try:
+        study, best = read_fit(model.run)
+        draws = read_draws(model.run, study.space.names) if wanted is Bands.POSTERIOR else None
+        say("predicting the bands of its cells ...")
+        return with_bands(found, study, best, draws)
+    except CommonrailError as error:
+        if wanted is not None:
+            raise
+        say(f"no bands: {error}")
+        return found
 
 
 def _axes(

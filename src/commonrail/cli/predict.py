@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["predict"]
 
-MOST_DRAWS = 400  # of a posterior that are simulated
-
 
 class Bands(StrEnum):
     """Source of what the parameters may be."""
@@ -71,7 +69,7 @@ def predict(
       commonrail predict runs/first --rail-pressure 40:160:20MPa --energising-time 200:1400:100us --out bands.csv
     """
     from commonrail.analysis.prediction.predict import predict as run_prediction
-    from commonrail.files.posterior_file import read_posterior
+    from commonrail.files.posterior_file import read_draws
     from commonrail.files.prediction_file import write_bands
     from commonrail.files.run_folder import read_fit
     from commonrail.report.prediction import coverage_table, points_table
@@ -79,10 +77,7 @@ def predict(
     check_file(out, "--out")
     study, best = read_fit(run)
     points = _points(study, (rail_pressure, energising_time, from_), (cylinder_pressure, return_pressure))
-    draws = None
-    if bands is Bands.POSTERIOR:
-        kept = read_posterior(run, study.space.names)
-        draws = kept[:: max(len(kept) // MOST_DRAWS, 1)]
+    draws = read_draws(run, study.space.names) if bands is Bands.POSTERIOR else None
     say(SIMULATING)
     found = run_prediction(study, best, points, draws=draws, threads=threads)
     if out is not None:

@@ -10,6 +10,7 @@ from commonrail.units import to_text
 
 __all__ = [
     "MISSING",
+    "counted",
     "duration",
     "fixed",
     "listed",
@@ -92,6 +93,11 @@ def duration(seconds: Any) -> str:
     minutes, rest = divmod(round(found), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
+
+
+def counted(count: int, noun: str, nouns: str = "") -> str:
+    """Number with its noun in the singular or the plural, by default with an s: 1 rail pressure, 2 rail pressures."""
+    return f"{count} {noun if count == 1 else nouns or f'{noun}s'}"
 
 
 def listed(words: Sequence[str]) -> str:

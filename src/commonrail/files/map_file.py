@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from commonrail.errors import InputError
 from commonrail.files.atomic import replacing, write_csv, write_text
@@ -17,6 +18,8 @@ from commonrail.maps.table import MapTable
 from commonrail.reading.formulas import neutralised
 
 __all__ = ["ENDINGS", "check_map_file", "write_map_file"]
+
+Floats = NDArray[np.float64]
 
 LONGEST_SHEET = 31  # characters of the name of a sheet
 
@@ -62,6 +65,7 @@ def _write_csv(path: Path, tables: Sequence[MapTable]) -> None:
         raise InputError(f"{path}: a CSV file holds one map, not {len(tables)}; write each into a file of its own.")
     (table,) = tables
     header = [f"{name} [{unit}]" for name, unit, _ in (table.x, table.y)] + [f"{table.name} [{table.unit}]", "state"]
+    header += [f"{layer.name} [{layer.unit}]" for layer in table.layers]
     write_csv(path, (table.title, *table.notes), header, _cells(table))
 
 
@@ -69,10 +73,18 @@ def _cells(table: MapTable) -> list[list[str]]:
     rows = []
     for i, x in enumerate(table.x.values.tolist()):
         for j, y in enumerate(table.y.values.tolist()):
-            value = float(table.values[j, i])
-            text = number_text(value) if np.isfinite(value) else ""
-            rows.append([number_text(x), number_text(y), text, table.states[j][i]])
+            own = [number_text(x), number_text(y), _cell(table.values[j, i]), table.states[j][i]]
+            rows.append(own + [_cell(layer.values[j, i]) for layer in table.layers])
     return rows
+
+
+def _cell(value: float) -> str:
+    return number_text(float(value)) if np.isfinite(value) else ""
+
+
+def _with_gaps(values: Floats) -> list[list[float | None]]:
+    """Rows of numbers, None where there is none."""
+    return [[v if np.isfinite(v) else None for v in row] for row in values.tolist()]
 
 
 def _write_json(path: Path, tables: Sequence[MapTable]) -> None:
@@ -84,9 +96,12 @@ def _write_json(path: Path, tables: Sequence[MapTable]) -> None:
             "unit": table.unit,
             "x": {"name": table.x.name, "unit": table.x.unit, "values": table.x.values.tolist()},
             "y": {"name": table.y.name, "unit": table.y.unit, "values": table.y.values.tolist()},
-            "values": [[v if np.isfinite(v) else None for v in row] for row in table.values.tolist()],
+            "values": _with_gaps(table.values),
             "states": table.states,
             "notes": table.notes,
+            "layers": [
+                {"name": layer.name, "unit": layer.unit, "values": _with_gaps(layer.values)} for layer in table.layers
+            ],
         }
         for table in tables
     ]
@@ -112,6 +127,7 @@ def _write_mat(path: Path, tables: Sequence[MapTable]) -> None:
             "values": table.values,
             "states": np.array(table.states, object),
             "notes": np.array(table.notes, object),
+            **{layer.name: layer.values for layer in table.layers},
         }
     if len(content) != len(tables):
         raise InputError(f"{path}: two of the maps have the same name in MATLAB; rename a label.")
@@ -131,7 +147,7 @@ def _variable(path: Path, label: str) -> str:
 
 
 def _write_xlsx(path: Path, tables: Sequence[MapTable]) -> None:
-    """Two sheets for each map, its values and its states, and one with notes."""
+    """Sheets for each map, its values, its states and edges of bands, and one with notes."""
     from openpyxl import Workbook
 
     book = Workbook()
@@ -140,8 +156,8 @@ def _write_xlsx(path: Path, tables: Sequence[MapTable]) -> None:
     for table in tables:
         for line in (f"{table.label}: {table.title}", *table.notes):
             notes.append([neutralised(line)])
-        values = [[v if np.isfinite(v) else None for v in row] for row in table.values.tolist()]
-        for what, cells in ((table.name, values), ("states", table.states)):
+        layers = [(layer.name, _with_gaps(layer.values)) for layer in table.layers]
+        for what, cells in ((table.name, _with_gaps(table.values)), ("states", table.states), *layers):
             sheet = book.create_sheet(_sheet_name(what, [s.title for s in book.worksheets]))
             corner = f"{table.y.name} [{table.y.unit}] \\ {table.x.name} [{table.x.unit}]"
             sheet.append([corner, *table.x.values.tolist()])

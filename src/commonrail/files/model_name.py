@@ -28,13 +28,28 @@ _WORDS: dict[str, tuple[str, Enum]] = {
 
 
 class NamedModel(NamedTuple):
-    """A label, the injector, the text that named it, whether the label was given in it, and meters kept beside it."""
+    """Injector as the command line names it.
+
+    Attributes
+    ----------
+    label : str
+    injector : Injector
+    text : str
+        Text that named it.
+    stated : bool
+        The label was given in the text.
+    meters : tuple of Meter
+        Those kept beside the injector.
+    run : Path or None
+        Run folder whose calibrated injector it is, without changes.
+    """
 
     label: str
     injector: Injector
     text: str
     stated: bool
     meters: tuple[Meter, ...] = ()
+    run: Path | None = None
 
 
 def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
@@ -84,9 +99,14 @@ def read_model_name(text: str) -> NamedModel:
     if words is not None:
         with located(Place(text)):
             injector = replace(injector, variant=_varied(injector.variant, words))
+    run = Path(source) if words is None and _is_run(source) else None
     if label is not None:
-        return NamedModel(label.strip(), injector, text, True, meters)
-    return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, meters)
+        return NamedModel(label.strip(), injector, text, True, meters, run)
+    return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, meters, run)
+
+
+def _is_run(source: str) -> bool:
+    return source not in injector_catalogue() and Path(source).is_dir()
 
 
 def _split(text: str) -> tuple[str | None, str, str | None]:

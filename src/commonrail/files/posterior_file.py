@@ -17,9 +17,10 @@ from commonrail.files.atomic import replacing
 from commonrail.files.sums import check_sum
 from commonrail.reading.guarded_file import opened, read_plain, sha256
 
-__all__ = ["POSTERIOR", "read_posterior", "write_posterior"]
+__all__ = ["POSTERIOR", "read_draws", "read_posterior", "write_posterior"]
 
 POSTERIOR = "posterior.npz"
+MOST_DRAWS = 400  # of a posterior that are simulated
 
 
 def write_posterior(folder: str | Path, found: Posterior) -> Path:
@@ -89,3 +90,9 @@ def read_posterior(folder: str | Path, names: Sequence[str]) -> NDArray[np.float
     if refused:
         raise InputError(f"{path}: the draws cannot be used: {refused}; allow more draws in commonrail certainty.")
     return np.asarray(found.reshape(-1, len(own)), float)
+
+
+def read_draws(folder: str | Path, names: Sequence[str]) -> NDArray[np.float64]:
+    """Draws as `read_posterior`, some hundreds at even distances: as many as predictions are simulated with."""
+    kept = read_posterior(folder, names)
+    return kept[:: max(len(kept) // MOST_DRAWS, 1)]

@@ -14,6 +14,7 @@ from commonrail.engine.operating_point import Energising
 from commonrail.errors import InputError
 from commonrail.files.survey import named_points
 from commonrail.reading.csv_file import CsvFile
+from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.sheet import Sheet, name_and_unit
 from commonrail.reading.tables import Column, Table, open_sheet, take_columns
 from commonrail.signals.rate_trace import RATE_UNITS, RateTrace, bounds_around
@@ -40,6 +41,8 @@ class RateColumns(NamedTuple):
         Whether a sample is the mean around its time; else over the interval that ends at it.
     window : (float, float) or None
         Times between which samples count [s].
+    form : FileForm
+        Encoding and decimal sign of a text, sheet of a workbook.
     """
 
     time: str = "time"
@@ -48,6 +51,7 @@ class RateColumns(NamedTuple):
     rate_unit: str | None = None
     centred: bool = False
     window: tuple[float, float] | None = None
+    form: FileForm = PLAIN
 
 
 def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energising] = ()) -> dict[str, RateTrace]:
@@ -65,7 +69,7 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
     InputError
         If the file cannot be read, has no rate, or no samples in the window, or a name states another energising time.
     """
-    sheet = open_sheet(path)
+    sheet = open_sheet(path, columns.form)
     names = columns.rates or _found(sheet)
     if len(names) > MOST_SHOTS:
         raise InputError(f"{path}: there are {len(names)} rates, and at most {MOST_SHOTS} are read; name those wanted.")

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.errors import InputError
+from commonrail.reading.column_map import find_column_map
 from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.grid import Grid, read_grid
 from commonrail.reading.grid_sheet import GridSheet
@@ -22,6 +23,7 @@ from commonrail.reading.map_table import FoundMap, GivenUnits, find_map
 from commonrail.reading.mat_file import MatFile
 from commonrail.reading.mat_map import find_mat_map
 from commonrail.reading.mdf_file import TIME, MdfFile
+from commonrail.reading.parquet_file import ParquetFile
 from commonrail.reading.pattern import ColumnPattern, NamedPoint
 from commonrail.reading.place import Place
 from commonrail.reading.sheet import Column, Sheet
@@ -189,9 +191,10 @@ def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
     """Survey of a file with named channels."""
     channels, unread = _listed(sheet)
     facts = {channel.name: channel.text() for channel in channels} | unread
-    if isinstance(sheet, MatFile):
+    if isinstance(sheet, MatFile | ParquetFile):
         try:
-            found = _of_map(path, find_mat_map(sheet, given), PLAIN, given)
+            own = find_mat_map(sheet, given) if isinstance(sheet, MatFile) else find_column_map(sheet, given)
+            found = _of_map(path, own, PLAIN, given)
             return Survey(path, found.taken_for, facts | found.facts, found.said, found.block, found.found)
         except InputError as error:
             facts["no map"] = str(error).removeprefix(f"{path}: ")

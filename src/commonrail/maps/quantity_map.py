@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from commonrail.arguments import instance
 from commonrail.display.shown import Shown
+from commonrail.display.text import counted
 from commonrail.injector.definition import Injector
 from commonrail.maps.axes import MapAxes
+from commonrail.maps.bands import MapBands
 from commonrail.maps.choices import CellState
 from commonrail.maps.inverse import Inverse, Rules, invert
 from commonrail.maps.response import Conditions, density_at, require_some, respond
@@ -48,6 +50,8 @@ class InjectionMap(Shown):
         Places where the quantity falls with the energising time, found on all simulated points.
     lines : tuple of Line
         All simulated points, one line for each rail pressure.
+    bands : MapBands or None
+        Of measured quantities, where a fit tells them.
     """
 
     injector: Injector
@@ -61,6 +65,7 @@ class InjectionMap(Shown):
     inverse_ballistic: Bools
     falls: tuple[Fall, ...]
     lines: tuple[Line, ...]
+    bands: MapBands | None = None
 
     @property
     def simulations(self) -> int:
@@ -118,7 +123,8 @@ def injection_map(
     lines = _sampled(injector, axes, conditions, tell)
     forward = [line.at(axes.energising_time) for line in lines]
     volume = np.array([found.volume for found in forward])
-    tell(f"inverting {len(axes.rail_pressure)} × {len(axes.quantity)} cells ...")
+    cells = len(axes.rail_pressure) * len(axes.quantity)
+    tell(f"inverting {counted(cells, 'cell')} ...")
     inverse, lines = invert(
         lambda rows, times: respond(injector, axes.rail_pressure[rows], times, conditions), lines, axes.quantity, rules
     )
@@ -141,7 +147,8 @@ def injection_map(
 def _sampled(injector: Injector, axes: MapAxes, conditions: Conditions, tell: Callable[[str], None]) -> list[Line]:
     """Samples on a fine grid of energising times at each rail pressure."""
     knots = knots_of(axes.energising_time)
-    tell(f"simulating {len(knots)} energising times at {len(axes.rail_pressure)} rail pressures ...")
+    at = counted(len(axes.rail_pressure), "rail pressure")
+    tell(f"simulating {counted(len(knots), 'energising time')} at {at} ...")
     rail, time = np.meshgrid(axes.rail_pressure, knots, indexing="ij")
     found = respond(injector, rail, time, conditions)
     require_some(injector, [conditions.point(float(rail[-1, 0]), float(knots[-1]))], found, conditions)

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.display.text import number
+from commonrail.maps.bands import MapBands
 from commonrail.maps.choices import CellState
 from commonrail.maps.difference import Comparison
 from commonrail.maps.quantity_map import InjectionMap
 
 __all__ = ["map_record"]
+
+Floats = NDArray[np.float64]
 
 
 def map_record(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> dict[str, Any]:
@@ -67,10 +70,25 @@ def _one(label: str, found: InjectionMap) -> dict[str, Any]:
             "ballistic": found.inverse_ballistic.tolist(),
         },
         "falls": [fall._asdict() for fall in found.falls],
+        "bands": None if found.bands is None else _bands(found.bands),
     }
 
 
-def _numbers(values: NDArray[np.float64]) -> list[Any]:
+def _bands(bands: MapBands) -> dict[str, Any]:
+    """Edges by the share that a band is to hold, over the cells of the quantity map and of the inverse."""
+    return {
+        "estimator": bands.estimator,
+        "levels": list(bands.quantity),
+        "injected_volume": [_edges(pair) for pair in bands.quantity.values()],
+        "delivered": [_edges(pair) for pair in bands.delivered.values()],
+    }
+
+
+def _edges(pair: tuple[Floats, Floats]) -> dict[str, Any]:
+    return {"lower": _numbers(pair[0]), "upper": _numbers(pair[1])}
+
+
+def _numbers(values: Floats) -> list[Any]:
     if values.ndim == 1:
         return [number(value) for value in values.tolist()]
     return [_numbers(row) for row in values]

@@ -7,7 +7,6 @@ the two are fused into one, and only the total is a quantity of its own.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -22,6 +21,7 @@ from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.errors import ConfigurationError, SimulationError, nearest
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
+from commonrail.maps.base_point import Base
 from commonrail.maps.response import AT_A_TIME, Conditions
 
 __all__ = ["OPERATING", "Base", "Sweep", "Variable", "fused_of", "run_points", "sweep", "unit_of"]
@@ -43,7 +43,6 @@ OF_THE_SECOND = ("energising_time", "dwell")  # variables that the first of two 
 
 MOST_VARIABLES = 3
 MOST_SIMULATIONS = 200_000
-AFTER = 5e-3  # simulated after the last energising; it ends early once the needle has closed [s]
 
 
 class Variable(NamedTuple):
@@ -52,48 +51,6 @@ class Variable(NamedTuple):
     name: str
     unit: str
     values: Floats
-
-
-class Base(NamedTuple):
-    """Operating point around which a sweep moves; SI values.
-
-    Attributes
-    ----------
-    rail_pressure : float
-        [Pa].
-    energising_time : float
-        Of the injection, or of the second of two [s].
-    first_energising_time : float
-        Of the first of two injections; 0 for a single one [s].
-    dwell : float
-        End of the first energising to the start of the second [s].
-    conditions : Conditions
-    """
-
-    rail_pressure: float
-    energising_time: float
-    first_energising_time: float
-    dwell: float
-    conditions: Conditions
-
-    def point(self, changed: Mapping[str, float], alone: bool = False) -> OperatingPoint:
-        """Operating point with some variables changed.
-
-        Parameters
-        ----------
-        changed : mapping of str to float
-            Values by the names of `OPERATING`.
-        alone : bool
-            With the first of two injections alone.
-        """
-        own = self._asdict() | self.conditions._asdict() | dict(changed)
-        first, second = own["first_energising_time"], own["energising_time"]
-        pulses = [(0.0, first)] if first > 0.0 else []
-        if not alone:
-            pulses.append((first + own["dwell"] if pulses else 0.0, second))
-        end = pulses[-1][0] + pulses[-1][1]
-        pressures = own["rail_pressure"], own["cylinder_pressure"], own["return_pressure"]
-        return OperatingPoint(pressures[0], tuple(pulses), *pressures[1:], horizon=end + AFTER)
 
 
 @dataclass(frozen=True, repr=False)
@@ -169,9 +126,9 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     _check(variables, base)
     moving = [v for v in variables if v.name in OPERATING]
     own = [v for v in variables if v.name not in OPERATING]
-    points = [dict(zip([v.name for v in moving], place, strict=True)) for place in _product(moving)]
-    values = np.array(list(_product(own))) if own else None
-    whole = [base.point(p) for p in points]
+    columns, count = _columns(moving), int(np.prod([len(v.values) for v in moving]))
+    values = np.stack(list(_columns(own).values()), axis=1) if own else None
+    whole = base.points(columns, count)
     both = run_points(injector, whole, own, values, base.conditions)
     two = _two(base, variables)
     total = np.where(both.status == OK, both.injected_volume, np.nan)
@@ -179,7 +136,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
         raise SimulationError(f"{injector.name}: no point of the sweep could be simulated; check its operating points.")
     alone, fused = np.full(total.shape, np.nan), np.zeros(total.shape, bool)
     if two:
-        distinct, which = _first_alone(base, points)
+        distinct, which = _first_alone(base, columns, count)
         first = run_points(injector, distinct, own, values, base.conditions)
         alone = np.where(first.status == OK, first.injected_volume, np.nan)[:, which]
         fused = fused_of(both, np.array([point.pulses[-1].start for point in whole]), first.opening[:, which])
@@ -195,12 +152,24 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     return Sweep(injector, base, tuple(variables), shaped(total), shaped(second), is_fused, shaped(both.opening))
 
 
-def _first_alone(base: Base, points: Sequence[Mapping[str, float]]) -> tuple[list[OperatingPoint], NDArray[np.intp]]:
-    """Distinct points with the first of two injections alone, and the place of each given point among them."""
-    own = [frozenset((k, v) for k, v in p.items() if k not in OF_THE_SECOND) for p in points]
-    places = {variables: place for place, variables in enumerate(dict.fromkeys(own))}
-    distinct = [base.point(dict(variables), alone=True) for variables in places]
-    return distinct, np.array([places[variables] for variables in own], np.intp)
+def _first_alone(
+    base: Base, columns: Mapping[str, Floats], count: int
+) -> tuple[list[OperatingPoint], NDArray[np.intp]]:
+    """Distinct points with the first of two injections alone, and the place of each given point among them.
+
+    Parameters
+    ----------
+    base : Base
+    columns : mapping of str to (count,)
+        Values of the given points by the names of `OPERATING`.
+    count : int
+    """
+    own = {name: values for name, values in columns.items() if name not in OF_THE_SECOND}
+    if not own:
+        return [base.point({}, alone=True)], np.zeros(count, np.intp)
+    distinct, which = np.unique(np.stack(list(own.values())), axis=1, return_inverse=True)
+    changed = dict(zip(own, distinct, strict=True))
+    return base.points(changed, distinct.shape[1], alone=True), np.asarray(which, np.intp).reshape(-1)
 
 
 def _two(base: Base, variables: Sequence[Variable]) -> bool:
@@ -216,6 +185,11 @@ def _check(variables: Sequence[Variable], base: Base) -> None:
             raise ConfigurationError(f"The variable {name} is named twice; keep one.")
     if "dwell" in names and not _two(base, variables):
         raise ConfigurationError("A dwell lies between two injections; give the energising time of the first one too.")
+    if any(v.name == "first_energising_time" and np.any(v.values <= 0.0) for v in variables):
+        raise ConfigurationError(
+            "The energising times of the first of two injections must be greater than zero; a single injection is a "
+            "sweep of its own."
+        )
     count = int(np.prod([len(v.values) for v in variables]))
     if count > MOST_SIMULATIONS:
         raise ConfigurationError(
@@ -223,8 +197,10 @@ def _check(variables: Sequence[Variable], base: Base) -> None:
         )
 
 
-def _product(variables: Sequence[Variable]) -> list[tuple[float, ...]]:
-    return list(itertools.product(*(v.values.tolist() for v in variables)))
+def _columns(variables: Sequence[Variable]) -> dict[str, Floats]:
+    """Values of each variable in all combinations, the last one moving fastest."""
+    grids = np.meshgrid(*(v.values for v in variables), indexing="ij")
+    return {v.name: grid.ravel() for v, grid in zip(variables, grids, strict=True)}
 
 
 def fused_of(batch: Batch, starts: Floats, delay: Floats) -> Bools:

@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError
+from commonrail.maps.bands import Edges
 from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import Compensation
 from commonrail.maps.quantity_map import InjectionMap
+from commonrail.reading.map_table import BAND
 from commonrail.units import convert
 
 __all__ = [
     "ECU_UNITS",
     "Axis",
+    "Layer",
     "MapTable",
     "MapUnits",
     "check_label",
@@ -55,6 +58,14 @@ class Axis(NamedTuple):
     values: Floats
 
 
+class Layer(NamedTuple):
+    """Further numbers of each cell of a table: name, unit, and values (y, x) in it."""
+
+    name: str
+    unit: str
+    values: Floats
+
+
 @dataclass(frozen=True)
 class MapTable:
     """Map as files hold it.
@@ -76,6 +87,8 @@ class MapTable:
         State of each cell in words.
     notes : tuple of str
         Model, conditions and rules.
+    layers : tuple of Layer
+        Edges of bands, where a fit tells them; DCM and CDFX hold none.
     """
 
     label: str
@@ -87,6 +100,7 @@ class MapTable:
     values: Floats
     states: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
+    layers: tuple[Layer, ...] = ()
 
     def require_numbers(self, what: str) -> None:
         """Refuse a cell without a number, which a format cannot hold.
@@ -153,6 +167,7 @@ def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) 
         np.round(values, DECIMALS),
         tuple(map(tuple, states)),
         notes_of(found),
+        () if found.bands is None else _layers(found, found.bands.delivered, units),
     )
 
 
@@ -210,6 +225,20 @@ def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS)
         np.round(_quantities(found, found.volume.T, units, exact=True), DECIMALS),
         tuple(tuple(row) for row in states.tolist()),
         notes_of(found),
+        () if found.bands is None else _layers(found, found.bands.quantity, units),
+    )
+
+
+def _layers(found: InjectionMap, edges: Edges, units: MapUnits) -> tuple[Layer, ...]:
+    """Edges of bands (pressures, y) in the unit of the file."""
+    return tuple(
+        Layer(
+            f"quantity{BAND}{100.0 * level:g}_{side}",
+            units.quantity,
+            np.round(_quantities(found, volume.T, units, exact=True), DECIMALS),
+        )
+        for level, pair in edges.items()
+        for side, volume in zip(("lower", "upper"), pair, strict=True)
     )
 
 
@@ -226,7 +255,8 @@ def notes_of(found: InjectionMap) -> tuple[str, ...]:
         f"several energising times: the {found.rules.several.value}; "
         f"unreachable quantities: {_BEYOND[found.rules.beyond.value]}",
     )
-    return tuple(line for line in lines if line)
+    bands = f"bands of measured quantities: {found.bands.estimator}" if found.bands else ""
+    return tuple(line for line in (*lines, bands) if line)
 
 
 _BEYOND = {

@@ -7,9 +7,10 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
 
+from commonrail.errors import InputError
 from commonrail.reading.fields import FileModel, fault
 
-__all__ = ["PLAIN", "FileForm", "FormModel"]
+__all__ = ["PLAIN", "FileForm", "FormModel", "check_encoding"]
 
 
 class FileForm(NamedTuple):
@@ -33,13 +34,33 @@ class FileForm(NamedTuple):
 PLAIN = FileForm()
 
 
-def _encoding(name: str) -> str:
+def check_encoding(name: str, at: str) -> str:
+    """Return the name of an encoding of texts.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name; `at` is the place where it was stated.
+    """
+    if reason := _refusal(name):
+        raise InputError(f"{at}: {reason}.")
+    return name
+
+
+def _refusal(name: str) -> str:
+    """Reason why a name is none of an encoding of texts, empty if it is one."""
     try:
         found = codecs.lookup(name)
-    except LookupError as error:
-        raise fault(f'there is no encoding "{name}"; write utf-8, utf-16 or cp1252') from error
+    except (LookupError, ValueError):  # a null character
+        return f'there is no encoding "{name}"; write utf-8, utf-16 or cp1252'
     if not getattr(found, "_is_text_encoding", True):
-        raise fault(f'"{name}" is no encoding of texts; write utf-8, utf-16 or cp1252')
+        return f'"{name}" is no encoding of texts; write utf-8, utf-16 or cp1252'
+    return ""
+
+
+def _encoding(name: str) -> str:
+    if reason := _refusal(name):
+        raise fault(reason)
     return name
 
 

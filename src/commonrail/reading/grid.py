@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 from commonrail.errors import InputError
@@ -25,6 +26,7 @@ LONGEST_NUMBER = 100  # [characters]
 _MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
+_HUNDREDS = re.compile(r"[1-9]\d\d")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 
 
@@ -121,6 +123,7 @@ def _parsed(path: Path, text: str, encoding: str) -> Grid:
     names = {";": "semicolons", "\t": "tabs", ",": "commas"}
     sign = "decimal comma" if comma else "decimal point"
     if not comma and separator == ";" and _like_thousands(flat):
+        _refuse_thousands(path, cells, [n for n, _ in lines])
         sign += " (three digits follow each, as in thousands: write 1200, not 1.200, if that is meant)"
     said = (f"encoding {encoding}", f"separated by {names[separator]}", sign)
     return Grid(path, tuple(tuple(map(number, row)) for row in cells), tuple(n for n, _ in lines), said, comments)
@@ -130,6 +133,31 @@ def _like_thousands(cells: list[str]) -> bool:
     """Return whether every point in numbers could separate thousands, so that none is certainly a decimal point."""
     pointed = [cell for cell in cells if "." in cell and _POINT.fullmatch(cell)]
     return bool(pointed) and all(_THOUSANDS.fullmatch(cell) for cell in pointed)
+
+
+def _refuse_thousands(path: Path, cells: Sequence[Sequence[str]], lines: Sequence[int]) -> None:
+    """Refuse a number as 1.200 in a row or column with one as 800: the point then separates thousands.
+
+    Numbers written with three decimals would have them in all cells, and others no zero at the end.
+
+    Parameters
+    ----------
+    path : Path
+    cells : rows of cells
+    lines : lines of the rows
+        For the message.
+    """
+    columns = zip_longest(*cells, fillvalue="")
+    for group in (*cells, *columns):
+        thousands = [cell for cell in group if _THOUSANDS.fullmatch(cell) and cell.endswith("0")]
+        whole = [cell for cell in group if _HUNDREDS.fullmatch(cell)]
+        if thousands and whole:
+            row = next(i for i, row in enumerate(cells) if thousands[0] in row)
+            raise InputError(
+                f'{path}, line {lines[row]}: "{thousands[0]}" stands beside "{whole[0]}", so that its point seems to '
+                f"separate thousands; write {thousands[0].replace('.', '')}, or {float(whole[0]):.3f} if decimals are "
+                "meant."
+            )
 
 
 def _with_point(cell: str) -> str | float:

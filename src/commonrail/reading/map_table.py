@@ -6,6 +6,7 @@ axis of a matrix is which follows from where the units stand, and only if that i
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,11 +18,12 @@ from commonrail.errors import InputError
 from commonrail.reading.grid import Grid, numbers_of
 from commonrail.units import compatible, convert
 
-__all__ = ["KINDS", "FoundMap", "GivenUnits", "find_map", "kind_of", "unit_in"]
+__all__ = ["BAND", "KINDS", "FoundMap", "GivenUnits", "find_map", "kind_of", "unit_in"]
 
 Floats = NDArray[np.float64]
 
 MOST_HEADER = 30  # rows in which the header of a table is looked for
+BAND = "_band_"  # in the names of columns that hold an edge of a band beside the quantity
 
 KINDS = {"rail pressure": ("Pa",), "energising time": ("s",), "quantity": ("m3", "kg")}
 SENSIBLE = {"rail pressure": (2e6, 400e6), "energising time": (5e-6, 20e-3)}  # SI
@@ -134,6 +136,8 @@ def _columns(header: Sequence[str | float], given: GivenUnits) -> dict[str, tupl
     stated = given.by_kind()
     found: dict[str, list[tuple[int, str]]] = {kind: [] for kind in KINDS}
     for i, cell in enumerate(header):
+        if BAND in str(cell):
+            continue
         for unit in unit_in(str(cell))[:1]:
             found[kind_of(unit)].append((i, stated[kind_of(unit)] or _plain(unit)))
     if all(len(places) == 1 for places in found.values()):
@@ -203,9 +207,16 @@ def _units(grid: Grid, start: int, given: GivenUnits) -> tuple[dict[str, str], l
     corner = str(grid.rows[start][0])
     texts = [corner] + [str(c) for row in grid.rows[:start] for c in row if isinstance(c, str)] + list(grid.comments)
     units = {kind: unit for kind, unit in given.by_kind().items() if unit}
+    stated = set(units)
     for text in texts:
         for unit in unit_in(text):
-            units.setdefault(kind_of(unit), unit)
+            kind = kind_of(unit)
+            if kind not in stated and text not in grid.comments and not _alike(units.get(kind, unit), unit):
+                raise InputError(
+                    f'{grid.path}: the units "{units[kind]}" and "{unit}" of the {kind} contradict each other in the '
+                    "corner or above the numbers; keep the right one, or state it."
+                )
+            units.setdefault(kind, unit)
     missing = [kind for kind in KINDS if kind not in units]
     if missing:
         raise InputError(
@@ -215,6 +226,12 @@ def _units(grid: Grid, start: int, given: GivenUnits) -> tuple[dict[str, str], l
     return {kind: _plain(unit) for kind, unit in units.items()}, [
         kind_of(unit) for unit in unit_in(corner) if kind_of(unit) != "quantity"
     ]
+
+
+def _alike(first: str, second: str) -> bool:
+    """Return whether two units are the same under different names."""
+    one, other = _plain(first), _plain(second)
+    return compatible(one, other) and math.isclose(float(convert(np.array(1.0), one, other)), 1.0, rel_tol=1e-9)
 
 
 def _pressures_across(grid: Grid, axes: tuple[Floats, Floats], units: dict[str, str], order: list[str]) -> bool:

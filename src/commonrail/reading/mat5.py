@@ -14,9 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LARGEST_CONTENT", "TooLarge", "is_mat5", "variables_of_mat5"]
+__all__ = ["TooLarge", "is_mat5", "most_content", "variables_of_mat5"]
 
-LARGEST_CONTENT = 1_000_000_000  # of a compressed file when it is unpacked [bytes]
+# Of a compressed file when it is unpacked [bytes]: a small one may hold little, so that it is not unpacked for half a
+# minute to be refused; measured values shrink to a half or a fifth.
+LARGEST_CONTENT = 1_000_000_000
+SMALLEST_LIMIT = 100_000_000
+TIMES = 20
 DEEPEST = 4  # structures in structures
 
 _HEAD = 128  # bytes before the first variable
@@ -32,6 +36,11 @@ Variable = tuple[str, "NDArray[np.generic] | str"]
 
 class TooLarge(Exception):
     """The file holds more than is read."""
+
+
+def most_content(size: int) -> int:
+    """Bytes that a file of a size [bytes] may hold unpacked."""
+    return min(LARGEST_CONTENT, SMALLEST_LIMIT + TIMES * size)
 
 
 class _Element(NamedTuple):
@@ -68,12 +77,12 @@ def variables_of_mat5(data: bytes) -> Iterator[Variable]:
     Raises
     ------
     TooLarge
-        If unpacked it is more than `LARGEST_CONTENT`.
+        If unpacked it is more than `most_content`.
     ValueError, KeyError, IndexError, zlib.error
         If it is damaged.
     """
     order = "<" if data[126:128] == b"IM" else ">"
-    left = LARGEST_CONTENT
+    left = most_content(len(data))
     for element in _elements(data[_HEAD:], order, padded=False):
         if element.kind == _COMPRESSED:
             unpacked = _unpacked(element.content, left)

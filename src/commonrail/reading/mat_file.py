@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from commonrail.errors import InputError
 from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.guarded_file import read_plain
-from commonrail.reading.mat5 import DEEPEST, LARGEST_CONTENT, TooLarge, is_mat5, variables_of_mat5
+from commonrail.reading.mat5 import DEEPEST, TooLarge, is_mat5, most_content, variables_of_mat5
 from commonrail.reading.sheet import Column, Table, cell_place, find_column
 
 __all__ = ["MatFile"]
@@ -59,7 +59,8 @@ class MatFile:
             raise
         except TooLarge as error:
             raise InputError(
-                f"{path}: unpacked the file has more than the {LARGEST_CONTENT / 1e6:g} MB read."
+                f"{path}: unpacked the file has more than the {most_content(len(data)) / 1e6:.0f} MB that are read of "
+                "one of its size; save only the variables that are needed."
             ) from error
         except Exception as error:  # h5py raises a dozen types for damaged files
             raise InputError(f"{path}: this is no MAT file that can be read ({type(error).__name__}).") from error
@@ -130,7 +131,7 @@ def _of_hdf5(path: Path, data: bytes) -> Iterator[tuple[str, NDArray[Any] | str]
     import h5py
 
     with h5py.File(BytesIO(data), "r") as file:
-        left = LARGEST_CONTENT
+        left = most_content(len(data))
         for number, (whole, item) in enumerate(_flat_hdf5(file, "", 0), start=1):
             if number > MOST_VARIABLES:
                 raise InputError(f"{path}: there are more than the {MOST_VARIABLES} variables that are read.")

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.display.text import counted
 from commonrail.errors import InputError
 from commonrail.reading.map_table import KINDS, FoundMap, GivenUnits, kind_of
 from commonrail.reading.mat_file import MatFile
@@ -53,8 +54,8 @@ def find_mat_map(file: MatFile, given: GivenUnits = GivenUnits()) -> FoundMap:
         way, cells = "across", cells.T
     else:
         raise InputError(
-            f'{file.path}: "{names["quantity"]}" is {cells.shape[0]} × {cells.shape[1]}, and there are {len(rail)} '
-            f"rail pressures and {len(time)} energising times."
+            f'{file.path}: "{names["quantity"]}" is {cells.shape[0]} × {cells.shape[1]}, and there are '
+            f"{counted(len(rail), 'rail pressure')} and {counted(len(time), 'energising time')}."
         )
     pressure, moments = np.repeat(rail, len(time)), np.tile(time, len(rail))
     filled = np.isfinite(cells).ravel()

@@ -9,7 +9,7 @@ from commonrail.display.text import MISSING, fixed, listed, number, quantity, si
 from commonrail.kinds.records import Record
 from commonrail.units import to_text
 
-__all__ = ["certainty_lines", "certainty_tables"]
+__all__ = ["certainty_lines", "certainty_tables", "posterior_table"]
 
 DIGITS = 5
 
@@ -24,7 +24,7 @@ def certainty_tables(record: Record) -> list[Table]:
     if found.get("combinations"):
         tables.append(_combinations(found))
     if found.get("posterior"):
-        tables.append(_posterior(found["posterior"], units))
+        tables.append(posterior_table(found["posterior"], units))
     return [*tables, _noise(found["noise"])]
 
 
@@ -76,7 +76,16 @@ def _combinations(found: Record) -> Table:
     return table_of("Combinations", found["combinations"], parts, "By the curvature of the likelihood.", 1)
 
 
-def _posterior(drawn: Record, units: Record) -> Table:
+def posterior_table(drawn: Record, units: Record) -> Table:
+    """Medians and intervals of draws, R-hat and effective draws.
+
+    Parameters
+    ----------
+    drawn : mapping
+        Record of a posterior.
+    units : mapping
+        SI units of the parameters by their names.
+    """
     level = fixed(drawn["level"], 0, 100.0)
     parts = (
         Part(("parameter",), lambda p: (p["name"],)),

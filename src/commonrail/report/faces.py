@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+from commonrail.analysis.certainty.certify import Certainty
+from commonrail.analysis.design.next import Plan
+from commonrail.analysis.posterior.sample import Posterior
+from commonrail.analysis.prediction.predict import Prediction
 from commonrail.analysis.sensitivity.result import Sensitivity
 from commonrail.analysis.tolerance.result import ToleranceResult
 from commonrail.calibration.comparison import Comparison
@@ -23,13 +27,23 @@ from commonrail.maps.quantity_map import InjectionMap
 from commonrail.maps.sweep import Sweep
 from commonrail.report.error_map import error_maps
 from commonrail.report.figures import convergence_figure, figures_of
+from commonrail.report.fit_faces import (
+    certainty_face_lines,
+    certainty_face_tables,
+    plan_line,
+    posterior_lines,
+    posterior_tables,
+    prediction_lines,
+    prediction_tables,
+)
 from commonrail.report.map import map_figures, map_lines, map_tables
+from commonrail.report.next import plan_lines, plan_tables
 from commonrail.report.parameters import parameter_table
-from commonrail.report.sensitivity import sensitivity_lines, sensitivity_tables
+from commonrail.report.sensitivity import sensitivity_figures, sensitivity_lines, sensitivity_tables
 from commonrail.report.simulation import course_figure
 from commonrail.report.sweep import sweep_figures, sweep_lines
 from commonrail.report.tables import tables_of
-from commonrail.report.tolerance import tolerance_lines, tolerance_tables
+from commonrail.report.tolerance import tolerance_figures, tolerance_lines, tolerance_tables
 
 __all__ = ["Drawn", "Face", "face_of"]
 
@@ -147,12 +161,24 @@ _FACES: tuple[tuple[type, Face], ...] = (
     (Sweep, Face(sweep_lines, figures=sweep_figures)),
     (
         Sensitivity,
-        Face(lambda s: [s.title, *sensitivity_lines(s.record())], lambda s: sensitivity_tables(s.record())),
+        Face(
+            lambda s: [s.title, *sensitivity_lines(s.record())],
+            lambda s: sensitivity_tables(s.record()),
+            lambda s: sensitivity_figures(s.record()),
+        ),
     ),
     (
         ToleranceResult,
-        Face(lambda t: [t.tolerances.title, *tolerance_lines(t.record())], lambda t: tolerance_tables(t.record())),
+        Face(
+            lambda t: [t.tolerances.title, *tolerance_lines(t.record())],
+            lambda t: tolerance_tables(t.record()),
+            lambda t: tolerance_figures(t.record()),
+        ),
     ),
+    (Certainty, Face(certainty_face_lines, certainty_face_tables)),
+    (Prediction, Face(prediction_lines, prediction_tables)),
+    (Posterior, Face(posterior_lines, posterior_tables)),
+    (Plan, Face(lambda p: [plan_line(p), *plan_lines(p)], plan_tables)),
     (
         Comparison,
         Face(lambda c: [f"{len(c.models)} models on {len(c.data)} data sets: {', '.join(c.models)}"]),

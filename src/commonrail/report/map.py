@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.display.chart import BOTH, MARKERS, Figure, Panel, Series, points
+from commonrail.display.chart import BOTH, MARKERS, Band, Figure, Panel, Series, points
 from commonrail.display.heat_map import HeatMap
 from commonrail.display.table import Table, tabulated
-from commonrail.display.text import fixed, listed, significant
+from commonrail.display.text import counted, fixed, listed, significant
 from commonrail.maps.choices import CellState
 from commonrail.maps.difference import Comparison, difference
 from commonrail.maps.inverse import TOLERANCE
@@ -20,6 +20,7 @@ from commonrail.maps.table import notes_of
 from commonrail.report.draw import drawings
 from commonrail.report.draw_map import heat_map_html
 from commonrail.report.html import render
+from commonrail.report.map_bands import band_about, band_heats, band_sentences
 
 __all__ = ["map_figures", "map_html", "map_lines", "map_tables"]
 
@@ -87,8 +88,9 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
     miss = np.abs(inverse.delivered - m.axes.quantity)[searched]
     opening = f"{label}: " if label else ""
     lines = [
-        f"{opening}{len(m.axes.rail_pressure)} rail pressures × {len(m.axes.quantity)} quantities; {searched.sum()} of "
-        f"{inverse.state.size} cells were simulated until they deliver their quantity, within "
+        f"{opening}{counted(len(m.axes.rail_pressure), 'rail pressure')} × "
+        f"{counted(len(m.axes.quantity), 'quantity', 'quantities')}; {searched.sum()} of "
+        f"{counted(inverse.state.size, 'cell')} were simulated until they deliver their quantity, within "
         f"{fixed(miss.max(initial=0.0), 3, MM3)} mm³ ({m.simulations} injections)."
     ]
     counts = {
@@ -102,7 +104,7 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
         named.append(f"{int(m.inverse_ballistic.sum())} are ballistic: the needle turns round below its largest lift")
     if named:
         lines.append(f"Of the cells {listed(named)}.")
-    return [*lines, _monotonicity(m)]
+    return [*lines, *band_sentences(m), _monotonicity(m)]
 
 
 def _monotonicity(m: InjectionMap) -> str:
@@ -110,9 +112,8 @@ def _monotonicity(m: InjectionMap) -> str:
         return f"Monotone: the quantity never falls by more than {fixed(FALL, 2, MM3)} mm³ with longer energising."
     pressures = sorted({fall.rail_pressure for fall in m.falls})
     return (
-        f"Not monotone: the quantity falls with longer energising at {len(m.falls)} "
-        f"place{'s' if len(m.falls) > 1 else ''}, at {listed([significant(p, 4, MPA) for p in pressures])} MPa; the "
-        "table names them."
+        f"Not monotone: the quantity falls with longer energising at {counted(len(m.falls), 'place')}, "
+        f"at {listed([significant(p, 4, MPA) for p in pressures])} MPa; the table names them."
     )
 
 
@@ -219,7 +220,7 @@ def map_figures(
     """
     labels = list(found)
     first = found[labels[0]]
-    heats = [_inverse_heat(first, labels[0]), _quantity_heat(first, labels[0])]
+    heats = [_inverse_heat(first, labels[0]), _quantity_heat(first, labels[0]), *band_heats(first, labels[0])]
     if len(labels) == 2:
         times, volumes = difference(first, found[labels[1]])
         what = f"{labels[1]} less {labels[0]}"
@@ -301,8 +302,10 @@ def _chosen(m: InjectionMap, compared: Comparison | None = None) -> Sequence[int
 
 def _curves(m: InjectionMap, compared: Comparison | None, largest: float = np.inf) -> Figure:
     """Quantities over energising time, every simulated point; enlarged if there is a largest quantity."""
-    series = []
+    series: list[Series] = []
+    bands: list[Band] = []
     for family, row in enumerate(_chosen(m, compared)):
+        bands += band_about(m, row, family, largest)
         line = m.lines[row]
         shown = np.flatnonzero(~(line.volume > largest))
         shown = shown[: int(np.argmax(np.diff(shown, append=-1) != 1)) + 1] if np.isfinite(largest) else shown
@@ -319,9 +322,10 @@ def _curves(m: InjectionMap, compared: Comparison | None, largest: float = np.in
     return Figure(
         "Small quantities" if zoomed else "Quantity over energising time",
         "Each line is a rail pressure and joins all simulated points"
-        + ("; markers are measured." if compared else "."),
+        + ("; markers are measured" if compared else "")
+        + ("; areas are the 90 % bands of measured quantities." if bands else "."),
         "energising time, µs",
-        (Panel("quantity, mm³", tuple(series)),),
+        (Panel("quantity, mm³", tuple(series), bands=tuple(bands)),),
     )
 
 

@@ -92,12 +92,17 @@ def plot_of(result: Any) -> Picture:
 def frame_of(result: Any) -> Any:
     """Values of a result as a pandas.DataFrame: a row for each place on its axes, the unit behind each name.
 
+    A result that makes rows of its own has those, in SI units.
+
     Raises
     ------
     ConfigurationError
         If pandas is missing, or there are no values.
     """
-    pandas, arrays = _library("pandas"), _arrays(result)
+    pandas = _library("pandas")
+    if hasattr(result, "rows"):
+        return pandas.DataFrame(result.rows())
+    arrays = _arrays(result)
     axes = next(iter(arrays.values.values())).axes
     places = pandas.MultiIndex.from_product([arrays.axes[axis].values for axis in axes]).to_frame(index=False)
     places.columns = [_headed(axis, arrays.axes[axis].unit) for axis in axes]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 
 from commonrail.display.chart import Bars, Figure, Panel, Points, Series
 from commonrail.display.table import Column, Table, tabulated
@@ -81,6 +82,15 @@ def sensitivity_lines(record: Record) -> list[str]:
 def sensitivity_tables(record: Record) -> list[Table]:
     """Ranked parameters of each output."""
     return [_table(record, output) for output in record["outputs"]]
+
+
+def sensitivity_figures(record: Record) -> list[Figure]:
+    """Figures of all outputs, named by them."""
+    return [
+        replace(figure, title=f"{figure.title}: {_heading(output)}")
+        for output in record["outputs"]
+        for figure in _figures(record, output)
+    ]
 
 
 def _heading(output: Record) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 
 from commonrail.display.chart import Bars, Figure, Panel, Series
 from commonrail.display.table import Column, Table, tabulated
@@ -66,6 +67,15 @@ def tolerance_tables(record: Record) -> list[Table]:
     tables = [_capability_table(record), *(_share_table(record, point) for point in record["points"])]
     trim = _trim_table(record)
     return tables if trim is None else [*tables, trim]
+
+
+def tolerance_figures(record: Record) -> list[Figure]:
+    """Figures of all operating points, named by them."""
+    return [
+        replace(figure, title=f"{figure.title}: {point['name']}")
+        for point in record["points"]
+        for figure, _ in _figures(point)
+    ]
 
 
 def _out(spread: Record) -> str:

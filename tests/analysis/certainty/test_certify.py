@@ -148,3 +148,16 @@ def test_the_verb_writes_result_and_report(study: cr.Study, tmp_path: Path) -> N
     wrong = run_command("certainty", tmp_path / "nothing")
     assert wrong.status == 2
     assert "not a run folder" in wrong.sentence
+
+
+def test_a_notebook_shows_its_verdicts_and_intervals(found: cr.Certainty) -> None:
+    line = repr(found)
+    assert f"{len(found.verdicts)} parameter" in line
+    assert f"{sum(judged.verdict.value == 'pinned' for judged in found.verdicts)} pinned" in line
+    assert len(line) < 300
+    html = found._repr_html_()
+    assert all(name in html for name in found.estimate.likelihood.names)
+    pytest.importorskip("pandas", reason="pandas comes with the extra notebook")
+    frame = found.to_pandas()
+    assert frame["lower"].tolist() == pytest.approx(found.low.tolist(), nan_ok=True)
+    assert frame["unit"].tolist() == list(found.estimate.likelihood.units)

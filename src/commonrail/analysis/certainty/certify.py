@@ -20,6 +20,7 @@ from commonrail.analysis.certainty.verdict import LIMIT, Judged, verdicts_of, wi
 from commonrail.arguments import instance, number, thread_count, whole
 from commonrail.calibration.constraint_text import parse_constraints
 from commonrail.calibration.study import Study
+from commonrail.display.shown import Shown
 from commonrail.errors import ConfigurationError
 
 __all__ = ["Certainty", "certify"]
@@ -30,8 +31,8 @@ MEMBERS = 512  # of the library from which further starts are chosen
 MOST_RESTARTS = 3  # from profile points that beat the optimum
 
 
-@dataclass(frozen=True)
-class Certainty:
+@dataclass(frozen=True, repr=False)
+class Certainty(Shown):
     """Certainty of a fit.
 
     Attributes

@@ -21,6 +21,7 @@ from commonrail.analysis.design.responses import Responder, Response
 from commonrail.analysis.design.selection import Rules, select, too_close
 from commonrail.arguments import chosen, instance, number, settle, thread_count, whole
 from commonrail.calibration.study import Study
+from commonrail.display.shown import Shown
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.kinds import DataSet, QuantityData, Role, in_order, of_role
 from commonrail.kinds.simulator import Simulator
@@ -101,8 +102,8 @@ class Measurement(NamedTuple):
     factor: float
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, repr=False)
+class Plan(Shown):
     """Plan of measurements.
 
     Attributes

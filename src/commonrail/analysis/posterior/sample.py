@@ -19,6 +19,7 @@ from commonrail.analysis.posterior.convergence import effective_size, r_hat
 from commonrail.analysis.posterior.density import PosteriorDensity
 from commonrail.analysis.posterior.proposals import Surrogate, local_surrogate
 from commonrail.arguments import whole
+from commonrail.display.shown import Shown
 from commonrail.errors import ConfigurationError, SimulationError
 
 __all__ = ["LARGEST_R_HAT", "LEAST_SIZE", "MOST", "Posterior", "sample_posterior"]
@@ -34,8 +35,8 @@ _DISCARDED = 0.25  # share of the steps after the refinement
 _TRIES = 100
 
 
-@dataclass(frozen=True)
-class Posterior:
+@dataclass(frozen=True, repr=False)
+class Posterior(Shown):
     """Draws from a posterior.
 
     Attributes

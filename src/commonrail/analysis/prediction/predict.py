@@ -23,6 +23,7 @@ from commonrail.analysis.prediction.band import Band, band_from_draws, band_from
 from commonrail.analysis.prediction.scatter import Scatter, floored, scatter_of
 from commonrail.arguments import instance, instances, number, thread_count
 from commonrail.calibration.study import Study
+from commonrail.display.shown import Shown
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.kinds import DataSet, QuantityData, Role, in_order, of_role
@@ -38,8 +39,8 @@ FAR = 3.0  # standard errors of a parameter, beyond which an optimum is another 
 PREDICTED = "prediction"  # name of the operating points that were asked for
 
 
-@dataclass(frozen=True)
-class Prediction:
+@dataclass(frozen=True, repr=False)
+class Prediction(Shown):
     """Bands of data sets, or of operating points.
 
     Attributes

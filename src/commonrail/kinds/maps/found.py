@@ -9,18 +9,21 @@ import numpy as np
 from commonrail.errors import InputError
 from commonrail.notice import note
 from commonrail.parts.furniture import Domain
+from commonrail.reading.column_map import find_column_map
 from commonrail.reading.file_form import FileForm
 from commonrail.reading.grid import read_grid
 from commonrail.reading.map_table import FoundMap, GivenUnits, find_map
 from commonrail.reading.mat_file import MatFile
 from commonrail.reading.mat_map import find_mat_map
+from commonrail.reading.parquet_file import ParquetFile
 from commonrail.reading.sheet import Table
 from commonrail.units import convert
 
 __all__ = ["found_table"]
 
 _SI = {"rail pressure": "Pa", "energising time": "s"}
-_NO_MATRIX = (".mf4", ".mdf", ".parquet", ".pq")
+_NO_MAP = (".mf4", ".mdf")
+_COLUMNS = (".parquet", ".pq")
 
 
 def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *, matrix: bool) -> Table:
@@ -29,7 +32,7 @@ def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *,
     Parameters
     ----------
     path : Path
-        CSV or text table, workbook or MAT file.
+        CSV or text table, workbook, MAT or Parquet file.
     form : FileForm
     given : GivenUnits
         They count before those of the file.
@@ -43,10 +46,13 @@ def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *,
     InputError
         If it cannot be read, no map is found in it, or a number makes no sense.
     """
-    if path.suffix.lower() in _NO_MATRIX:
+    suffix = path.suffix.lower()
+    if suffix in _NO_MAP or (matrix and suffix in _COLUMNS):
         raise InputError(f"{path}: a matrix is read from CSV, Excel and MAT files; this format holds columns only.")
-    if path.suffix.lower() == ".mat":
+    if suffix == ".mat":
         found = find_mat_map(MatFile(path), given)
+    elif suffix in _COLUMNS:
+        found = find_column_map(ParquetFile(path), given)
     else:
         found = find_map(read_grid(path, form.encoding or None, form.sheet or None), given)
     if matrix and not found.form.startswith("a matrix"):

@@ -1,0 +1,115 @@
+"""Bands of measured quantities about the cells of a map, from the fit that the model was calibrated by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from commonrail.calibration.study import Study
+    from commonrail.maps.quantity_map import InjectionMap
+
+__all__ = ["SAME", "Edges", "MapBands", "with_bands"]
+
+Floats = NDArray[np.float64]
+Edges = Mapping[float, tuple[Floats, Floats]]
+
+SAME = 1e-6  # relative difference of a parameter from the fit's value that is rounding of the injector's file
+
+
+class MapBands(NamedTuple):
+    """Edges between which measured quantities are expected, by the share of them that a band is to hold.
+
+    Attributes
+    ----------
+    estimator : str
+        Estimator of the bands, as `Prediction.estimator`.
+    quantity : mapping of float to (lower, upper)
+        Of the quantity map, (pressures, energising times) each [m³].
+    delivered : mapping of float to (lower, upper)
+        Of what the energising times of the inverse deliver, (pressures, quantities) each [m³]; NaN in cells that hold
+        no simulated time.
+    """
+
+    estimator: str
+    quantity: Edges
+    delivered: Edges
+
+
+def with_bands(
+    found: InjectionMap, study: Study, best: Mapping[str, float], draws: Floats | None = None
+) -> InjectionMap:
+    """Map of a calibrated injector with bands by `predict`.
+
+    The bands are predicted with the conditions and the time step of the map, and lie about its quantities.
+
+    Parameters
+    ----------
+    found : InjectionMap
+        Of the injector that the study has calibrated.
+    study : Study
+    best : mapping of str to float
+        Values [SI] of the fit.
+    draws : (m, d), optional
+        Parameters [SI] drawn from the posterior; by default the linear approximation about the best values.
+
+    Raises
+    ------
+    ConfigurationError
+        If the injector of the map does not have the values of the fit, or the study fits no quantity map.
+    SimulationError
+        If the best values cannot be simulated.
+    """
+    from commonrail.analysis.prediction.predict import LEVELS, predict
+
+    _check_values(found, best)
+    axes, conditions = found.axes, found.conditions
+    forward, inverse = np.isfinite(found.volume), np.isfinite(found.inverse.delivered) & (axes.quantity > 0.0)
+    pairs = _pairs(axes.rail_pressure, np.broadcast_to(axes.energising_time, forward.shape), forward)
+    pairs += _pairs(axes.rail_pressure, found.inverse.energising_time, inverse)
+    points = [conditions.point(rail, time) for rail, time in pairs]
+    study = replace(study, time_step=conditions.time_step)
+    predicted = predict(study, best, points, draws=draws, levels=LEVELS, threads=conditions.threads)
+    (band,) = predicted.bands
+    factor = _volume_factor(float(np.asarray(band.data.mass_density)), found.density)
+    count = int(forward.sum())
+    quantity, delivered = {}, {}
+    for level, edges in band.edges.items():
+        apart = [factor * (edge - band.values) for edge in edges]
+        quantity[level] = _tables(found.volume, forward, [one[:count] for one in apart])
+        delivered[level] = _tables(found.inverse.delivered, inverse, [one[count:] for one in apart])
+    return replace(found, bands=MapBands(predicted.estimator, quantity, delivered))
+
+
+def _check_values(found: InjectionMap, best: Mapping[str, float]) -> None:
+    own = found.injector.values
+    for name, value in best.items():
+        if name in own and not np.isclose(own[name], value, rtol=SAME, atol=0.0):
+            raise ConfigurationError(
+                f"{found.injector.name} has {name} = {own[name]:g} and the fit {value:g}: the bands of a fit are those "
+                "of the injector that it has calibrated; omit the changes or the bands."
+            )
+
+
+def _pairs(rail_pressure: Floats, time: Floats, which: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Rail pressures and energising times of marked cells."""
+    rail = np.broadcast_to(rail_pressure[:, None], time.shape)
+    return list(zip(rail[which].tolist(), time[which].tolist(), strict=True))
+
+
+def _volume_factor(stated: float, density: float) -> float:
+    """Factor from volumes at the density that the data state, NaN for the injector's own, to those of the map."""
+    return stated / density if np.isfinite(stated) else 1.0
+
+
+def _tables(volume: Floats, which: NDArray[np.bool_], apart: list[Floats]) -> tuple[Floats, Floats]:
+    """Edges of all cells, from their distances from the quantities of marked ones."""
+    low, high = np.full((2, *volume.shape), np.nan)
+    low[which], high[which] = volume[which] + apart[0], volume[which] + apart[1]
+    return low, high
