@@ -94,7 +94,8 @@ def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
     changes = robust * noise.whiten(np.array(list(suspects.values())))
     stated = np.vstack([slopes, estimate.shifts[:, block.rows]])  # what the study knows to be uncertain is no finding
     score, suspect = _score(robust * innovations, robust * noise.whiten(stated), list(suspects), changes)
-    size = _size(innovations, estimate.covariance.used[index]) if noise.known and block.shots is None else None
+    judged = noise.known and block.shots is None
+    size = _size(innovations, estimate.covariance.used[index], noise.freedom) if judged else None
     sentence = ""
     if score < level:
         sentence = f"the residuals of {block.name} are no noise: a {suspect} of the meter would explain much of them"
@@ -152,9 +153,20 @@ def _basis(rows: Floats) -> Floats:
     return np.asarray(vectors[values > 1e-8 * values.max(initial=0.0)].T)
 
 
-def _size(innovations: Floats, used: float) -> float:
-    """Probability of a sum of squares as large as this by the stated noise."""
-    from scipy.special import gammaincc
+def _size(innovations: Floats, used: float, known: float) -> float:
+    """Probability of a sum of squares as large as this by the stated noise.
 
-    freedom = max(len(innovations) - used, 1.0)
-    return float(gammaincc(0.5 * freedom, 0.5 * float(np.sum(innovations**2))))
+    Parameters
+    ----------
+    innovations : (n,)
+    used : float
+        Parameters that the data set pays for.
+    known : float
+        Degrees of freedom of the noise; infinite where it is exactly known.
+    """
+    from scipy.special import fdtrc, gammaincc
+
+    freedom, squares = max(len(innovations) - used, 1.0), float(np.sum(innovations**2))
+    if np.isfinite(known):
+        return float(fdtrc(freedom, known, squares / freedom))
+    return float(gammaincc(0.5 * freedom, 0.5 * squares))

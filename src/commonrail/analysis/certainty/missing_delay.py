@@ -128,7 +128,7 @@ def visible_delay(study: Study, estimate: Estimate, level: float, threads: int |
     for _ in range(TRIALS):
         ends = wide.residuals(np.column_stack([np.tile(estimate.point, (2, 1)), [0.0, delay]]))
         shift = ends[1] - ends[0]
-        moved = _with_data(own, -estimate.errors - shift)
+        moved = _with_data(own, estimate.point, -estimate.errors - shift)
         along = -(estimate.moved(shift[None]) / own.scaled(estimate.unit))[0]  # linear; the path is curved
         starts = walls.within(np.tile(estimate.unit, (len(PARTS), 1)), estimate.unit + PARTS[:, None] * along)
         share = float(climb(moved, starts, tolerance=TOLERANCE).cost.min()) / wanted
@@ -177,9 +177,17 @@ def _wider(space: Space, more: list[Parameter]) -> Space:
     return Space((*space.parameters, *more), rows if len(rows) else (), space.products)
 
 
-def _with_data(own: Likelihood, shift: Floats) -> Likelihood:
-    """The likelihood, with its noise, of data that make the residuals larger by a shift (n,)."""
-    moved = own.with_space(own.space, lambda points: own.residuals(points) + shift)
+def _with_data(own: Likelihood, point: Floats, shift: Floats) -> Likelihood:
+    """The likelihood, with its noise, of data that make the residuals larger by a shift (n,).
+
+    Priors lie about a point (d,) [SI]: a conflict between them and the measured data is none of the simulated ones.
+    """
+    parameters = [
+        parameter if parameter.prior is None else replace(parameter, prior=replace(parameter.prior, value=float(at)))
+        for parameter, at in zip(own.space.parameters, point, strict=True)
+    ]
+    space = Space(parameters, own.space.rows if len(own.space.rows) else (), own.space.products)
+    moved = own.with_space(space, lambda points: own.residuals(points) + shift)
     return moved.with_noises(own.noises)
 
 
