@@ -13,7 +13,7 @@ from tests.analysis.certainty.linear import space
 def test_a_linear_band_at_a_steep_flank_falls_below_zero() -> None:
     values, nothing = np.array([0.0, 1.0, 30.0]), np.zeros(3)
     steep = np.array([[0.0], [40.0], [5.0]])
-    for width, falls in ((0.1, True), (0.001, False)):
+    for width, falls in ((0.1, True), (0.02, True), (0.018, False)):  # 1 − 1.645 · 40 · width against −0.3
         edges = band_from_slopes(values, steep, np.array([[width**2]]), nothing, np.inf, [0.5, 0.9])
         assert falls_below_zero(values, edges) is falls
         assert not falls_below_zero(values - 1.0, edges)  # values that are negative have no floor at zero

@@ -21,7 +21,9 @@ Floats = NDArray[np.float64]
 
 DRAWS = 400  # the 5 % quantile of so many scatters by a tenth of the half width of a 90 % band
 SEED = 0
-ROUNDING = 1e-6  # of the largest value, by which a band may fall below zero
+# Share of the largest value by which a band may fall below zero, and a prediction that counts as never negative: the
+# fuel that flows back as a needle closes is a thousandth of the largest rate.
+SLACK = 0.01
 
 
 def falls_below_zero(values: Floats, alone: Mapping[float, Edges]) -> bool:
@@ -35,9 +37,9 @@ def falls_below_zero(values: Floats, alone: Mapping[float, Edges]) -> bool:
         Lower and upper edges by level.
     """
     found = np.isfinite(values)
-    if not found.any() or values[found].min() < 0.0:
+    floor = -SLACK * float(np.max(values, where=found, initial=0.0))
+    if not found.any() or values[found].min() < floor:
         return False
-    floor = -ROUNDING * float(values[found].max())
     return any(bool((low[found] < floor).any()) for low, _ in alone.values())
 
 
