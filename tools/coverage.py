@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 import commonrail as cr
 from commonrail.analysis.certainty.estimate import Estimate, estimate, library, starts_from
-from commonrail.analysis.certainty.lack_of_fit import lack_of_fit
+from commonrail.analysis.certainty.freed import judged_residuals
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import missing_delay
 from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
@@ -249,7 +249,8 @@ class Benches:
 
 class Row(NamedTuple):
     """Figures of a bed: coverage of each parameter and of all, widths, half-widths in percent of the value, share of
-    intervals printed, pinned parameters, wrong ones among them, alarms, simulations and processor time of a fit."""
+    intervals printed, pinned parameters, wrong ones among them, alarms, simulations and processor time of a fit and of
+    the test of a delay."""
 
     benches: int
     each: Floats
@@ -262,6 +263,8 @@ class Row(NamedTuple):
     alarms: float
     simulations: float
     seconds: float
+    test_simulations: float = 0.0
+    test_seconds: float = 0.0
 
 
 def row(bed: Bed, many: int) -> Row:
@@ -272,9 +275,12 @@ def row(bed: Bed, many: int) -> Row:
         bench = benches.bench(seed)
         begin = time.process_time()
         one = benches.fit(bench)
-        cost.append((one.simulated, time.process_time() - begin))
+        middle = time.process_time()
+        delay = missing_delay(bench.study, one, 1)
+        tests, freed = judged_residuals(bench.study, one, delay, 1)
+        tested = freed + (0 if delay is None else delay.simulated)
+        cost.append((one.simulated, middle - begin, tested, time.process_time() - middle))
         low, high = one.interval()
-        tests = lack_of_fit(one, missing_delay(bench.study, one, 1))
         judged = verdicts_of(one, low, high, withdrawal(one, tests))
         found.append(one.point - bench.truth)
         inside.append((low <= bench.truth) & (bench.truth <= high))
@@ -286,7 +292,6 @@ def row(bed: Bed, many: int) -> Row:
     held, shown, called = np.array(inside), np.array(printed), np.array(pinned)
     relative = np.std(found, axis=0, ddof=1) / benches.bench(0).truth
     mean = np.array([np.mean(h[s]) if s.any() else np.nan for h, s in zip(np.array(half).T, shown.T, strict=True)])
-    simulations, seconds = np.mean(cost, axis=0)
     return Row(
         many,
         np.array([_percent(h[s]) for h, s in zip(held.T, shown.T, strict=True)]),
@@ -297,8 +302,7 @@ def row(bed: Bed, many: int) -> Row:
         _percent(called),
         100.0 - _percent(np.array(right)[called]) if called.any() else 0.0,
         _percent(np.array(alarms)),
-        float(simulations),
-        float(seconds),
+        *np.mean(cost, axis=0).tolist(),
     )
 
 
@@ -329,7 +333,7 @@ def misses(found: Row, promise: Promise) -> list[str]:
 
 HEAD = """\
 | bed | benches | coverage of each, % | all, % | width | half-width, % | printed, % | pinned, % | wrong, % | \
-alarms, % | simulations, s a fit |
+alarms, % | simulations, s a fit + test of a delay |
 |---|---|---|---|---|---|---|---|---|---|---|"""
 
 
@@ -338,9 +342,10 @@ def line(name: str, r: Row) -> str:
     each, widths = (" ".join(f"{v:{form}}" for v in values) for values, form in ((r.each, ".0f"), (r.widths, ".2f")))
     halves = " ".join(f"{v:.2g}" for v in r.halves)
     error = np.sqrt(r.every * (100.0 - r.every) / r.benches)
+    effort = f"{r.simulations:.0f} + {r.test_simulations:.0f}, {r.seconds:.2f} + {r.test_seconds:.2f}"
     return (
         f"| {name} | {r.benches} | {each} | {r.every:.1f} ± {error:.1f} | {widths} | {halves} | {r.printed:.0f} | "
-        f"{r.pinned:.0f} | {r.wrong:.1f} | {r.alarms:.1f} | {r.simulations:.0f}, {r.seconds:.2f} |"
+        f"{r.pinned:.0f} | {r.wrong:.1f} | {r.alarms:.1f} | {effort} |"
     )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from commonrail.analysis.certainty.block import row_weights
 from commonrail.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.files.study_file import load_study
 from commonrail.kinds import DataSet, QuantityData, RateData
@@ -100,11 +101,25 @@ def test_repeated_strokes_become_means_with_their_standard_error(load: Load) -> 
     assert isinstance(data, QuantityData)
     np.testing.assert_allclose(data.quantity, [2e-9, 21e-9])
     assert data.noise.sigma == pytest.approx(1.0)  # of each stroke √2 tolerances, of a mean of two one
+    assert data.noise.freedom == 2.0  # one of each pair
     assert data.source.endswith("means of 2 strokes")
     (each,) = load("map.csv", keys, None, "quantities")
     assert (len(each.points), each.noise.sigma) == (4, None)
     (stated,) = load("map.csv", keys + 'repeated = "mean"\nnoise = { sigma = 2 }', None, "quantities")
-    assert stated.noise.sigma == 2.0
+    assert (stated.noise.sigma, stated.noise.freedom) == (2.0, np.inf)
+
+
+def test_dead_times_are_no_repeated_strokes(load: Load, tmp_path: Path) -> None:
+    table = "rail_pressure [MPa],energising_time [us],quantity [mm3]\n80,300,2\n80,700,20\n80,300,4\n80,700,22\n"
+    (tmp_path / "dead.csv").write_text("rail_pressure [MPa],energising_time [us]\n80,250\n", encoding="utf-8")
+    dead = 'dead_times = { file = "dead.csv", quantity = "1 mm3" }\n'
+    keys = 'absolute = "2 mm3"\nrelative = 0\nrepeated = "mean"\n' + dead
+    (data,) = load("map.csv", keys, table, "quantities")
+    assert len(data.points) == 3
+    assert data.noise.sigma == pytest.approx(0.5)  # of a stroke √½ tolerances, of a mean of two half a one
+    # the dead time has no repeats, so that one tolerance counts as its standard deviation, as 0.5 does of the means
+    np.testing.assert_allclose(data.residuals(np.zeros(3)), [-1.5, -10.5, -0.5])
+    np.testing.assert_allclose(1.0 / np.sqrt(row_weights(data)), [1.0, 1.0, 0.5])
 
 
 WIDE = "time [us];800bar_300us [mm3/ms];1600bar_700us [mm3/ms];T [degC]\n" + "".join(

@@ -33,6 +33,8 @@ def test_a_map_states_its_noise_in_tolerances(tmp_path: Path) -> None:
     (tmp_path / "map.csv").write_text(rows, encoding="utf-8")
     (tmp_path / "study.toml").write_text(map_study("noise = { sigma = 0.5 }"), encoding="utf-8")
     assert cr.load_study(tmp_path / "study.toml").data[0].noise.sigma == 0.5
+    (tmp_path / "study.toml").write_text(map_study("noise = { sigma = 0.5, freedom = 4 }"), encoding="utf-8")
+    assert cr.load_study(tmp_path / "study.toml").data[0].noise.freedom == 4.0
 
 
 @pytest.mark.parametrize(
@@ -44,6 +46,7 @@ def test_a_map_states_its_noise_in_tolerances(tmp_path: Path) -> None:
         ('uncertain = { delay = "1 MPa" }', "standard deviation of delay"),
         ('uncertain = { fuel_temperature = "40 degC" }', "state the difference"),
         ('sigma = "0.3 mm3/ms", shots = "a"', "keep one of them"),
+        ("freedom = 4", "sigma, which is missing"),
     ],
 )
 def test_what_makes_no_sense_is_refused_with_its_place(tmp_path: Path, noise: str, words: str) -> None:
@@ -52,7 +55,9 @@ def test_what_makes_no_sense_is_refused_with_its_place(tmp_path: Path, noise: st
     assert "data[1]" in str(error.value)
 
 
-@pytest.mark.parametrize("settings", [{"sigma": 0.0}, {"discrepancy": -1.0}, {"length": float("inf")}])
+@pytest.mark.parametrize(
+    "settings", [{"sigma": 0.0}, {"sigma": 1.0, "freedom": 0.0}, {"discrepancy": -1.0}, {"length": float("inf")}]
+)
 def test_numbers_out_of_range_are_refused(settings: dict[str, float]) -> None:
     with pytest.raises(ConfigurationError, match="of the noise"):
         Noise(**settings)  # type: ignore[arg-type]

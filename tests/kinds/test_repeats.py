@@ -22,6 +22,7 @@ def test_the_standard_error_of_a_mean_is_that_of_normal_draws() -> None:
     assert found.sigma == pytest.approx(0.4 / np.sqrt(25.0), rel=0.035)
     assert np.std(found.mean - 5.0) == pytest.approx(found.sigma, rel=0.15)
     assert found.counts.tolist() == [25]
+    assert found.freedom == pytest.approx(24 * 400, rel=0.05)  # white noise: a chance autocorrelation may count
 
 
 def test_scatter_is_pooled_over_groups_in_units_of_the_scale() -> None:
@@ -33,3 +34,18 @@ def test_scatter_is_pooled_over_groups_in_units_of_the_scale() -> None:
 
 def test_nothing_repeated_has_no_error() -> None:
     assert averaged(np.array([1.0, 2.0]), [np.array([0]), np.array([1])]).sigma is None
+
+
+def test_samples_that_follow_each_other_are_no_independent_ones() -> None:
+    random = np.random.default_rng(5)
+    shots = random.normal(0.0, 1.0, (25, 1000))
+    for i in range(1, 1000):
+        shots[:, i] = 0.9 * shots[:, i - 1] + np.sqrt(1.0 - 0.81) * shots[:, i]
+    found = averaged(shots, [np.arange(25)])
+    # the autocorrelation 0.9^l has Σ r² = (1 + 0.81)/(1 − 0.81); from 24 000 samples it is known to some percent
+    assert found.freedom == pytest.approx(24 * 1000 * 0.19 / 1.81, rel=0.1)
+
+
+def test_few_repeats_have_few_degrees_of_freedom() -> None:
+    found = averaged(np.array([1.0, 3.0, 20.0, 24.0, 7.0]), [np.array([0, 1]), np.array([2, 3]), np.array([4])])
+    assert found.freedom == 2.0

@@ -11,7 +11,7 @@ from commonrail.kinds.maps.view import MapView
 from commonrail.kinds.records import Plotted
 from commonrail.report.build import report_html
 from commonrail.report.judgement import combination_table, judgement_lines, judgement_tables
-from tests.report.samples import map_record
+from tests.report.samples import map_record, rate_record
 
 FIGURES = {"rms_large_percent": 3.5, "rms_small": 0.2e-9, "dead_time_rms": 8e-6, "limit_quantity": 3e-9}
 
@@ -71,8 +71,8 @@ def record() -> dict[str, Any]:
 def test_every_judgement_is_a_sentence(record: dict[str, Any]) -> None:
     assert judgement_lines(record) == [
         "13 of 14 measured quantities of map (fit) lie in the 90 % band, whose median half width is 4.2 % (9 in that "
-        "of the parameters alone).",
-        "17 residuals determine 2.4 effective parameters of 3; their scatter about the fit is 2.00 tolerances.",
+        "of the parameters alone); the fit has seen them, so that this says nothing of others.",
+        "17 residuals determine 2.4 effective parameters of 3; their scatter about the fit is 2 tolerances.",
         "2 seeds end at objectives of 10 and 10.5; the parameter that differs most between them is valve.mass, by 25 % "
         "of its bounds.",
         "Each rail pressure of map held out in turn, 2 searches, and predicted: 3.50 % rms above 3 mm³ and 0.200 mm³ "
@@ -158,3 +158,15 @@ def test_figures_shade_the_band(record: dict[str, Any]) -> None:
     band = both[1].panels[0].bands[0]
     assert band.high == pytest.approx([5.0] * len(band.x))
     assert band.low == pytest.approx([-5.0] * len(band.x))
+
+
+def test_the_scatter_of_curves_is_in_their_unit(record: dict[str, Any]) -> None:
+    curves = rate_record()
+    curves["identifiability"] = copy.deepcopy(record["identifiability"]) | {"scatter": 0.125}
+    (line,) = judgement_lines(curves)
+    assert line.endswith("their scatter about the fit is 0.125 mm3/ms.")
+    table = combination_table(curves)
+    assert table is not None
+    assert len(table.rows) == 3  # singular values of 0.5 mm3/ms and more are above that scatter; of a map two are
+    both = curves | {"data": [curves["data"][0], record["data"][0]]}
+    assert judgement_lines(both)[-1].endswith("0.125 of their weighted units.")

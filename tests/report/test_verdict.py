@@ -103,3 +103,24 @@ def test_held_back_data_at_which_the_model_does_not_run_are_no_praise() -> None:
     maps = sound()
     maps["data"][1]["rows"][0]["best"] = None
     assert verdict(maps, "runs/a").reasons == ["The calibrated model does not run at all points of map at 80 MPa."]
+
+
+@pytest.mark.parametrize(
+    ("values", "covered", "course", "narrow"),
+    [
+        (7, 4, False, True),  # four or fewer of seven have a probability of 2.6 % at 90 %
+        (7, 5, False, False),  # 15 %
+        (500, 350, True, False),  # samples that follow each other: as seven of ten, 7 %
+        (500, 300, True, True),  # as six of ten, 1.3 %
+        (7, 7, False, False),
+    ],
+)
+def test_bands_that_hold_too_few_values_ask_for_care(values: int, covered: int, course: bool, narrow: bool) -> None:
+    record = sound()
+    band = {"level": 0.9, "values": values, "covered": covered}
+    record["data"][0] |= {"band": band if course else band | {"half_widths": []}}
+    found = verdict(record, "runs/a")
+    name = record["data"][0]["name"]
+    reason = f"The bands hold too few measured values of {name}: they are too narrow."
+    assert (reason in found.reasons) is narrow
+    assert found.level == ("care" if narrow else "good")

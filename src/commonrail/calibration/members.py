@@ -15,25 +15,37 @@ from commonrail.calibration.optimisers import Best
 from commonrail.calibration.scoring import Scores, score_all
 from commonrail.calibration.study import Study
 from commonrail.injector.definition import Injector
-from commonrail.kinds import DataSet, QuantityData, Score
+from commonrail.kinds import DataSet, QuantityData, Role, Score, of_role
 from commonrail.kinds.maps.data import QuantityScore
 from commonrail.kinds.records import MEAN
 from commonrail.observation.quantities import is_of_meter
 
-__all__ = ["WORST", "injector_of", "mean_of", "mean_scores", "members_of"]
+__all__ = ["CLOSE", "fitted_values", "injector_of", "mean_of", "mean_scores", "members_of"]
 
-WORST = 2.0  # objective of a member relative to the best: its misfit is then 1.4 times as large
+# Difference of the sum of squares, in squared standard deviations of a value, up to which another optimum explains the
+# data as well: two standard errors, which noise alone exceeds in one of twenty fits.
+CLOSE = 4.0
 
 
-def members_of(ends: Sequence[Best]) -> list[Best]:
-    """Optima whose objective is at most `WORST` times that of the best.
+def members_of(ends: Sequence[Best], values: int) -> list[Best]:
+    """Optima that explain maps as well as the best one does.
+
+    The standard deviation of a value is its tolerance, or what the best optimum leaves where that is more.
 
     Parameters
     ----------
     ends : sequence of Best
         The best first.
+    values : int
+        Number of fitted values.
     """
-    return [end for end in ends if end.cost <= WORST * ends[0].cost]
+    limit = ends[0].cost + CLOSE * max(1.0, ends[0].cost / values)
+    return [end for end in ends if end.cost <= limit]
+
+
+def fitted_values(data: Sequence[DataSet]) -> int:
+    """Number of the values of data that are fitted."""
+    return sum(len(one.measured) for one in of_role(data, Role.FIT))
 
 
 def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple[Score, ...]:
@@ -81,7 +93,7 @@ def mean_scores(
     if study.meters or any(not isinstance(data, QuantityData) for data in study.data):
         return (), {}
     injectors, scores = [calibrated], [best]
-    for number, end in enumerate(members_of(ends)[1:], 2):
+    for number, end in enumerate(members_of(ends, fitted_values(study.data))[1:], 2):
         injectors.append(injector_of(study, dict(zip(study.space.names, end.x.tolist(), strict=True)), number))
         scores.append(score_all(study, injectors[-1], threads))
     mean = mean_of(study.data, scores)

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 from commonrail.display.text import fixed
 from commonrail.kinds.records import Record, origin_of
 
-__all__ = ["band_name", "band_sentence", "shaded"]
+__all__ = ["band_name", "band_sentence", "shaded", "too_few_inside"]
+
+INDEPENDENT = (
+    10  # samples of a course that count as independent [E]: opening, rise, plateau, fall and closing, and noise
+)
+UNLIKELY = 0.05  # probability below which a band is said to hold too few values
+IN_SAMPLE = "; the fit has seen them, so that this says nothing of others"
 
 
 def band_name(data: Record) -> str:
@@ -21,8 +29,22 @@ def band_sentence(data: Record) -> str:
     return (
         f"{band['covered']} of {band['values']} measured {'samples' if course else 'quantities'} of {data['name']} "
         f"({data['role']}) lie in the {band_name(data)}, whose median half width is {median} %"
-        f"{' of the largest value' if course else ''} ({alone} in that of the parameters alone)."
+        f"{' of the largest value' if course else ''} ({alone} in that of the parameters alone)"
+        f"{IN_SAMPLE if data['role'] == 'fit' else ''}."
     )
+
+
+def too_few_inside(data: Record) -> bool:
+    """True if a band of its level holds as few of the measured values as these with a probability below 5 %.
+
+    Samples of a course follow each other: they count as at most `INDEPENDENT` independent ones.
+    """
+    band = data["band"]
+    values, inside = int(band["values"]), int(band["covered"])
+    if "half_widths" not in band and values > INDEPENDENT:
+        values, inside = INDEPENDENT, math.ceil(INDEPENDENT * inside / values)
+    chances = [math.comb(values, k) * band["level"] ** k * (1.0 - band["level"]) ** (values - k) for k in range(values)]
+    return sum(chances[: inside + 1]) < UNLIKELY and inside < values
 
 
 def shaded(data: Record) -> str:

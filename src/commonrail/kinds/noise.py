@@ -55,6 +55,9 @@ class Noise:
     sigma : float or None
         Standard deviation of one value, in the unit of the kind's residuals [SI]: m³/s for a curve, multiples of the
         tolerance for a map. None: estimated from the residuals.
+    freedom : float
+        Degrees of freedom of `sigma`, such as repeats − 1 of the strokes that it was estimated from; infinite where it
+        is exactly known.
     shots : str
         Name of a group of repeated shots, empty for none: standard deviation and correlation are then estimated from
         the differences between the data sets of the group.
@@ -83,6 +86,7 @@ class Noise:
     length: float = 0.0
     pressure_length: float = math.inf
     uncertain: Mapping[str, Quantity] = field(default_factory=dict)
+    freedom: float = math.inf
 
     def __post_init__(self) -> None:
         settle(
@@ -91,12 +95,15 @@ class Noise:
             correlation=chosen(self.correlation, Correlation, "correlation of the noise"),
             uncertain={key: _deviation(key, value) for key, value in _given(self.uncertain).items()},
         )
-        for what, value in (("sigma", self.sigma), ("pressure_length", self.pressure_length)):
+        stated = ("sigma", self.sigma), ("pressure_length", self.pressure_length), ("freedom", self.freedom)
+        for what, value in stated:
             if value is not None and not value > 0.0:
                 raise ConfigurationError(f"The {what} of the noise must be greater than zero, not {value:g}.")
         for what, value in (("discrepancy", self.discrepancy), ("length", self.length)):
             if not 0.0 <= value < math.inf:
                 raise ConfigurationError(f"The {what} of the noise must be zero or greater, not {value:g}.")
+        if self.sigma is None and self.freedom < math.inf:
+            raise ConfigurationError("The freedom of the noise is that of its sigma, which is missing; add it.")
         if self.sigma is not None and self.shots:
             raise ConfigurationError("The noise has a sigma and repeated shots to estimate it from; keep one of them.")
 

@@ -23,6 +23,7 @@ class NoiseModel(FileModel):
     law: Law = Field(default=Law.AUTO, strict=False)
     correlation: Correlation = Field(default=Correlation.AUTO, strict=False)
     sigma: str | float | int | None = None
+    freedom: float = math.inf
     shots: str = ""
     discrepancy: str | float | int = 0.0
     length: Annotated[float, Unit("s")] = 0.0
@@ -56,6 +57,7 @@ class NoiseModel(FileModel):
                 self.length,
                 self.pressure_length,
                 self.uncertain,
+                self.freedom,
             )
 
 

@@ -12,6 +12,8 @@ __all__ = ["Averaged", "averaged", "groups_of"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+SEEN = 4.0  # squared standard errors of an autocorrelation, below which it counts as none
+
 
 class Averaged(NamedTuple):
     """Means of repeated values.
@@ -23,11 +25,14 @@ class Averaged(NamedTuple):
         Values behind each mean.
     sigma : float or None
         Standard error of a mean, root mean square over all; None where nothing is repeated.
+    freedom : float
+        Degrees of freedom of `sigma`: repeats less groups, times the independent samples of a course; 0 without one.
     """
 
     mean: Floats
     counts: NDArray[np.intp]
     sigma: float | None
+    freedom: float = 0.0
 
 
 def groups_of(places: Floats, same: float) -> list[Indices]:
@@ -67,7 +72,28 @@ def averaged(values: Floats, groups: list[Indices], scale: Floats | float = 1.0)
     if counts.max(initial=0) < 2:
         return Averaged(mean, counts, None)
     scale = np.broadcast_to(scale, values.shape[:1])
+    deviations = np.concatenate([((values[rows] - mean[i]).T / scale[rows]).T for i, rows in enumerate(groups)])
     # Variance of a single value, pooled over the groups, then of each mean.
-    squares = [np.mean(((values[rows] - mean[i]).T / scale[rows]) ** 2) * len(rows) for i, rows in enumerate(groups)]
-    variance = float(np.sum(squares) / np.sum(counts - 1))
-    return Averaged(mean, counts, float(np.sqrt(variance * np.mean(1.0 / counts))) or None)
+    spare = int(np.sum(counts - 1))
+    variance = float(np.sum(deviations**2)) / (spare * values[0].size)
+    sigma = float(np.sqrt(variance * np.mean(1.0 / counts))) or None
+    return Averaged(mean, counts, sigma, spare * _independent(deviations) if sigma else 0.0)
+
+
+def _independent(deviations: Floats) -> float:
+    """Independent samples of a course in the mean of its squares: n/Σ r_l² over all lags, by Satterthwaite.
+
+    Parameters
+    ----------
+    deviations : (rows, …)
+        Of each course from its mean; numbers count as courses of one sample.
+    """
+    courses = deviations.reshape(len(deviations), -1)
+    n, energy = courses.shape[1], float(np.sum(courses**2))
+    total, chance = 1.0, SEEN / courses.size
+    for lag in range(1, n):
+        share = (float(np.sum(courses[:, lag:] * courses[:, :-lag])) / energy) ** 2
+        if share < chance:
+            break
+        total += 2.0 * share
+    return n / total

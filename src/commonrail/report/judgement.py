@@ -7,8 +7,10 @@ from typing import Any
 
 from commonrail.display.table import Part, Table, table_of
 from commonrail.display.text import MISSING, fixed, listed, number, signed, significant
+from commonrail.kinds import KINDS, DataSet
 from commonrail.kinds.bands import band_sentence
 from commonrail.kinds.records import LABELS, MEAN, MICROSECOND, MM3, Record
+from commonrail.report.record import of_role
 
 __all__ = ["combination_table", "judgement_lines", "judgement_tables"]
 
@@ -19,7 +21,7 @@ def judgement_lines(record: Record) -> list[str]:
     """Sentences on bands, effective parameters, spread of seeds and predictions of what was held out."""
     lines = [band_sentence(d) for d in record["data"] if "band" in d]
     if found := record.get("identifiability"):
-        lines.append(_effective(found, len(record["parameters"])))
+        lines.append(_effective(found, len(record["parameters"]), _unit(record)))
     refits = record.get("refits", {})
     lines += _seed_lines(refits.get("seeds", ()))
     lines += [line for one in refits.get("left_out", ()) for line in _left_out_lines(one)]
@@ -40,7 +42,8 @@ def combination_table(record: Record) -> Table | None:
     found = record.get("identifiability")
     if not found:
         return None
-    scatter = max(float(found["scatter"]), 1.0)
+    least = 1.0 if _unit(record) == DataSet.residual_unit else 0.0  # a tolerance is no smaller than it is stated
+    scatter = max(float(found["scatter"]), least)
     held = [c for c in found["combinations"] if c["singular_value"] > scatter]
     rest = len(record["parameters"]) - len(held)
     parts = (
@@ -61,11 +64,17 @@ def _weights(weights: Mapping[str, Any]) -> str:
     return ", ".join(texts) or "many parameters, none with 0.2"
 
 
-def _effective(found: Record, parameters: int) -> str:
+def _unit(record: Record) -> str:
+    """Unit of the scatter of the fitted residuals, which are weighted where data of several units are fitted."""
+    units = {KINDS[d["kind"]].residual_unit for d in of_role(record["data"], "fit")}
+    return units.pop() if len(units) == 1 else "of their weighted units"
+
+
+def _effective(found: Record, parameters: int, unit: str) -> str:
     data = f"{found['residuals']} residuals" if "residuals" in found else "The data"
     return (
         f"{data} determine {fixed(found['effective_parameters'], 1)} effective parameters of {parameters}; their "
-        f"scatter about the fit is {fixed(found['scatter'], 2)} tolerances."
+        f"scatter about the fit is {significant(found['scatter'], 3)} {unit}."
     )
 
 

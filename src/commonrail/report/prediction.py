@@ -32,7 +32,10 @@ def coverage_table(record: Record) -> Table:
             ),
         ),
     )
-    return table_of("Measured values inside the bands", rows, parts, f"Bands: {record['estimator']}.", 2)
+    note = f"Bands: {record['estimator']}."
+    if any(data["role"] == "fit" for data in record["data"]):
+        note += " Fitted values are seen by the fit: only the others test its bands."
+    return table_of("Measured values inside the bands", rows, parts, note, 2)
 
 
 def points_table(record: Record) -> Table:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from commonrail.display.text import listed, number
+from commonrail.kinds.bands import too_few_inside
 from commonrail.kinds.records import JUDGED, Record
 from commonrail.report.record import of_role
 
@@ -127,6 +128,11 @@ def _prediction(record: Record) -> Iterator[_Point]:
         cure = Step("Correct these operating points, or narrow the bounds until the calibrated model runs there.")
         yield _Point(CARE, f"The calibrated model does not run at all points of {_some(lost)}.", cure)
     step = Step("Free fewer parameters or add data between the fitted ones; see “Figures of merit”.")
+    if narrow := [d["name"] for d in record["data"] if "band" in d and too_few_inside(d)]:
+        cure = Step(
+            "State a discrepancy of these data, or free what the model lacks; do not rely on its bands until then."
+        )
+        yield _Point(CARE, f"The bands hold too few measured values of {_some(narrow)}: they are too narrow.", cure)
     if worse := _beaten(validation):
         yield _Point(CARE, f"On {_some(worse)} a trivial model is as good or better.", step)
     if worse := _beaten(held_out):

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonrail.analysis.certainty.estimate import Estimate
+import commonrail as cr
+from commonrail.analysis.certainty.estimate import Estimate, estimate
 from commonrail.analysis.certainty.lack_of_fit import CURVES, LEVEL, lack_of_fit, level_of
+from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import missing_delay, visible_delay
 from commonrail.analysis.certainty.verdict import withdrawal
 from commonrail.kinds.noise import Noise
@@ -62,6 +64,20 @@ def test_the_delay_that_is_visible_leaves_what_the_test_asks_for(undelayed: tupl
     noisy = replace(found, likelihood=found.likelihood.with_noises(noises))
     # in proportion to the noise, but that the parameters imitate more of a larger delay
     assert np.isclose(visible_delay(bench.study, noisy, level, 1)[0], 2.0 * small, rtol=0.35)
+
+
+def test_priors_that_contradict_the_data_do_not_make_a_delay_visible(undelayed: tuple[Bench, Estimate]) -> None:
+    bench, _ = undelayed
+    space = bench.study.space
+    # ten of its standard deviations off, and as many times as wide as the standard error by the data
+    prior = cr.Prior(0.83, 0.003, "a sister part that is none")
+    parameters = [replace(p, prior=prior) if "discharge" in p.name else p for p in space.parameters]
+    study = replace(bench.study, space=cr.Space(parameters))
+    own = Likelihood.of(study, 1)
+    found = estimate(own, own.space.to_unit(bench.truth)[None])
+    assert found.likelihood.priors.costs(found.point[None])[0] > 50.0
+    small, _ = visible_delay(study, found, LEVEL / 2.0, 1)
+    assert 1.2e-6 < small < 2.2e-6  # as without the prior; 0.03 us where its cost counts
 
 
 def test_a_delay_that_is_stated_is_not_missing() -> None:

@@ -36,6 +36,17 @@ def test_an_estimated_scale_is_integrated_out() -> None:
     np.testing.assert_allclose(logs, -30.0 * np.log(squares / squares[0]), rtol=1e-9, atol=1e-9)
 
 
+def test_the_scale_of_few_repeats_is_integrated_out() -> None:
+    """∫ σ⁻ⁿ exp(−S/2σ²) σ^(−ν−1) exp(−ν s²/2σ²) dσ ∝ (S + ν s²)^(−(n + ν)/2), by quadrature."""
+    noise = Noise(law=Law.GAUSSIAN, sigma=SIGMA, correlation="white", freedom=4.0)  # type: ignore[arg-type]
+    logs, points = differences(noise)
+    squares = np.sum((points @ A.T - Y) ** 2, axis=1)
+    scales = np.exp(np.linspace(np.log(0.05), np.log(5.0), 4001))[:, None]
+    densities = -64.0 * np.log(scales) - 0.5 * (squares + 4.0 * SIGMA**2) / scales**2
+    integrals = np.log(np.sum(np.exp(densities - densities.max()), axis=0))
+    np.testing.assert_allclose(logs, integrals - integrals[0], rtol=1e-6)
+
+
 def test_an_uncertain_quantity_is_integrated_out() -> None:
     """Normal density with the covariance σ² I + g gᵀ."""
     course = 0.4 * np.sin(np.arange(60) / 7.0)

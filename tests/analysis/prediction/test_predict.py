@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,11 @@ import pytest
 import commonrail as cr
 from commonrail.errors import ConfigurationError
 from commonrail.files.study_file import load_study
+from commonrail.kinds.noise import Law, Noise
 from commonrail.kinds.simulator import Simulator
 from tests.cli.conftest import run_command
 from tests.map_study import map_study
+from tools.coverage import BEDS, Benches
 
 A_HOLE = 0.213e-3
 PLACES = [(p, t) for p in (60.0, 100.0, 140.0) for t in (400.0, 600.0, 900.0)]  # [MPa], [us]
@@ -112,3 +115,23 @@ def test_quantities_of_a_study_without_a_map_are_refused(tmp_path: Path) -> None
     best = {parameter.name: parameter.reference for parameter in study.space.parameters}
     with pytest.raises(ConfigurationError, match="no quantity map is fitted"):
         cr.predict(study, best, [cr.OperatingPoint("100 MPa", "500 us")], threads=1)
+
+
+def test_a_band_that_is_linear_below_zero_is_made_of_draws() -> None:
+    benches = Benches(BEDS["white"])
+    study, truth = benches.bench(1)
+    best = dict(zip(study.space.names, truth.tolist(), strict=True))
+    lows, labels = [], []
+    # [m³/s]: the parameters are known as well as the noise allows
+    for sigma, drawn in ((0.3e-6, False), (30e-6, True)):
+        noisy = replace(study, data=(study.data[0].with_noise(Noise(law=Law.GAUSSIAN, sigma=sigma)),))
+        found = cr.predict(noisy, best, levels=[0.9], threads=1)
+        (band,) = found.bands
+        assert band.drawn is drawn
+        low, high = band.alone[0.9]
+        assert (low <= high).all()
+        lows.append(float(low.min()))
+        labels.append(found.estimator)
+    assert lows[1] > -1e-7  # the fuel that flows back as the needle closes; a linear band reaches -7.8e-6
+    assert "simulated draws because a linear band falls below zero" in labels[1]
+    assert "draws" not in labels[0]

@@ -13,7 +13,7 @@ from commonrail.analysis.certainty.laws import LAWS, DensityLaw, scale_of
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import NOISE, Correlation, Law, Noise
 
-__all__ = ["Block", "FittedNoise", "block_of", "fit_noise"]
+__all__ = ["Block", "FittedNoise", "block_of", "fit_noise", "row_weights"]
 
 Floats = NDArray[np.float64]
 
@@ -34,14 +34,17 @@ class FittedNoise:
     scale : float
         Of an innovation, in the unit of the residuals; the standard deviation for the Gaussian law.
     freedom : float
-        Degrees of freedom of the scale; infinite where it is stated.
+        Degrees of freedom of the scale; infinite where it is exactly known.
     autoregression : Autoregression
+    known : bool
+        The scale is stated, or that of repeated measurements: it does not come from the residuals.
     """
 
     law: Law
     scale: float
     freedom: float
     autoregression: Autoregression = WHITE
+    known: bool = False
 
     @property
     def density(self) -> DensityLaw:
@@ -52,11 +55,6 @@ class FittedNoise:
     def sigma(self) -> float:
         """Scale of a value, correlation included."""
         return self.scale / self.autoregression.innovation_share
-
-    @property
-    def known(self) -> bool:
-        """True if the scale is stated."""
-        return math.isinf(self.freedom)
 
     def whiten(self, errors: Floats) -> Floats:
         """Standardised innovations (…, n) of residuals (…, n)."""
@@ -151,9 +149,20 @@ def block_of(data: DataSet, start: int) -> Block:
     )
 
 
+def row_weights(data: DataSet) -> Floats:
+    """Weights (n,) of the residuals of a data set, which its likelihood is free of.
+
+    Repeated quantities say nothing of the dead times of a map: these keep a standard deviation of one tolerance.
+    """
+    found = np.full(len(data.measured), data.weight)
+    if data.noise.sigma is not None and math.isfinite(data.noise.freedom):
+        found[~data.judged] /= (data.noise.sigma * data.residual_scale) ** 2
+    return found
+
+
 def _plain(data: DataSet, values: Floats) -> Floats:
-    """Residuals without the weight."""
-    return np.asarray(data.residuals(values[None])[0] / math.sqrt(data.weight))
+    """Residuals without their weights."""
+    return np.asarray(data.residuals(values[None])[0] / np.sqrt(row_weights(data)))
 
 
 def _places(data: DataSet) -> Floats:
@@ -190,7 +199,8 @@ def fit_noise(
     sigma = block.noise.sigma
     if sigma is not None:
         floor = block.noise.discrepancy if not block.noise.length else 0.0
-        return FittedNoise(law, math.hypot(sigma, floor) * regression.innovation_share, math.inf, regression)
+        scale = math.hypot(sigma, floor) * regression.innovation_share
+        return FittedNoise(law, scale, block.noise.freedom, regression, known=True)
     freedom = max(len(errors) - used, 1.0)
     scale = scale_of(law, regression.whiten(errors), freedom)
     return FittedNoise(law, max(scale, np.finfo(float).tiny ** 0.25), freedom, regression)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate, estimate, library, starts_from
-from commonrail.analysis.certainty.lack_of_fit import LackOfFit, lack_of_fit, level_of
+from commonrail.analysis.certainty.freed import judged_residuals
+from commonrail.analysis.certainty.lack_of_fit import LackOfFit, level_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import missing_delay, visible_delay
 from commonrail.analysis.certainty.profile import Profile, profiles_of
@@ -172,10 +173,11 @@ def certify(
 def _tests(study: Study, found: Estimate, threads: int | None) -> tuple[list[LackOfFit], float, int]:
     """Tests for lack of fit, the smallest delay that they find, and the points simulated."""
     delay = missing_delay(study, found, threads)
+    tests, simulated = judged_residuals(study, found, delay, threads)
     if delay is None:
-        return lack_of_fit(found), float("nan"), 0
+        return tests, float("nan"), simulated
     visible, more = visible_delay(study, found, level_of(found, True), threads)
-    return lack_of_fit(found, delay), visible, delay.simulated + more
+    return tests, visible, simulated + delay.simulated + more
 
 
 def _adopted(first: Estimate, again: Estimate) -> Estimate:

@@ -49,6 +49,8 @@ class Estimate:
         Their derivatives with respect to the positions.
     shifts : (k, n)
         Their changes for one standard deviation of each uncertain quantity.
+    bends : (k, n)
+        Second changes, halved, for one standard deviation of each, the values moving with it.
     covariance : Covariance
     starts, agreeing : int
         Starts of the search, and how many of them ended within 0.5 of the largest 2 ln L.
@@ -65,6 +67,7 @@ class Estimate:
     errors: Floats
     slopes: Floats
     shifts: Floats
+    bends: Floats
     covariance: Covariance
     starts: int
     agreeing: int
@@ -210,12 +213,17 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
     point = likelihood.space.from_unit(unit)
     many = len(likelihood.nuisances)
     shifts = np.array([n.shift(point) for n in likelihood.nuisances]).reshape(many, likelihood.size)
-    likelihood.simulated += 2 * many
+    likelihood.simulated += 5 * many
     covariance = covariance_of(likelihood, slopes, errors, shifts, pulls_of(likelihood, unit))
+    ends = Walls.of(likelihood.space).within(np.tile(unit, (many, 1)), unit + covariance.nuisances)
+    moves = likelihood.space.from_unit(ends) - point
+    bends = np.zeros((many, likelihood.size))
+    for i, nuisance in enumerate(likelihood.nuisances):
+        bends[i] = nuisance.bend(point, moves[i])
     innovations = likelihood.whiten(errors)
     cost = float(likelihood.block_costs(innovations).sum() + likelihood.priors.costs(point[None])[0])
     _, gain = _promised(likelihood, unit, slopes, errors, covariance)
-    return Estimate(likelihood, unit, point, cost, errors, slopes, shifts, covariance, 1, 1, gain, 0)
+    return Estimate(likelihood, unit, point, cost, errors, slopes, shifts, bends, covariance, 1, 1, gain, 0)
 
 
 def _ended(found: Estimate) -> Estimate:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import Block
-from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.missing_delay import MissingDelay
 from commonrail.units import to_text
 
@@ -57,7 +57,9 @@ class LackOfFit(NamedTuple):
     sentence: str
 
 
-def lack_of_fit(estimate: Estimate, delay: MissingDelay | None = None) -> list[LackOfFit]:
+def lack_of_fit(
+    estimate: Estimate, delay: MissingDelay | None = None, *, priors_from: int | None = None
+) -> list[LackOfFit]:
     """Tests of each data set of a fit, and of a delay; all together raise a false alarm in 1 % of the fits.
 
     Parameters
@@ -65,10 +67,13 @@ def lack_of_fit(estimate: Estimate, delay: MissingDelay | None = None) -> list[L
     estimate : Estimate
     delay : MissingDelay, optional
         Of `missing_delay`; without it a delay is tested by its derivative alone.
+    priors_from : int, optional
+        First of the last parameters, whose priors are what a study states as uncertain; none by default.
     """
     own = estimate.likelihood
     level = level_of(estimate, delay is not None)
-    found = [_of_block(estimate, i, level) for i in range(len(own.blocks))]
+    held = _stated(estimate, len(estimate.unit) if priors_from is None else priors_from)
+    found = [_of_block(estimate, i, level, held) for i in range(len(own.blocks))]
     return found if delay is None else [*found, _of_delay(delay, level)]
 
 
@@ -84,7 +89,35 @@ def _of_delay(delay: MissingDelay, level: float) -> LackOfFit:
     return LackOfFit(CURVES, delay.probability, None, "delay", found, sentence if found else "")
 
 
-def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
+class _Held(NamedTuple):
+    """What a study states as uncertain: whitened changes (k, n) besides those of the parameters, and values (k,) that
+    hold all of them (k, d + k): their distances from what is stated in standard deviations, and the derivatives."""
+
+    changes: Floats
+    distances: Floats
+    slopes: Floats
+
+
+def _stated(estimate: Estimate, first: int) -> _Held:
+    """Uncertain quantities, among the parameters from the column `first` on and beside them.
+
+    Each has its standard deviation as a further value, so that a test finds it only where it is larger than stated. A
+    quantity of z standard deviations beside the parameters changes the residuals by z times its first change and z²
+    times its second one, whose root mean square is √3.
+    """
+    own, d = estimate.likelihood, len(estimate.unit)
+    many = len(estimate.shifts)
+    changes = own.whiten(np.vstack([estimate.shifts, estimate.bends]))
+    widths = np.repeat([1.0, np.sqrt(3.0)], many)
+    which = own.priors.columns >= first if len(own.priors) else np.zeros(0, bool)
+    pulls = pulls_of(own, estimate.unit)[which]
+    distances = own.priors.residuals(own.space.from_unit(estimate.unit[None]))[0][which]
+    beside = np.hstack([np.zeros((2 * many, d)), np.diag(1.0 / widths)])
+    among = np.hstack([pulls, np.zeros((len(pulls), 2 * many))])
+    return _Held(changes, np.concatenate([np.zeros(2 * many), distances]), np.vstack([beside, among]))
+
+
+def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> LackOfFit:
     own = estimate.likelihood
     block, noise = own.blocks[index], own.noises[index]
     errors, slopes = estimate.errors[block.rows], estimate.slopes[:, block.rows]
@@ -92,9 +125,11 @@ def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
     robust = np.sqrt(noise.density.weight(innovations))  # outliers count as they do in the fit
     suspects = _suspects(block, errors)
     changes = robust * noise.whiten(np.array(list(suspects.values())))
-    stated = np.vstack([slopes, estimate.shifts[:, block.rows]])  # what the study knows to be uncertain is no finding
-    score, suspect = _score(robust * innovations, robust * noise.whiten(stated), list(suspects), changes)
-    size = _size(innovations, estimate.covariance.used[index]) if noise.known and block.shots is None else None
+    tangents = robust * np.vstack([noise.whiten(slopes), held.changes[:, block.rows]])
+    wide = np.hstack([tangents, held.slopes.T])
+    score, suspect = _score(np.append(robust * innovations, held.distances), wide, list(suspects), changes)
+    judged = noise.known and block.shots is None
+    size = _size(innovations, estimate.covariance.used[index], noise.freedom) if judged else None
     sentence = ""
     if score < level:
         sentence = f"the residuals of {block.name} are no noise: a {suspect} of the meter would explain much of them"
@@ -119,15 +154,17 @@ def _score(innovations: Floats, tangents: Floats, names: Sequence[str], suspects
 
     Parameters
     ----------
-    innovations : (n,)
-    tangents : (d, n)
+    innovations : (n + k,)
+        With the distances of `_Held`.
+    tangents : (d, n + k)
         Whitened derivatives of the parameters, and of what the study states as uncertain.
     names : sequence of str
-    suspects : (k, n)
+    suspects : (m, n)
         Whitened derivatives of the meter's quantities.
     """
     from scipy.special import betainc
 
+    suspects = np.pad(suspects, ((0, 0), (0, len(innovations) - suspects.shape[1])))
     base = _basis(tangents)
     rest = innovations - base @ (base.T @ innovations)
     apart = suspects - (suspects @ base) @ base.T
@@ -152,9 +189,20 @@ def _basis(rows: Floats) -> Floats:
     return np.asarray(vectors[values > 1e-8 * values.max(initial=0.0)].T)
 
 
-def _size(innovations: Floats, used: float) -> float:
-    """Probability of a sum of squares as large as this by the stated noise."""
-    from scipy.special import gammaincc
+def _size(innovations: Floats, used: float, known: float) -> float:
+    """Probability of a sum of squares as large as this by the stated noise.
 
-    freedom = max(len(innovations) - used, 1.0)
-    return float(gammaincc(0.5 * freedom, 0.5 * float(np.sum(innovations**2))))
+    Parameters
+    ----------
+    innovations : (n,)
+    used : float
+        Parameters that the data set pays for.
+    known : float
+        Degrees of freedom of the noise; infinite where it is exactly known.
+    """
+    from scipy.special import fdtrc, gammaincc
+
+    freedom, squares = max(len(innovations) - used, 1.0), float(np.sum(innovations**2))
+    if np.isfinite(known):
+        return float(fdtrc(freedom, known, squares / freedom))
+    return float(gammaincc(0.5 * freedom, 0.5 * squares))

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.block import Block, FittedNoise, block_of, fit_noise
+from commonrail.analysis.certainty.block import Block, FittedNoise, block_of, fit_noise, row_weights
 from commonrail.analysis.certainty.nuisance import Nuisance, nuisances_of
 from commonrail.analysis.certainty.shots import with_shots
 from commonrail.calibration.goal import Goal
@@ -103,9 +103,7 @@ class Likelihood:
         blocks: list[Block] = []
         for data in objective.data:
             blocks.append(block_of(data, blocks[-1].rows.stop if blocks else 0))
-        weights = np.concatenate(
-            [np.full(block.size, data.weight) for block, data in zip(blocks, objective.data, strict=True)]
-        )
+        weights = np.concatenate([row_weights(data) for data in objective.data])
 
         def residuals(points: Floats) -> Floats:
             return np.asarray(objective.residuals(points)[:, : len(weights)] / np.sqrt(weights))

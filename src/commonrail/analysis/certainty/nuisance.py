@@ -40,6 +40,9 @@ class Nuisance(NamedTuple):
         Its SI unit.
     shift : function of (d,)
         Change of the residuals (n,) for one standard deviation, at a point [SI].
+    bend : function of (d,) and (d,)
+        Second difference of the residuals (n,), halved, for one standard deviation to both sides of a point [SI], which
+        moves by the second argument with it; zero where a side leaves the domain.
     """
 
     name: str
@@ -47,6 +50,7 @@ class Nuisance(NamedTuple):
     deviation: float
     unit: str
     shift: Callable[[Floats], Floats]
+    bend: Callable[[Floats, Floats], Floats] = lambda point, move: np.zeros(())
 
 
 class _Owner(NamedTuple):
@@ -86,7 +90,7 @@ def nuisances_of(objective: Objective, root_weights: Floats) -> tuple[Nuisance, 
             own.key,
             deviation,
             uncertain_unit(own.key),
-            _shift(objective, own, deviation, root_weights),
+            *_changes(objective, own, deviation, root_weights),
         )
         for own, deviation in stated.items()
     )
@@ -125,7 +129,10 @@ def _concerned(data: DataSet, own: _Owner) -> bool:
     return own.key != TEMPERATURE or own.key in data.noise.deviations
 
 
-def _shift(objective: Objective, own: _Owner, deviation: float, root_weights: Floats) -> Callable[[Floats], Floats]:
+def _changes(
+    objective: Objective, own: _Owner, deviation: float, root_weights: Floats
+) -> tuple[Callable[[Floats], Floats], Callable[[Floats, Floats], Floats]]:
+    """Functions `Nuisance.shift` and `Nuisance.bend` of a quantity."""
     rows = np.concatenate([np.full(len(d.measured), _concerned(d, own)) for d in objective.data])
     sides = [moved for sign in (1.0, -1.0) if (moved := _moved(objective, own, sign * deviation)) is not None]
 
@@ -136,7 +143,18 @@ def _shift(objective: Objective, own: _Owner, deviation: float, root_weights: Fl
         change = 0.5 * (ends[0] - ends[1]) / root_weights
         return np.where(rows & np.isfinite(change), change, 0.0)
 
-    return shift
+    def bend(point: Floats, move: Floats) -> Floats:
+        if len(sides) == 1:
+            return np.zeros(len(rows))
+        middle = objective.residuals(point[None])[0][: len(rows)]
+        ends = [
+            side.residuals((point + sign * move)[None])[0][: len(rows)]
+            for sign, side in zip((1.0, -1.0), sides, strict=True)
+        ]
+        change = (0.5 * (ends[0] + ends[1]) - middle) / root_weights
+        return np.where(np.isfinite(change), change, 0.0)
+
+    return shift, bend
 
 
 def _moved(objective: Objective, own: _Owner, change: float) -> Objective | None:

@@ -2,7 +2,8 @@
 
 Uncertain quantities and discrepancies that a study states move the innovations u by u + z G, z of unit deviation, with
 the derivatives G at the most likely values. A scale that is estimated is integrated out too, under a density of
-1/scale: −2 ln p = n ln Σρ in place of Σρ. Autocorrelations are those of the estimate. The density of the parameters
+1/scale: −2 ln p = n ln Σρ in place of Σρ; one of repeated measurements with ν degrees of freedom gives
+(n + ν) ln(1 + Σρ/ν). Autocorrelations are those of the estimate. The density of the parameters
 is that of their priors, uniform between the bounds on the scale of each, and zero beyond bounds and constraints.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.analysis.certainty.block import FittedNoise
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.kinds.noise import Law
@@ -67,8 +69,7 @@ class PosteriorDensity:
         total = pulls
         costs = self.likelihood.block_costs(left)
         for i, (block, noise) in enumerate(zip(self.likelihood.blocks, self.likelihood.noises, strict=True)):
-            free = noise.law is Law.GAUSSIAN and not noise.known
-            total = total + (block.size * np.log(np.maximum(costs[:, i], 1e-300)) if free else costs[:, i])
+            total = total + _integrated(block.size, noise, costs[:, i])
         return -0.5 * total
 
     def _moved(self, innovations: Floats) -> tuple[Floats, Floats]:
@@ -91,3 +92,12 @@ class PosteriorDensity:
         for block, noise in zip(self.likelihood.blocks, self.likelihood.noises, strict=True):
             found[:, block.rows] = noise.density.weight(innovations[:, block.rows])
         return np.where(np.isfinite(found), found, 1.0)
+
+
+def _integrated(size: int, noise: FittedNoise, cost: Floats) -> Floats:
+    """Cost (m,) of a block of `size` values with the scale of its noise integrated out, as far as it is not known."""
+    if noise.law is not Law.GAUSSIAN or (noise.known and np.isinf(noise.freedom)):
+        return cost
+    if noise.known:
+        return np.asarray((size + noise.freedom) * np.log1p(cost / noise.freedom))
+    return np.asarray(size * np.log(np.maximum(cost, 1e-300)))

@@ -13,7 +13,7 @@ from commonrail.display.text import number
 from commonrail.kinds import DataSet
 from commonrail.kinds.records import point_record
 
-__all__ = ["Band", "band_from_draws", "band_from_slopes", "union"]
+__all__ = ["Band", "Edges", "band_from_draws", "band_from_slopes", "union"]
 
 Floats = NDArray[np.float64]
 Edges = tuple[Floats, Floats]
@@ -38,6 +38,8 @@ class Band(NamedTuple):
         Edges by what the parameters may be alone.
     optima : int
         Number of optima over which the band is the union of theirs.
+    drawn : bool
+        The edges are quantiles of simulated draws, not linear.
     """
 
     data: DataSet
@@ -46,6 +48,7 @@ class Band(NamedTuple):
     measured: bool
     alone: Mapping[float, tuple[Floats, Floats]]
     optima: int = 1
+    drawn: bool = False
 
     @property
     def counted(self) -> NDArray[np.bool_]:
@@ -87,8 +90,8 @@ class Band(NamedTuple):
         -------
         dict
             Half widths about the predicted values of a map ("half_widths", to the farther edge), None where a value is
-            not judged; edges ("lower", "upper") of a course, and of the union over several optima; counts of measured
-            values inside.
+            not judged; edges ("lower", "upper") of a course, of the union over several optima, and of draws; counts of
+            measured values inside.
         """
         low, high = self.edges[level]
         half = np.where(self.counted, np.maximum(high - self.values, self.values - low), np.nan)
@@ -99,7 +102,7 @@ class Band(NamedTuple):
             "level": level,
             "estimator": estimator,
             **({} if course else {"half_widths": _shown(half)}),
-            **(edges if course or several else {}),
+            **(edges if course or several or self.drawn else {}),
             **several,
             "values": int(np.count_nonzero(self.data.judged)),
             "covered": self.covered(level),

@@ -19,11 +19,13 @@ from commonrail.analysis.certainty.estimate import Estimate, estimate, estimate_
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.neighbourhood import around
 from commonrail.analysis.posterior.proposals import bounded
-from commonrail.analysis.prediction.band import Band, band_from_draws, band_from_slopes, union
+from commonrail.analysis.prediction.band import Band, Edges, band_from_draws, band_from_slopes, union
+from commonrail.analysis.prediction.ensemble import drawn_about, falls_below_zero
 from commonrail.analysis.prediction.scatter import Scatter, floored, scatter_of
 from commonrail.arguments import instance, instances, number, thread_count
 from commonrail.calibration.study import Study
 from commonrail.display.shown import Shown
+from commonrail.display.text import listed
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.kinds import DataSet, QuantityData, Role, in_order, of_role
@@ -36,6 +38,7 @@ Floats = NDArray[np.float64]
 LEVELS = (0.5, 0.9)
 LEVEL = 0.9  # of the bands that a result keeps
 FAR = 3.0  # standard errors of a parameter, beyond which an optimum is another one
+MOST_FAILED = 0.5  # share of draws that cannot be simulated, from which the linear band is kept
 PREDICTED = "prediction"  # name of the operating points that were asked for
 
 
@@ -136,7 +139,7 @@ def predict(
     own = Likelihood.of(study, threads)
     fit = _fit(study, estimate(own, own.space.to_unit(point)[None]), point[None], threads)._replace(draws=draws)
     bands = [_band(data, fit, shares, not wanted) for data in sets]
-    return Prediction(bands, shares, _label(fit, {data.kind for data in sets}), fit.scatter)
+    return Prediction(bands, shares, _label(fit, bands), fit.scatter)
 
 
 def judged_bands(
@@ -160,7 +163,7 @@ def judged_bands(
         if data.kind in fit.scatter:
             with suppress(SimulationError):  # a data set that cannot be simulated has no band; the report says so of it
                 bands[data.name] = _band(data, fit, (LEVEL,), measured=True)
-    return {name: band.judgement(LEVEL, _label(fit, {band.data.kind})) for name, band in bands.items()}
+    return {name: band.judgement(LEVEL, _label(fit, [band])) for name, band in bands.items()}
 
 
 def _fit(study: Study, found: Estimate, points: Floats, threads: int | None) -> _Fit:
@@ -170,9 +173,13 @@ def _fit(study: Study, found: Estimate, points: Floats, threads: int | None) -> 
     return _Fit(simulator, wide, points, scatter_of(wide, fitted))
 
 
-def _label(fit: _Fit, kinds: set[str]) -> str:
-    """Name of the estimator of the bands."""
+def _label(fit: _Fit, bands: Sequence[Band]) -> str:
+    """Name of the estimator of bands."""
+    kinds = {band.data.kind for band in bands}
     label = "draws from the posterior" if fit.draws is not None else "Laplace: linear about the best values"
+    if drawn := [band.data.name for band in bands if band.drawn]:
+        whose = "" if len(drawn) == len(bands) else f" of {listed(drawn)}"
+        label += f", simulated draws{whose} because a linear band falls below zero"
     label += "; noise and discrepancy included"
     scaled = [one for kind, one in fit.scatter.items() if kind in kinds and one.left_out]
     if scaled:
@@ -217,17 +224,23 @@ def _band(data: DataSet, fit: _Fit, levels: tuple[float, ...], measured: bool) -
         deviations = scatter.calibration * scatter.deviations(data, values)
         edges, alone = (band_from_draws(spread, d, scatter.freedom, levels) for d in (deviations, 0.0 * deviations))
         return Band(data, values, edges, measured, alone)
-    found = [_linear(data, fit, point, levels) for point in fit.points]
-    values = found[0][0]
-    edges, alone = union([one[1] for one in found]), union([one[2] for one in found])
-    return Band(data, values, edges, measured, alone, len(found))
+    found = [_local(data, fit, point, levels) for point in fit.points]
+    edges, alone = union([one.edges for one in found]), union([one.alone for one in found])
+    return Band(data, found[0].values, edges, measured, alone, len(found), any(one.drawn for one in found))
 
 
-Edges = dict[float, tuple[Floats, Floats]]
+class _Local(NamedTuple):
+    """Predicted values (n,) of one optimum, edges of its bands by level, those of the parameters alone, and whether
+    they are of draws."""
+
+    values: Floats
+    edges: dict[float, Edges]
+    alone: dict[float, Edges]
+    drawn: bool
 
 
-def _linear(data: DataSet, fit: _Fit, point: Floats, levels: tuple[float, ...]) -> tuple[Floats, Edges, Edges]:
-    """Predicted values (n,) of one optimum, edges of its bands, and those of the parameters alone."""
+def _local(data: DataSet, fit: _Fit, point: Floats, levels: tuple[float, ...]) -> _Local:
+    """Band about one optimum: linear, or of draws where a linear one would fall below zero."""
     place = around(fit.estimate.likelihood.space, point)
     values = data.simulated(fit.simulator, place.values)
     if not np.isfinite(values[0]).any():
@@ -239,7 +252,13 @@ def _linear(data: DataSet, fit: _Fit, point: Floats, levels: tuple[float, ...]) 
         band_from_slopes(values[0], place.slopes(values), covariance, d, scatter.freedom, levels)
         for d in (deviations, 0.0 * deviations)
     )
-    return values[0], edges, alone
+    if falls_below_zero(values[0], alone):
+        draws = drawn_about(fit.estimate.likelihood.space, point, covariance)
+        drawn = data.simulated(fit.simulator, draws)
+        if np.isfinite(drawn).any(axis=1).mean() > MOST_FAILED:
+            edges, alone = (band_from_draws(drawn, d, scatter.freedom, levels) for d in (deviations, 0.0 * deviations))
+            return _Local(values[0], edges, alone, True)
+    return _Local(values[0], edges, alone, False)
 
 
 def _about(found: Estimate, point: Floats) -> Estimate:

@@ -124,7 +124,9 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
         data.discrepancy(data.measured) is not None and len(_rows(found, fitted, data.kind)) < LEAST for data in fitted
     ]
     noises = [
-        replace(noise, scale=1.0, freedom=np.inf) if low and not noise.known and noise.scale < 1.0 else noise
+        replace(noise, scale=1.0, freedom=np.inf, known=True)
+        if low and not noise.known and noise.scale < 1.0
+        else noise
         for low, noise in zip(few, own.noises, strict=True)
     ]
     wide = own.with_noises(noises)

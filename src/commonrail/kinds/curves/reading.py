@@ -15,7 +15,7 @@ from commonrail.kinds.curves.models import PulseModel, RateModel
 from commonrail.kinds.curves.samples import Samples, samples_of, within_window
 from commonrail.kinds.curves.several import FoundCurve, label_of, named_columns, traces_below_points
 from commonrail.kinds.curves.shots import cut_shots
-from commonrail.kinds.noise import Noise
+from commonrail.kinds.noise import NOISE, Noise
 from commonrail.kinds.reading import Context, TraceModel, drive_unit, mass_density
 from commonrail.reading.place import Place, located
 from commonrail.reading.tables import Column
@@ -87,7 +87,7 @@ def _curve(model: RateModel, curve: FoundCurve, context: Context, label: str) ->
     point = _point(model, samples, context, context.at)
     density = mass_density(context.injector, samples.unit, point)
     scale = 1.0 if math.isnan(density) else density
-    noise = Noise(sigma=None if curve.sigma is None else curve.sigma / scale)
+    noise = NOISE if curve.sigma is None else Noise(sigma=curve.sigma / scale, freedom=curve.freedom)
     return ReadCurve(point, samples.bounds, samples.rate / scale, density, label, curve.shots, noise)
 
 

@@ -42,6 +42,8 @@ class FoundCurve(NamedTuple):
         Repeated shots of which it is the mean.
     sigma : float or None
         Standard error of the mean, in the unit of the samples.
+    freedom : float
+        Its degrees of freedom.
     """
 
     samples: Samples
@@ -49,6 +51,7 @@ class FoundCurve(NamedTuple):
     energising_time: float | None
     shots: int = 1
     sigma: float | None = None
+    freedom: float = 0.0
 
 
 def label_of(curve: FoundCurve) -> str:
@@ -129,7 +132,7 @@ def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising
     rates = np.array([s.on(bounds).rate for s in shots])
     mean = averaged(rates, [np.arange(len(shots))])
     samples = shots[0]._replace(bounds=bounds, rate=mean.mean[0])
-    return FoundCurve(samples, rail_pressure, energising_time, len(shots), mean.sigma)
+    return FoundCurve(samples, rail_pressure, energising_time, len(shots), mean.sigma, mean.freedom)
 
 
 def traces_below_points(model: RateModel, context: Context) -> list[FoundCurve]:

@@ -166,17 +166,17 @@ def _averaged(read: ReadMap) -> ReadMap:
     places = np.array([(p.initial_pressures()[0], p.pulses[0].duration) for p in read.points])
     single = np.flatnonzero(~read.dead_time)
     groups = [single[rows] for rows in groups_of(places[single], SAME)]
-    groups += [np.array([row]) for row in np.flatnonzero(read.dead_time)]
     found = averaged(read.quantity, groups, read.absolute + read.relative * read.quantity)
-    first = np.array([rows[0] for rows in groups])
+    dead = np.flatnonzero(read.dead_time)
+    first = np.concatenate([np.array([rows[0] for rows in groups], np.intp), dead])
     density = np.asarray(read.mass_density)
     least, most = int(found.counts.min()), int(found.counts.max())
     return read._replace(
         points=tuple(read.points[i] for i in first),
-        quantity=found.mean,
+        quantity=np.concatenate([found.mean, read.quantity[dead]]),
         dead_time=read.dead_time[first],
         mass_density=density[first] if density.ndim else float(density),
-        noise=Noise(sigma=found.sigma),
+        noise=NOISE if found.sigma is None else Noise(sigma=found.sigma, freedom=found.freedom),
         strokes=f"means of {least} strokes" if least == most else f"means of {least} to {most} strokes",
     )
 
