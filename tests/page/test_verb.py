@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from commonrail.cli import console
 from commonrail.export import linker
 from commonrail.injector.variants import Variant
 from commonrail.page import module
@@ -53,6 +54,24 @@ def test_without_zig_it_names_what_to_install(monkeypatch: pytest.MonkeyPatch, t
     done = run_command("page", "virtual-lino-2016", "--out", tmp_path / "bench.html")
     assert done.status == 2
     assert "pip install 'commonrail[export]'" in done.sentence
+
+
+def test_what_is_compiled_for_a_page_is_said_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(console, "_said", False)
+    with console.compiling(), console.compiling():  # the module needs the text of the physics
+        pass
+    with console.compiling():  # and the fits near the best one their kernel
+        pass
+    assert capsys.readouterr().err.count(console.COMPILING) == 1
+
+
+def test_a_report_makes_the_page_of_its_run_alone(tmp_path: Path) -> None:
+    done = run_command("report", tmp_path, "--page")
+    assert done.status == 2
+    assert "--page needs the folder of a calibration" in done.sentence
+    assert not (tmp_path / "bench.html").exists()
 
 
 @needs_zig

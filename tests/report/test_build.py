@@ -251,3 +251,9 @@ def test_a_robust_loss_is_stated_with_its_scale() -> None:
     record = map_record()
     assert "soft L1" not in Page(report_html(record, {})).text
     assert "soft L1 of scale 2" in Page(report_html(record | {"loss": "soft_l1", "loss_scale": 2.0}, {})).text
+
+
+def test_a_page_with_sliders_beside_the_report_is_linked(rate_run: Path) -> None:
+    assert "bench.html" not in write_report(rate_run).read_text(encoding="utf-8")
+    (rate_run / "bench.html").write_text("<p>", encoding="utf-8")
+    assert '<a href="bench.html">' in write_report(rate_run).read_text(encoding="utf-8")

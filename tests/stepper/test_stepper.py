@@ -145,6 +145,31 @@ def test_a_state_of_another_injector_is_refused(regulated: Injector) -> None:
         cr.Stepper(regulated, POINT).restore(kept)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"memory": np.nan},
+        {"steps": -1},
+        {"steps": "3"},
+        {"held": None},
+    ],
+)
+def test_a_damaged_state_is_refused_and_the_stepper_keeps_its_own(
+    regulated: Injector, change: dict[str, object]
+) -> None:
+    stepper = cr.Stepper(regulated, POINT)
+    stepper.step("50 us")
+    kept, before = stepper.save(), stepper.states
+    if "memory" in change:
+        damaged = kept.memory.copy()
+        damaged[-1] = np.nan  # the last slot of a wave, which no channel shows
+        change = {"memory": damaged}
+    with pytest.raises(cr.ConfigurationError, match="state is damaged"):
+        stepper.restore(kept._replace(**change))  # type: ignore[arg-type]
+    assert stepper.states == before
+    stepper.restore(kept)
+
+
 # --- Linear model ---------------------------------------------------------------------------------------------------
 
 OUTPUTS = ("mass_rate", "needle_lift", "accumulation_pressure")
@@ -268,3 +293,20 @@ def test_a_current_that_the_caller_gives_is_that_of_a_trace() -> None:
         out = stepper.step("10 us", current=float(amperes))
     assert out["injected_mass"] == pytest.approx(whole.injected_mass, rel=1e-8)
     assert out["injected_mass"] > 1e-5
+
+
+@pytest.mark.parametrize(
+    ("names", "sentence"),
+    [
+        ({"inputs": 3}, 'inputs must be a list, such as ."rail_pressure".'),
+        ({"inputs": "rail_pressure"}, "inputs must be a list"),
+        ({"inputs": [["rail_pressure"]]}, r"There is no input \['rail_pressure'\]; choose from rail_pressure"),
+        ({"outputs": None}, 'outputs must be a list, such as ."mass_rate".'),
+        ({"outputs": ["rate"]}, 'There is no output "rate"; choose from mass_rate, needle_lift'),
+    ],
+)
+def test_names_that_are_no_list_of_names_are_a_sentence(
+    open_needle: cr.Stepper, names: dict[str, object], sentence: str
+) -> None:
+    with pytest.raises(cr.ConfigurationError, match=sentence):
+        open_needle.linearise("5 us", **names)  # type: ignore[arg-type]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -25,6 +26,9 @@ def catalogue(
     section: Annotated[Section | None, typer.Argument(help="Section to be listed. [default: all three]")] = None,
     *,
     search: Annotated[str, typer.Option(help="Text that the listed entries contain. [default: all entries]")] = "",
+    gallery: Annotated[
+        Path | None, typer.Option(metavar="FILE.html", help="Page with curves, figures and sources of the injectors.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """List fuels, injectors and parameters.
@@ -36,7 +40,11 @@ def catalogue(
     Examples:
       commonrail catalogue injectors
       commonrail catalogue parameters --search spring
+      commonrail catalogue injectors --gallery injectors.html
     """
+    if gallery is not None:
+        _write_gallery(gallery, search, json)
+        return
     chosen = [section] if section else list(Section)
     found = {s.value: [e for e in _entries(s) if _matches(e, search)] for s in chosen}
     if json:
@@ -48,6 +56,29 @@ def catalogue(
             print_rows(tuple(entries[0]), rows, name)
     if not any(found.values()):
         say(f'commonrail: nothing contains "{search}".')
+
+
+def _write_gallery(path: Path, search: str, json: bool) -> None:
+    """Write the page of the injectors that contain a text."""
+    from importlib.metadata import version
+
+    from commonrail.cli.output import check_file
+    from commonrail.errors import InputError
+    from commonrail.files.atomic import write_text, writing
+    from commonrail.files.injector_file import load_injector
+    from commonrail.report.gallery import exhibit, gallery_html
+
+    names = [entry["name"] for entry in _injectors() if _matches(entry, search)]
+    if not names:
+        raise InputError(f'No injector of the catalogue contains "{search}"; omit --search to show all.')
+    check_file(path, "--gallery")
+    text = gallery_html([exhibit(name, load_injector(name)) for name in names], version("commonrail"))
+    with writing(path, "--gallery"):
+        write_text(path, text)
+    if json:
+        print_json({"kind": "gallery", "page": str(path), "injectors": names})
+    else:
+        say(f"wrote {path} ({len(names)} injectors)")
 
 
 def _entries(section: Section) -> list[dict[str, Any]]:

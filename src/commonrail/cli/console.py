@@ -50,16 +50,29 @@ def say_of_ending(text: str) -> None:
         os.write(2, f"{show_cursor}\ncommonrail: {text}\n".encode())
 
 
+_under_way = False  # one display, also while one compilation needs another
+_said = False  # the sentence, where it cannot be taken back
+
+
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Say that a simulation is being compiled, with a sign of life in a terminal."""
+    """Say that a simulation is being compiled, with a sign of life in a terminal, else once a process."""
+    global _under_way, _said
     console = stderr_console()
-    if console.is_terminal:
-        with console.status(COMPILING + " ..."):
-            yield
-    else:
-        say(COMPILING + " ...")
+    if _under_way or (_said and not console.is_terminal):
         yield
+        return
+    _under_way = True
+    try:
+        if console.is_terminal:
+            with console.status(COMPILING + " ..."):
+                yield
+        else:
+            _said = True
+            say(COMPILING + " ...")
+            yield
+    finally:
+        _under_way = False
 
 
 def print_json(record: Mapping[str, Any]) -> None:

@@ -18,16 +18,21 @@ def report(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate, family or compare.")],
     *,
     pdf: Annotated[bool, typer.Option("--pdf", help="Print report.pdf too, by a Chromium of this machine.")] = False,
+    page: Annotated[
+        bool, typer.Option("--page", help="Make bench.html beside it, with sliders; the report links it.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Make the report of a run folder again.
 
-    RUN/report.html is self-contained: it opens without a network and prints on A4.
+    RUN/report.html is self-contained: it opens without a network and prints on A4. --page makes RUN/bench.html beside
+    it, as commonrail page does, for the run folder of commonrail calibrate.
 
     \b
     Example:
       commonrail report runs/paper-1
       commonrail report runs/paper-1 --pdf
+      commonrail report runs/paper-1 --page
     """
     from commonrail.fleet.results import RECORD
     from commonrail.report.build import draw_plates, write_report
@@ -39,12 +44,32 @@ def report(
         )
     if pdf:
         browser()  # refuse before anything is written
+    bench = _make_page(run) if page else None
     lacking = draw_plates(run)
     path = write_report(run)
     if lacking:
         say(lacking)
     printed = print_pdf(path) if pdf else None
     if json:
-        print_json({"kind": "report", "report": str(path)} | ({"pdf": str(printed)} if printed else {}))
+        made = {"report": path, "pdf": printed, "page": bench}
+        print_json({"kind": "report"} | {key: str(place) for key, place in made.items() if place})
     else:
-        typer.echo("\n".join(str(made) for made in (path, printed) if made))
+        typer.echo("\n".join(str(made) for made in (path, printed, bench) if made))
+
+
+def _make_page(run: Path) -> Path:
+    """The bench page of a run, written into its folder."""
+    from commonrail.files.atomic import write_text
+    from commonrail.files.run_folder import RESULT
+    from commonrail.page.build import page_html
+    from commonrail.page.subject import read_subject
+    from commonrail.report.build import BENCH
+
+    if not (run / RESULT).is_file():
+        raise InputError(
+            f"{run}: --page needs the folder of a calibration, and there is no {RESULT} in it; omit --page, or make a "
+            "page of an injector with `commonrail page`."
+        )
+    path = run / BENCH
+    write_text(path, page_html(read_subject(str(run))))
+    return path

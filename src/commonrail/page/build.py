@@ -48,7 +48,7 @@ def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
         model=Markup(_embedded(numbers)),
         wasm=base64.b64encode(module).decode(),
         worker=_script("numbers.js", "meter.js", "simulation.js", "worker.js"),
-        script=_script("numbers.js", "plot.js", "bench.js"),
+        script=_script("numbers.js", "simulation.js", "plot.js", "bench.js"),
         footer=f"Made by commonrail {program}. The page holds all it needs and loads nothing.",
     )
 

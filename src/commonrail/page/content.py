@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.calibration.space import Space
 from commonrail.display.text import number
 from commonrail.engine.notes import Outcome
 from commonrail.engine.operating_point import OperatingPoint, Trace
@@ -21,6 +22,7 @@ from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.kinds import RateData
 from commonrail.kinds.records import origin_of
 from commonrail.kinds.simulator import Simulator
+from commonrail.observation.quantities import is_of_meter
 from commonrail.page.meters import meter_of, packed
 from commonrail.page.module import MOST_ROWS, MOST_STEPS
 from commonrail.page.sliders import ONE, borne, limits_of, variant_of
@@ -35,7 +37,7 @@ Floats = NDArray[np.float64]
 TAIL = 2.5e-3  # simulated after the end of the last energising, unless needle and valve rest before [s]
 QUIET, RESTING = 100e-6, 300e-6  # an end is looked for so long after energising, and found after so long a rest [s]
 SAMPLE = 3e-6  # between the channels that are kept [s]
-KELVIN = 2.5  # between the nodes of the fuel's temperature
+KELVIN = 1.0  # between the nodes of the fuel's temperature
 CYLINDERS = 41  # nodes of the density over the cylinder's pressure
 MAP_PRESSURES, MAP_TIMES = 5, 12
 
@@ -85,6 +87,7 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "limits": limits,
         "sliders": [_slider(injector, s) for s in sliders],
         "narrowed": share,
+        "constraints": [] if subject.space is None else _constraints(subject.space),
         "columnOf": _columns(injector, subject, sliders),
         "data": data,
         "reference": {"label": "J of the fit" if subject.start else ""},
@@ -125,6 +128,17 @@ def _slider(injector: Injector, s: Slid) -> dict[str, Any]:
         "high": s.high,
         "value": injector.values[s.name],
     }
+
+
+def _constraints(space: Space) -> list[dict[str, Any]]:
+    """Linear constraints of a run between parameters of the injector: shares by name, and the least sum [SI]."""
+    floor = space.rows.floor(space.lower, space.upper)
+    found = []
+    for row, least, label in zip(space.rows.matrix, floor, space.rows.labels, strict=True):
+        terms = {name: float(share) for name, share in zip(space.names, row, strict=True) if share}
+        if not any(map(is_of_meter, terms)):
+            found.append({"terms": terms, "floor": float(least), "label": label})
+    return found
 
 
 def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slid]) -> dict[str, int]:

@@ -70,6 +70,8 @@ class Subject:
         Sentences about what is not measured.
     fan : Fan or None
         Fits near the best one.
+    space : Space or None
+        Of a run, whose linear constraints its sliders keep.
     """
 
     title: str
@@ -80,6 +82,7 @@ class Subject:
     data: tuple[RateData, ...]
     synthetic: tuple[str, ...]
     fan: Fan | None
+    space: Space | None = None
 
 
 def read_subject(text: str, more: tuple[str, ...] = (), threads: int | None = None) -> Subject:
@@ -134,7 +137,7 @@ def _of_run(run: Path, more: tuple[str, ...], threads: int | None) -> Subject:
     start = {p.name: p.reference for p in study.space.parameters if p.name in own}
     fan = near_fits(run, study, best, threads)
     notes = tuple(dict.fromkeys(note for note in (injector.synthetic, *(d.synthetic for d in data)) if note))
-    return Subject(study.title, injector, sliders, study.time_step, start, data, notes, fan)
+    return Subject(study.title, injector, sliders, study.time_step, start, data, notes, fan, study.space)
 
 
 def _curves(data: tuple[DataSet, ...]) -> tuple[RateData, ...]:

@@ -43,10 +43,11 @@ from commonrail.report.tables import tables_of
 from commonrail.report.tolerance import tolerance_html
 from commonrail.report.verdict import verdict
 
-__all__ = ["draw_plates", "report_html", "write_report"]
+__all__ = ["BENCH", "draw_plates", "report_html", "write_report"]
 
 Floats = NDArray[np.float64]
 
+BENCH = "bench.html"  # page with sliders, which a report links where it lies beside
 MANY = 6  # figures; more are set beside one another, below a table of contents
 
 NO_PLATES = (
@@ -142,7 +143,8 @@ def _complete(folder: Path, name: str, verb: str) -> Iterator[None]:
 
 def _calibrated(folder: Path) -> str:
     record, traces = read_run(folder)
-    return report_html(check_record(record, str(folder)), traces, folder.as_posix() or "RUN")
+    bench = (folder / BENCH).is_file()
+    return report_html(check_record(record, str(folder)), traces, folder.as_posix() or "RUN", bench)
 
 
 def _compared(folder: Path) -> str:
@@ -186,7 +188,9 @@ _KINDS: tuple[tuple[str, str, Callable[[Path], str]], ...] = (
 )
 
 
-def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run: str = "RUN") -> str:
+def report_html(
+    record: Record, traces: Mapping[str, Mapping[str, Floats]], run: str = "RUN", bench: bool = False
+) -> str:
     """Page of a result.
 
     Parameters
@@ -195,6 +199,8 @@ def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run:
         Record, and curves by data set.
     run : str
         The folder's name, for the command lines in the page.
+    bench : bool
+        A page with sliders lies beside, to be linked.
     """
     figures = figures_of(record, traces)
     many = len(figures) > MANY
@@ -220,6 +226,7 @@ def report_html(record: Record, traces: Mapping[str, Mapping[str, Floats]], run:
         synthetic=synthetic_notes(record),
         warnings=warning_lines(record),
         commands=rerun_lines(record, run),
+        bench=BENCH if bench else "",
         facts=_facts(record),
     )
 

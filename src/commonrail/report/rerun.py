@@ -34,7 +34,7 @@ def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
         ),
         (
             "Move the parameters and see the injection change",
-            f"commonrail page {folder} --out {shlex.quote(run)}/bench.html",
+            f"commonrail report {folder} --page",
         ),
         ("Make this report again", f"commonrail report {folder}"),
     ]

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arguments import sequence, shown
 from commonrail.choices import Drive
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import MAXIMUM_STEPS, Prepared, make_job, prepare
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 
-__all__ = ["COLUMNS", "CoursePlan", "Held", "refuse_pressures", "traced_input"]
+__all__ = ["COLUMNS", "CoursePlan", "Held", "names_of", "refuse_pressures", "traced_input"]
 
 Floats = NDArray[np.float64]
 
@@ -167,3 +168,21 @@ def refuse_pressures(injector: Injector, inputs: Floats) -> None:
 def traced_input(injector: Injector) -> str | None:
     """Input of an injector that is driven by a measured trace, "voltage" or "current"; else None."""
     return _TRACED.get(injector.variant.drive)
+
+
+def names_of(value: object, known: tuple[str, ...], what: str) -> tuple[str, ...]:
+    """Read a list of names.
+
+    Parameters
+    ----------
+    value : object
+    known : tuple of str
+        To choose from.
+    what : str
+        "input" or "output".
+    """
+    names = sequence(value, f"{what}s", f'["{known[0]}"]')
+    for name in names:
+        if not isinstance(name, str) or name not in known:
+            raise ConfigurationError(f"There is no {what} {shown(name)}; choose from {', '.join(known)}.")
+    return tuple(names)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,8 @@ from commonrail.engine.status import Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step, step_advice
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.injector.definition import Injector
-from commonrail.stepper.course import COLUMNS, CoursePlan, Held, refuse_pressures, traced_input
+from commonrail.stepper.course import COLUMNS, CoursePlan, Held, names_of, refuse_pressures, traced_input
+from commonrail.stepper.kept import Kept, refuse_damaged
 from commonrail.stepper.linear import LinearModel, Operation, linearise
 from commonrail.stepper.loop import Loop, make_loop
 
@@ -36,14 +37,6 @@ _PRESSURES = {
     "sac_pressure": "sac.pressure",
     "return_pressure": "return_line.pressure",
 }
-
-
-class Kept(NamedTuple):
-    """State of a `Stepper` at one instant: steps taken, memory of the loop, inputs that are held."""
-
-    steps: int
-    memory: Floats
-    held: Held
 
 
 class Stepper:
@@ -204,13 +197,14 @@ class Stepper:
         Raises
         ------
         ConfigurationError
-            If it is of another kind, or of a stepper with another memory.
+            If it is of another kind, of a stepper with another memory, or holds what no `save` returns, such as NaN.
         """
         instance(kept, Kept, "state")
-        if kept.memory.shape != self._memory.shape:
+        if np.shape(kept.memory) != self._memory.shape:
             raise ConfigurationError(
                 "The state is of a stepper with another wiring, pipe or time step; make one of the same to restore it."
             )
+        refuse_damaged(kept)
         self._steps, self._memory, self._held = kept.steps, kept.memory.copy(), kept.held.copy()
 
     def linearise(
@@ -230,15 +224,13 @@ class Stepper:
         Raises
         ------
         ConfigurationError
-            If a name is unknown or not one of this injector's.
+            If a name is unknown or not one of this injector's, or the names are no list.
         """
         count = self._count(sample)
+        inputs = names_of(inputs, tuple(COLUMNS), "input")
         for name in inputs:
             self._refuse_foreign(name)
-        known = ("mass_rate", *self.channels)
-        unknown = next((name for name in outputs if name not in known), None)
-        if unknown is not None:
-            raise ConfigurationError(f'There is no output "{unknown}"; choose from {", ".join(known)}.')
+        outputs = names_of(outputs, ("mass_rate", *self.channels), "output")
         operation = Operation(
             self._loop,
             self._memory,
@@ -250,7 +242,7 @@ class Stepper:
             self._coefficients,
             self._variant,
         )
-        return linearise(operation, self.time_step, tuple(inputs), tuple(outputs))
+        return linearise(operation, self.time_step, inputs, outputs)
 
     def _count(self, duration: Quantity) -> int:
         seconds = number(duration, "s", "duration of a step")
@@ -269,8 +261,6 @@ class Stepper:
 
     def _refuse_foreign(self, name: str) -> None:
         """Refuse an input that this injector has not."""
-        if name not in COLUMNS:
-            raise ConfigurationError(f'There is no input "{name}"; choose from {", ".join(COLUMNS)}.')
         if name in _UNITS and name != traced_input(self.injector):
             raise ConfigurationError(
                 f"{self.injector.name} has a {self._variant.drive.value} drive, which takes no {name}; give "

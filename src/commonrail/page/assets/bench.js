@@ -1,41 +1,67 @@
-// The page: its state, sliders, curves, address and files. The workers simulate.
+// The page: its state, sliders, curves, address and files. It simulates the curve of a moved slider itself, at once;
+// workers simulate the fan, J and the map.
 "use strict";
 
 const model = JSON.parse(document.getElementById("model").textContent);
 const byId = (id) => document.getElementById(id);
 const MICRO = 1e6;
 
+function moduleBytes() {
+  return Uint8Array.from(atob(byId("wasm").textContent.trim()), (c) => c.charCodeAt(0));
+}
+
+function refused(error) {
+  say(`The simulation could not be started: ${error.message}`, true);
+}
+
 // --- Workers: one message under way each, the newest state next --------------------------------------------------
 
 class Client {
-  constructor(receive) {
+  // `spacing`: least time [ms] between two messages, `delay`: from a change to its message
+  constructor(receive, { spacing = 0, delay = 0 } = {}) {
     const text = byId("worker").textContent;
     this.worker = new Worker(URL.createObjectURL(new Blob([text], { type: "text/javascript" })));
     this.worker.onmessage = ({ data }) => this.answer(data);
-    this.worker.onerror = (event) => say(`The simulation could not be started: ${event.message}`, true);
+    this.worker.onerror = refused;
     this.receive = receive;
-    this.busy = true; // until it is ready
+    this.spacing = spacing;
+    this.delay = delay;
+    this.working = true; // until it is ready
     this.next = null;
+    this.timer = 0;
+    this.sent = -Infinity;
     this.count = 0;
-    const wasm = Uint8Array.from(atob(byId("wasm").textContent.trim()), (c) => c.charCodeAt(0));
+    const wasm = moduleBytes();
     this.worker.postMessage({ model, wasm: wasm.buffer }, [wasm.buffer]);
+  }
+
+  get busy() {
+    return this.working || this.next !== null;
   }
 
   ask(message) {
     this.next = message;
-    if (!this.busy) this.send();
+    this.plan();
+  }
+
+  plan() {
+    if (this.working || this.timer || !this.next) return;
+    const wait = Math.max(this.sent + this.spacing - performance.now(), this.delay);
+    if (wait > 0) this.timer = setTimeout(() => { this.timer = 0; this.send(); }, wait);
+    else this.send();
   }
 
   send() {
-    this.busy = true;
+    this.working = true;
+    this.sent = performance.now();
     this.worker.postMessage({ id: ++this.count, ...this.next });
     this.next = null;
   }
 
   answer(data) {
-    this.busy = false;
-    if (this.next) this.send();
+    this.working = false;
     if (!data.ready) this.receive(data);
+    this.plan();
   }
 }
 
@@ -86,12 +112,47 @@ function fanOf(s) {
   return model.fan.members.map((member) => [...others, ...member.map((value, i) => [model.columnOf[model.fan.names[i]], value])]);
 }
 
-// What a worker simulates.
+// What is simulated.
 function request(s) {
   return {
     point: pointOf(s), data: s.data, measured: s.measured, temperature: s.temperature, values: columnsOf(s.values),
-    every: model.every, fan: fanOf(s), fanEvery: 3 * model.every, density: densityAt(s.cylinder, s.temperature),
+    every: model.every, density: densityAt(s.cylinder, s.temperature),
   };
+}
+
+// --- Simulation of the curve ------------------------------------------------------------------------------------
+
+const LONG = 8; // [ms] of a simulation, beyond which the page simulates once a frame of the screen
+let bench = null; // the physics, once it is there
+let lasted = 0; // last simulation [ms]
+let waiting = null; // state to be simulated in the next frame
+let gesture = 0; // instant of the key or pointer that moves a slider; the slider's own event is made after it
+
+for (const kind of ["keydown", "pointerdown", "pointermove"]) {
+  window.addEventListener(kind, (event) => { gesture = event.timeStamp; }, { capture: true, passive: true });
+}
+
+function stampOf(event) {
+  return event ? (event.isTrusted && gesture ? gesture : event.timeStamp) : 0;
+}
+
+function simulate(asked, stamp) {
+  if (bench && lasted < LONG) return simulateNow({ asked, stamp });
+  if (!waiting && bench) requestAnimationFrame(() => simulateNow(waiting));
+  waiting = { asked, stamp };
+}
+
+function simulateNow({ asked, stamp }) {
+  waiting = null;
+  const begun = performance.now(), course = bench.course(asked);
+  lasted = performance.now() - begun;
+  draw({ state: asked, stamp, course, work: lasted });
+}
+
+async function start() {
+  const { instance } = await WebAssembly.instantiate(moduleBytes(), {});
+  bench = new Bench(model, instance);
+  if (waiting) simulateNow(waiting);
 }
 
 // --- Curves --------------------------------------------------------------------------------------------------------
@@ -110,12 +171,16 @@ const PANELS = {
   current: [["coil", "coil_current", 1, "--c4"]],
 };
 const COLOURS = ["--c1", "--c2", "--c3", "--c4", "--c5"];
-let shown = null; // last answer
+let shown = null; // last course
+let fanned = null; // last fan: mass injected of its members, and the state that it belongs to
 let mapped = null; // last map
 let panelling = 0; // frame in which the panels will be drawn
+let panelled = -Infinity; // instant of the frame in which they were drawn last
+const REST = 30; // least time [ms] between two drawings of the panels, which leaves the frames between to the rate
 let scored = null; // last J of the data, and the rate that is compared with the one that is shown
 let held = null; // curve that is kept for comparison
 const frames = []; // [ms] from an input to its drawn curve
+const fans = []; // the same of drawn fans
 
 function timesOf(count, every, start) {
   const times = new Float64Array(count);
@@ -167,17 +232,18 @@ function keysOf(id, title, series) {
   }
 }
 
-function drawRate(answer, range) {
+function rangeOf({ state: asked, course }) {
+  return [asked.point.start * MICRO, endOf(asked, course) * MICRO];
+}
+
+function drawRate(answer) {
   const { state: asked, course } = answer, { start } = asked.point, series = [];
-  for (const mass of answer.fan || []) {
-    if (mass) series.push({ ...rateOf(mass, asked.fanEvery, start, asked.density), colour: "--fan", width: 1, faint: true });
-  }
-  if (answer.fan) series.push({ name: model.fan.short, x: [], y: [], colour: "--fan" });
+  if (state.fan && fanned) series.push(...fanned.series, { name: model.fan.short, x: [], y: [], colour: "--fan" });
   if (asked.data !== null) {
     const d = measuredOf(model.data[asked.data]);
-    series.push({ name: `${d.origin} ${d.name}`, x: d.x, y: d.y, colour: "--measured", dots: true });
+    series.push({ name: `${d.origin} ${d.name}`, x: d.x, y: d.y, colour: "--measured", dots: true, still: true });
   }
-  if (held) series.push({ name: "held", ...held, colour: "--soft", dash: [5, 4], width: 1.4 });
+  if (held) series.push({ name: "held", ...held, colour: "--soft", dash: [5, 4], width: 1.4, still: true });
   if (asked.data !== null && model.data[asked.data].meter && scored && scored.rate && scored.data === asked.data && isAtData(asked)) {
     const d = measuredOf(model.data[asked.data]);
     series.push({ name: `as ${d.meter.name} shows it`, x: d.x, y: scored.rate.map((value) => value * MICRO), colour: "--c1", width: 2.2 });
@@ -185,7 +251,7 @@ function drawRate(answer, range) {
   const rate = rateOf(thinned(course.injected, asked.every), asked.every, start, asked.density);
   series.push({ name: "simulated", ...rate, colour: "--accent", width: 2.2 });
   keysOf("rate", "Rate of injection, mm³/ms", series);
-  charts.rate.show(series, range);
+  charts.rate.show(series, rangeOf(answer));
   return rate;
 }
 
@@ -200,19 +266,40 @@ function endOf({ point, data }, { figures, steps }) {
 
 function draw(answer) {
   shown = answer;
-  const { state: asked, course } = answer, { start } = asked.point;
-  const range = [start * MICRO, endOf(asked, course) * MICRO];
-  answer.rate = drawRate(answer, range);
-  if (answer.stamp) frames.push({ ms: performance.now() - answer.stamp, work: answer.work, fan: Boolean(answer.fan) });
-  if (frames.length > 2000) frames.splice(0, 1000);
-  // the other panels follow in the same frame of the screen, once for all answers that it has seen
+  answer.rate = drawRate(answer);
+  note(frames, answer.stamp, answer.work);
+  // the other panels follow in a frame of the screen, once for all courses that it has seen
   if (!panelling) panelling = requestAnimationFrame(drawPanels);
 }
 
-function drawPanels() {
+function note(list, stamp, work) {
+  if (stamp) list.push({ ms: performance.now() - stamp, work });
+  if (list.length > 2000) list.splice(0, 1000);
+}
+
+// The fan that is drawn belongs to the state before while a slider moves: it follows the curve as fast as it can.
+function takeFan({ state: asked, stamp, fan }) {
+  const series = fan.filter(Boolean).map((mass) => ({
+    ...rateOf(mass, asked.fanEvery, asked.point.start, asked.density), colour: "--fan", width: 1, faint: true, still: true,
+  }));
+  fanned = { state: asked, masses: fan, series, stamp };
+  if (shown && state.fan && !panelling) panelling = requestAnimationFrame(drawPanels);
+}
+
+function drawPanels(now) {
   panelling = 0;
+  if (fanned && state.fan && !fanned.drawn) {
+    drawRate(shown);
+    note(fans, fanned.stamp);
+    fanned.drawn = true;
+  }
+  if (now - panelled < REST) {
+    panelling = requestAnimationFrame(drawPanels);
+    return;
+  }
+  panelled = now;
   const { state: asked, course } = shown, { start } = asked.point, width = model.channels.length;
-  const range = [start * MICRO, endOf(asked, course) * MICRO], x = timesOf(course.rows + 1, course.every, start);
+  const range = rangeOf(shown), x = timesOf(course.rows + 1, course.every, start);
   for (const [id, lines] of Object.entries(PANELS)) {
     const series = lines.filter(([, channel]) => channel in at).map(([name, channel, scale, colour]) => {
       const y = new Float64Array(course.rows + 1);
@@ -242,7 +329,7 @@ function say(text, bad) {
 function drawFigures({ course, state: asked, rate }) {
   const f = course.figures, rho = asked.density, begin = asked.point.pulses[0]?.[0] ?? asked.point.start, instant = (steps) => asked.point.start + steps * model.dt;
   const bad = course.status === "failed" || course.status === "not closed" || course.status === "too long";
-  say(SENTENCES[course.status], bad);
+  say(SENTENCES[course.status] || stopped, bad);
   const end = asked.point.pulses.reduce((_, p) => p[0] + p[1], begin), micro = (s) => (Number.isFinite(s) ? (s * MICRO).toFixed(1) : "–");
   let peak = 0;
   for (const y of rate.y) if (y > peak) peak = y;
@@ -312,6 +399,7 @@ function drawMap({ map }) {
 // --- Sliders -------------------------------------------------------------------------------------------------------
 
 const sliders = [];
+let stopped = ""; // sentence of a constraint that has stopped the slider that moved last
 
 class Slider {
   // options: { id, label, soft, unit, factor (shown per SI), low, high (SI), get, set, nodes }
@@ -348,6 +436,7 @@ class Slider {
   }
 
   take(shownValue, event) {
+    stopped = "";
     this.options.set((shownValue - (this.options.offset || 0)) / this.options.factor);
     this.refresh();
     changed(event);
@@ -360,6 +449,22 @@ class Slider {
     this.range.setAttribute("aria-valuetext", `${text} ${this.options.unit}`);
     this.box.classList.toggle("changed", Boolean(this.options.moved && this.options.moved()));
   }
+}
+
+// Value of a parameter that keeps the run's linear constraints, as long as the others keep them.
+function ordered(name, value) {
+  const valueOf = (other) => state.values[other] ?? model.present[other];
+  let low = -Infinity, high = Infinity, below = "", above = "";
+  for (const { terms, floor, label } of model.constraints) {
+    if (!terms[name]) continue;
+    const rest = Object.entries(terms).reduce((sum, [other, share]) => (other === name ? sum : sum + share * valueOf(other)), 0);
+    const end = (floor - rest) / terms[name];
+    if (terms[name] > 0 && end > low) [low, below] = [end, label];
+    if (terms[name] < 0 && end < high) [high, above] = [end, label];
+  }
+  if (low > high || (value >= low && value <= high)) return value;
+  stopped = `${name} is stopped by the run's constraint ${value < low ? below : above}.`;
+  return value < low ? low : high;
 }
 
 function pressureSlider(holder, id, label, key, column) {
@@ -418,7 +523,7 @@ function build() {
   for (const p of model.sliders) {
     new Slider(parameters, {
       id: p.name, label: p.meaning, soft: p.name, unit: p.unit.replace(/\bu([ms])\b/, "µ$1"), factor: p.factor, low: p.low, high: p.high,
-      get: () => state.values[p.name] ?? p.value, set: (value) => { state.values[p.name] = value; },
+      get: () => state.values[p.name] ?? p.value, set: (value) => { state.values[p.name] = ordered(p.name, value); },
       moved: () => state.values[p.name] !== undefined && state.values[p.name] !== p.value,
     });
   }
@@ -430,16 +535,21 @@ function build() {
 
 // --- Changes, address, presets -------------------------------------------------------------------------------------
 
-const courses = new Client(draw), scores = model.data.length ? new Client(drawScores) : null, maps = model.map ? new Client(drawMap) : null;
+// J as often as a person can read it; the map takes as long as sixty courses, and leaves the processor to the curves.
+const scores = model.data.length ? new Client(drawScores, { spacing: 60 }) : null;
+const maps = model.map ? new Client(drawMap, { spacing: 700, delay: 150 }) : null;
+let spread = null; // worker of the fan, once it is asked for
 let addressing = 0;
-let mapping = 0;
 
 function changed(event) {
-  const asked = request(state);
-  courses.ask({ state: asked, stamp: event ? event.timeStamp : 0 });
-  if (scores) scores.ask({ state: { ...asked, fan: null, want: "scores" } });
-  // the map takes as long as sixty courses: it follows a little later, and leaves the processor to the curves
-  if (maps && !mapping) mapping = setTimeout(() => { mapping = 0; maps.ask({ state: { ...request(state), want: "map", map: model.map } }); }, 150);
+  const asked = request(state), stamp = stampOf(event), members = fanOf(state);
+  simulate(asked, stamp);
+  if (members) {
+    spread ??= new Client(takeFan);
+    spread.ask({ stamp, state: { ...asked, fan: members, fanEvery: 3 * model.every } });
+  }
+  if (scores) scores.ask({ state: { ...asked, want: "scores" } });
+  if (maps) maps.ask({ state: { ...asked, want: "map", map: model.map } });
   clearTimeout(addressing);
   addressing = setTimeout(() => history.replaceState(null, "", `#${address()}`), 250);
 }
@@ -489,6 +599,7 @@ function fromAddress(text) {
 
 function take(next) {
   state = next;
+  stopped = "";
   build();
   changed();
 }
@@ -608,9 +719,11 @@ document.addEventListener("keydown", (event) => {
 window.addEventListener("hashchange", () => take(fromAddress(location.hash.slice(1))));
 setTheme(window.matchMedia("(prefers-color-scheme: dark)").matches);
 take(location.hash.length > 1 ? fromAddress(location.hash.slice(1)) : stateOf(first));
+start().catch(refused);
 
 // For the console, and for tests.
 window.commonrail = {
-  model, frames, csv, toml, address, take, state: () => state, shown: () => shown, map: () => mapped,
-  scores: () => scored, settled: () => shown !== null && !courses.busy && !(scores && scores.busy) && !panelling,
+  model, frames, fans, csv, toml, address, take, state: () => state, shown: () => shown, map: () => mapped,
+  scores: () => scored, fan: () => (state.fan ? fanned : null),
+  settled: () => shown !== null && !waiting && !panelling && ![scores, state.fan && spread].some((one) => one && one.busy),
 };

@@ -1,4 +1,5 @@
-// Line plots on a canvas: axes with round ticks, lines, points, a cursor that reads values.
+// Line plots: axes with round ticks, lines, points, a cursor that reads values. Two canvases lie upon each other: the
+// one behind has axes and still curves and is seldom drawn anew, the one before it what moves.
 "use strict";
 
 function niceStep(range, count) {
@@ -17,36 +18,47 @@ function colourOf(name) {
 }
 
 class Plot {
-  // options: { title, unit, x: axis title, height, zero: include zero, keep: ranges stay while they fit }
+  // options: { title, unit, x: axis title, height, zero: include zero }
   constructor(holder, options) {
     this.options = { height: 180, zero: true, ...options };
-    this.canvas = document.createElement("canvas");
-    this.canvas.setAttribute("role", "img");
-    this.canvas.setAttribute("aria-label", options.title);
+    const area = document.createElement("div");
+    area.className = "area";
+    [this.back, this.front] = [0, 1].map(() => document.createElement("canvas"));
+    this.front.setAttribute("role", "img");
+    this.front.setAttribute("aria-label", options.title);
+    this.back.setAttribute("aria-hidden", "true");
     this.readout = document.createElement("output");
     this.readout.className = "readout";
-    holder.append(this.canvas, this.readout);
+    area.append(this.back, this.front);
+    holder.append(area, this.readout);
     this.series = [];
     this.range = null;
     this.cursor = null;
-    this.canvas.addEventListener("pointermove", (event) => this.point(event));
-    this.canvas.addEventListener("pointerleave", () => { this.cursor = null; this.draw(); });
+    this.drawn = []; // that decides over the canvas behind
+    this.front.addEventListener("pointermove", (event) => this.point(event));
+    this.front.addEventListener("pointerleave", () => { this.cursor = null; this.draw(); });
     this.resize();
     new ResizeObserver(() => { this.resize(); this.draw(); }).observe(holder);
   }
 
   resize() {
-    const ratio = window.devicePixelRatio || 1, width = this.canvas.parentElement.clientWidth;
+    const ratio = window.devicePixelRatio || 1, width = this.front.parentElement.clientWidth;
     this.width = Math.max(width, 120);
     this.height = this.options.height;
-    this.canvas.width = Math.round(this.width * ratio);
-    this.canvas.height = Math.round(this.height * ratio);
-    this.canvas.style.height = `${this.height}px`;
-    this.context = this.canvas.getContext("2d");
-    this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.front.parentElement.style.height = `${this.height}px`;
+    for (const canvas of [this.back, this.front]) {
+      canvas.width = Math.round(this.width * ratio);
+      canvas.height = Math.round(this.height * ratio);
+      canvas.style.height = `${this.height}px`;
+      const context = canvas.getContext("2d");
+      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+      context.lineJoin = "bevel";
+    }
+    this.drawn = [];
   }
 
-  // series: { name, x, y, colour, width, dots, faint, dash }; x and y are arrays of one length
+  // series: { name, x, y, colour, width, dots, faint, dash, still }; x and y are arrays of one length, x ascending; a
+  // still one keeps its arrays from one call to the next
   show(series, xRange) {
     this.series = series;
     this.xRange = xRange;
@@ -72,16 +84,31 @@ class Plot {
   draw() {
     if (!this.xRange) return;
     this.settle();
-    const g = this.context, ink = colourOf("--soft"), line = colourOf("--line");
     const left = 46, right = 8, top = 6, bottom = this.options.x ? 34 : 18;
-    const [x0, x1] = this.xRange, { low, high, step } = this.range;
+    const [x0, x1] = this.xRange, { low, high } = this.range;
     const wide = this.width - left - right, tall = this.height - top - bottom;
     const px = (x) => left + ((x - x0) / (x1 - x0)) * wide, py = (y) => top + (1 - (y - low) / (high - low)) * tall;
-    this.place = { px, py, left, wide, x0, x1 };
+    this.place = { px, py, left, top, wide, tall, x0, x1 };
+    const still = this.series.filter((s) => s.still), ink = colourOf("--soft");
+    const decides = [ink, x0, x1, low, high, ...still.flatMap((s) => [s.x, s.y, s.colour])];
+    if (decides.length !== this.drawn.length || decides.some((one, i) => one !== this.drawn[i])) {
+      this.axes(this.back.getContext("2d"), ink);
+      this.curves(this.back.getContext("2d"), still);
+      this.drawn = decides;
+    }
+    const g = this.front.getContext("2d");
+    g.clearRect(0, 0, this.width, this.height);
+    this.curves(g, this.series.filter((s) => !s.still));
+    if (this.cursor !== null) this.read(g, top, tall, ink);
+    else if (this.readout.textContent) this.readout.textContent = "";
+  }
+
+  axes(g, ink) {
+    const { px, py, left, top, wide, tall, x0, x1 } = this.place, { low, high, step } = this.range;
     g.clearRect(0, 0, this.width, this.height);
     g.font = "11px system-ui, sans-serif";
     g.fillStyle = ink;
-    g.strokeStyle = line;
+    g.strokeStyle = colourOf("--line");
     g.lineWidth = 1;
     g.beginPath();
     g.textAlign = "right";
@@ -103,14 +130,16 @@ class Plot {
     }
     g.stroke();
     if (this.options.x) g.fillText(this.options.x, left + wide / 2, this.height - 13);
+  }
+
+  curves(g, series) {
+    const { px, py, left, top, wide, tall } = this.place;
     g.save();
     g.beginPath();
     g.rect(left, top, wide, tall);
     g.clip();
-    for (const s of this.series) this.curve(g, s, px, py);
+    for (const s of series) this.curve(g, s, px, py);
     g.restore();
-    if (this.cursor !== null) this.read(g, top, tall, ink);
-    else this.readout.textContent = "";
   }
 
   curve(g, s, px, py) {
@@ -125,9 +154,7 @@ class Plot {
       g.lineWidth = s.width || 1.8;
       g.setLineDash(s.dash || []);
       g.beginPath();
-      for (let i = 0; i < s.x.length; i++) {
-        if (Number.isFinite(s.y[i])) g.lineTo(px(s.x[i]), py(s.y[i]));
-      }
+      trace(g, s, px, py);
       g.stroke();
       g.setLineDash([]);
     }
@@ -136,7 +163,7 @@ class Plot {
 
   point(event) {
     if (!this.place) return;
-    const at = event.clientX - this.canvas.getBoundingClientRect().left, { left, wide, x0, x1 } = this.place;
+    const at = event.clientX - this.front.getBoundingClientRect().left, { left, wide, x0, x1 } = this.place;
     this.cursor = at < left || at > left + wide ? null : x0 + ((at - left) / wide) * (x1 - x0);
     this.draw();
   }
@@ -153,6 +180,31 @@ class Plot {
     const named = this.series.filter((s) => s.name && s.x.length);
     const texts = named.map((s) => `${s.name} ${(+valueAt(s, this.cursor)).toPrecision(4)}`);
     this.readout.textContent = `${Math.round(this.cursor)} ${this.options.xUnit || ""}: ${texts.join(", ")} ${this.options.unit || ""}`;
+  }
+}
+
+const CLOSE = 1; // [px] between points of a line: those nearer to each other are drawn as their lowest and highest
+
+function trace(g, s, px, py) {
+  const n = s.x.length;
+  let i = 0;
+  while (i < n) {
+    const x = px(s.x[i]), y = py(s.y[i]);
+    let low = y, high = y, last = y, rising = true, j = i + 1;
+    for (; j < n && px(s.x[j]) - x < CLOSE; j++) {
+      last = py(s.y[j]);
+      if (last < low) { low = last; rising = false; }
+      if (last > high) { high = last; rising = true; }
+    }
+    if (Number.isFinite(y)) {
+      g.lineTo(x, y);
+      if (high - low > CLOSE) {
+        g.lineTo(x, rising ? low : high);
+        g.lineTo(x, rising ? high : low);
+        g.lineTo(x, last);
+      }
+    }
+    i = j;
   }
 }
 

@@ -1,4 +1,5 @@
-// The compiled physics: what a page's state is simulated as. It runs in the workers and knows no document.
+// The compiled physics: what a page's state is simulated as. It knows no document: the page's own thread runs it for
+// the curve of a moved slider, the workers for fan, J and map.
 "use strict";
 
 function unpacked(filter) {
@@ -73,6 +74,19 @@ class Bench {
     const f = Object.fromEntries(this.model.figures.map((name, i) => [name, this.figures[i]]));
     const rows = every > 0 ? Math.floor(Math.max(steps, 0) / every) : 0;
     return { steps: Math.max(steps, 0), rows, figures: f, status: this.status(steps, f) };
+  }
+
+  // A state of the page as the module simulates it: its operating point with the measured courses that it follows.
+  followed(state) {
+    const d = state.data === null ? null : this.data[state.data];
+    return { ...state.point, courses: [0, 1, 2, 3].map((column) => (d && state.measured[column] ? d.courses[column] : null)) };
+  }
+
+  // Course of a state: its channels every so many steps, and the mass injected after every step.
+  course(state) {
+    this.setParameters(state.values, state.temperature);
+    const { every } = state, found = this.run(this.followed(state), every), width = this.model.channels.length;
+    return { ...found, every, channels: this.channels.slice(0, (found.rows + 1) * width), injected: this.injected.slice(0, found.steps + 1) };
   }
 
   status(steps, f) {

@@ -1,21 +1,7 @@
-// Worker of the page: courses of a state, scores on the data, the fan, or the map.
+// Worker of the page: scores on the data, the fan, or the map of a state.
 "use strict";
 
 let bench = null;
-
-function pointOf(state) {
-  const d = state.data === null ? null : bench.data[state.data];
-  const courses = [0, 1, 2, 3].map((column) => (d && state.measured[column] ? d.courses[column] : null));
-  return { ...state.point, courses };
-}
-
-function course(state) {
-  bench.setParameters(state.values, state.temperature);
-  const every = state.every, found = bench.run(pointOf(state), every);
-  const width = bench.model.channels.length, count = found.rows + 1;
-  const channels = bench.channels.slice(0, count * width), injected = bench.injected.slice(0, found.steps + 1);
-  return { ...found, every, channels, injected };
-}
 
 // J of every data set at its own operating point, and the compared rate of the one that is shown.
 function scores(state) {
@@ -30,7 +16,7 @@ function scores(state) {
 
 // Mass injected up to every so many steps, for each member of the fan.
 function fan(state) {
-  const point = pointOf(state);
+  const point = bench.followed(state);
   return state.fan.map((values) => {
     bench.setParameters(values, state.temperature);
     const { steps, status } = bench.run(point, 0);
@@ -59,13 +45,9 @@ onmessage = async ({ data: message }) => {
     postMessage({ ready: true });
     return;
   }
-  const { id, stamp, state } = message, begun = performance.now();
-  if (state.want === "map") postMessage({ id, map: map(state) });
-  else if (state.want === "scores") postMessage({ id, state, scores: scores(state) });
-  else {
-    const found = course(state), answer = { id, stamp, state, course: found };
-    if (state.fan) answer.fan = fan(state);
-    answer.work = performance.now() - begun;
-    postMessage(answer, [found.channels.buffer, found.injected.buffer]);
-  }
+  const { id, stamp, state } = message, answer = { id, stamp, state };
+  if (state.want === "map") answer.map = map(state);
+  else if (state.want === "scores") answer.scores = scores(state);
+  else answer.fan = fan(state);
+  postMessage(answer);
 };

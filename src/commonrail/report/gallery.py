@@ -1,0 +1,178 @@
+"""Page of the catalogue's injectors: curves, figures, and the mark and source of every value."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from commonrail.choices import Actuation, Drive
+from commonrail.display.chart import Figure
+from commonrail.display.table import Table, tabulated
+from commonrail.display.text import fixed, quantity
+from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.simulate import simulate
+from commonrail.engine.solution import Solution
+from commonrail.injector.definition import Injector
+from commonrail.report.draw import figure_html
+from commonrail.report.html import render
+from commonrail.report.parameters import MARKS
+from commonrail.report.simulation import course_figure
+from commonrail.units import to_text
+
+__all__ = ["Exhibit", "exhibit", "gallery_html"]
+
+MICRO = 1e6
+# Operating points of the figures: an everyday main injection at the pressures that each kind of injector is built for.
+# The direct-acting one is shown at the pressures and the cylinder pressure of the traces that it was fitted to.
+SERVO = tuple(OperatingPoint(p, 700e-6, 5e6) for p in (40e6, 80e6, 120e6, 160e6))
+DIRECT = tuple(OperatingPoint(p, 1e-3, 0.1e6, 0.1e6) for p in (10e6, 20e6, 30e6))
+_TRACED = (Drive.VOLTAGE, Drive.CURRENT)
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """One injector of the gallery.
+
+    Attributes
+    ----------
+    name : str
+        In the catalogue.
+    injector : Injector
+    points : tuple of OperatingPoint
+    solutions : dict of str to Solution
+        By rail pressure, as the legend says it.
+    notes : tuple of str
+        Sentences about what is not measured or assumed.
+    """
+
+    name: str
+    injector: Injector
+    points: tuple[OperatingPoint, ...]
+    solutions: dict[str, Solution]
+    notes: tuple[str, ...]
+
+
+def exhibit(name: str, injector: Injector) -> Exhibit:
+    """Simulate an injector for the gallery.
+
+    Parameters
+    ----------
+    name : str
+        In the catalogue.
+    injector : Injector
+        One that follows a measured voltage or current is driven by the peaks and holds of its file instead.
+    """
+    notes = [injector.synthetic] if injector.synthetic else []
+    shown, drive = injector, injector.variant.drive
+    if drive in _TRACED:
+        shown = replace(injector, variant=injector.variant._replace(drive=Drive.REGULATED))
+        notes.append(
+            f"The injector follows a measured {drive.value}, which the catalogue does not hold; the curves are those "
+            f"of an assumed current: {quantity(injector.values['drive.peak_current'], 'A', 3)} for "
+            f"{quantity(injector.values['drive.peak_duration'], 's', 3)}, then "
+            f"{quantity(injector.values['drive.hold_current'], 'A', 3)}."
+        )
+    points = DIRECT if injector.variant.actuation is Actuation.DIRECT else SERVO
+    solutions = {quantity(p.initial_pressures()[0], "Pa", 3): simulate(shown, p) for p in points}
+    return Exhibit(name, injector, points, solutions, tuple(notes))
+
+
+def gallery_html(exhibits: Sequence[Exhibit], version: str) -> str:
+    """Page of several injectors.
+
+    Parameters
+    ----------
+    exhibits : sequence of Exhibit
+    version : str
+        Of the program.
+    """
+    return render(
+        "gallery.html",
+        exhibits=[
+            {
+                "name": e.name,
+                "title": e.injector.title,
+                "wiring": e.injector.variant.label,
+                "notes": e.notes,
+                "heading": "Synthetic, not measured" if e.injector.synthetic else "Assumed, not measured",
+                "commands": _commands(e),
+                "origin": _origin(e.injector),
+                "figure": figure,
+                "drawing": figure_html(figure, f"curves-{e.name}"),
+                "figures": _figures(e),
+                "values": _values(e.injector),
+            }
+            for e in exhibits
+            for figure in [_curves(e)]
+        ],
+        version=version,
+    )
+
+
+def _commands(e: Exhibit) -> list[str]:
+    """Command lines that use the injector; one that follows a trace needs data that hold it."""
+    if e.injector.variant.drive in _TRACED:
+        return []
+    rail, time = to_text(e.points[-1].initial_pressures()[0], "Pa"), to_text(e.points[-1].pulses[0][1], "s")
+    point = f"--rail-pressure {rail} --energising-time {time}".replace(" MPa", "MPa").replace(" us", "us")
+    return [f"commonrail simulate {e.name} {point}", f"commonrail page {e.name} --out {e.name}.html"]
+
+
+def _curves(e: Exhibit) -> Figure:
+    """Rates and lifts at all points."""
+    whole = course_figure(e.solutions)
+    lasting = quantity(e.points[0].pulses[0][1], "s", 3)
+    return replace(
+        whole,
+        title=f"Rate and lifts, energised for {lasting}",
+        caption=f"Simulated, not measured, in steps of 1 µs; against {quantity(_back(e), 'Pa', 3)} in the cylinder.",
+        panels=whole.panels[:2],
+    )
+
+
+def _back(e: Exhibit) -> float:
+    return float(e.points[0].initial_pressures()[1])
+
+
+def _figures(e: Exhibit) -> Table:
+    """Quantities, delays and peaks by rail pressure."""
+    end = sum(e.points[0].pulses[0])
+    return tabulated(
+        "Simulated figures",
+        e.solutions.items(),
+        (
+            ("rail pressure", lambda row: row[0]),
+            ("quantity, mm³", lambda row: fixed(row[1].injected_volume * 1e9, 2)),
+            ("opening delay, µs", lambda row: fixed(row[1].opening * MICRO, 0)),
+            ("closing delay, µs", lambda row: fixed((row[1].closing - end) * MICRO, 0)),
+            ("peak rate, mm³/ms", lambda row: fixed(max(row[1].rate_mm3_per_ms), 2)),
+            ("largest lift, µm", lambda row: fixed(max(row[1].channels["needle_lift"]) * MICRO, 0)),
+            ("outcome", lambda row: row[1].sentence),
+        ),
+        note="Quantities by volume at the density at cylinder pressure.",
+    )
+
+
+def _origin(injector: Injector) -> str:
+    """Sentence on how many values are measured, fitted or estimated."""
+    counts = Counter(source.mark for source in injector.sources.values())
+    told = [f"{words}: {counts[mark]}" for mark, words in MARKS.items() if counts[mark]]
+    return f"Of its {sum(counts.values())} values, by origin, {', '.join(told)}."
+
+
+def _values(injector: Injector) -> Table:
+    """Every value of the file with its mark and source."""
+    rows = [(name, q, injector.sources[name]) for name, q in injector.quantities.items() if name in injector.sources]
+    return tabulated(
+        "Values",
+        rows,
+        (
+            ("parameter", lambda row: row[0]),
+            ("meaning", lambda row: row[1].meaning),
+            ("mark", lambda row: MARKS.get(row[2].mark, row[2].mark)),
+            ("source", lambda row: row[2].text),
+            ("value", lambda row: quantity(injector.values[row[0]], row[1].unit)),
+        ),
+        texts=4,
+    )
