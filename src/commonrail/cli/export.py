@@ -66,7 +66,6 @@ def export(
         written = [f"{place}/{name}" for name in write_fmu(named.injector, place, targets, fmi)]
     else:
         check_folder(place)
-        place.mkdir(parents=True, exist_ok=True)
         written = [str(path) for path in write_library(named.injector, place, targets).files]
     if json:
         names = [target.name for target in targets]
