@@ -94,4 +94,4 @@ def _targets(platforms: str | None) -> list[Target]:
 def _next(form: Form, injector: Injector, place: Path) -> str:
     if form is Form.FMU:
         return f"{place}: {injector.name} with its values as start values; inputs are in SI units"
-    return f"{place}: the header says how to use the library; example.c and example.py do"
+    return f"{place}: the header says how to use the library; the examples in C, C++, Python and Julia do"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +17,8 @@ from commonrail.injector.definition import Injector
 
 __all__ = ["Library", "write_library", "write_sources"]
 
-_EXAMPLES = ("example.c", "example.py")
+# Sources of examples, and the names of their files.
+_EXAMPLES = {name: name.removesuffix(".in") for name in ("example.c", "example.cpp", "example.jl", "example.py.in")}
 
 
 class Library(NamedTuple):
@@ -76,7 +76,7 @@ def write_library(injector: Injector, folder: Path, targets: Sequence[Target], p
             written = _write_binaries(model, made, place, target, compilers[target.name])
             shared[target.name] = written[-1]
             files += written
-        files += write_examples(model, made)
+        files += write_examples(model, made, "PLATFORM/" if len(targets) > 1 else "")
     moved = {path: folder / path.relative_to(made) for path in files}
     return Library(
         model, folder, {name: moved[path] for name, path in shared.items()}, tuple(moved[path] for path in files)
@@ -146,19 +146,28 @@ def write_sources(model: Model, folder: Path) -> tuple[Path, ...]:
 
 
 def _refuse_foreign_examples(folder: Path) -> None:
-    """Refuse a folder whose own example.c or example.py would be lost; an export has a kernel's source beside them."""
-    foreign = [name for name in _EXAMPLES if (folder / name).exists() and not any(folder.glob("*_kernel.c"))]
+    """Refuse a folder whose own examples would be lost; an export has a kernel's source beside them."""
+    foreign = [name for name in _EXAMPLES.values() if (folder / name).exists() and not any(folder.glob("*_kernel.c"))]
     if foreign:
         raise InputError(f"{folder}: {' and '.join(foreign)} would be replaced; name a new folder.")
 
 
-def write_examples(model: Model, folder: Path) -> tuple[Path, ...]:
+def write_examples(model: Model, folder: Path, beside: str) -> tuple[Path, ...]:
+    """Write programs that use the library.
+
+    Parameters
+    ----------
+    model : Model
+    folder : Path
+    beside : str
+        Path from there to the binaries, as in a command line; "" where they are in the folder itself.
+    """
     size = sizes(model.injector.wired())
-    in_c = named(template("example.c"), model.name).replace(" cr.c ", f" {model.name}.c ")
-    in_python = named(template("example.py.in"), model.name)
-    in_python = re.sub(
-        r"PARAMETERS, CHANNELS = 0, 0", f"PARAMETERS, CHANNELS = {size.parameters + 1}, {size.channels}", in_python
-    )
-    for name, text in (("example.c", in_c), ("example.py", in_python)):
+    numbers = f"PARAMETERS, CHANNELS = {size.parameters + 1}, {size.channels}"
+    written = []
+    for source, name in {**_EXAMPLES, "sfunction.c": f"{model.name}_sfunction.c"}.items():
+        text = named(template(source), model.name).replace("FOLDER/", beside).replace("libcr.a", f"lib{model.name}.a")
+        text = text.replace(" cr.c ", f" {model.name}.c ").replace("PARAMETERS, CHANNELS = 0, 0", numbers)
         (folder / name).write_text(text, encoding="utf-8")
-    return folder / "example.c", folder / "example.py"
+        written.append(folder / name)
+    return tuple(written)
