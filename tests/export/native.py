@@ -58,6 +58,22 @@ class Native:
             "sentence": (ctypes.c_char_p, [c_int]),
             "observe": (None, [c_void_p, doubles]),
             "read_figures": (None, [c_void_p, POINTER(Figures)]),
+            "vectors": (c_int, []),
+            "block_size": (c_size_t, [doubles, c_int, c_double]),
+            "block_begin": (
+                c_int,
+                [c_void_p, c_size_t, doubles, POINTER(Boundary), c_int, c_int, c_double, c_double],
+            ),
+            "block_vectors": (c_int, [c_void_p]),
+            "block_count": (c_int, [c_void_p]),
+            "block_plan": (c_int, [c_void_p, c_int, POINTER(Energising), c_int]),
+            "block_switch": (c_int, [c_void_p, c_int, c_double, c_int]),
+            "block_march": (c_int, [c_void_p, c_int64, POINTER(Boundary)]),
+            "block_march_inputs": (c_int, [c_void_p, c_int64, doubles]),
+            "block_time": (c_double, [c_void_p]),
+            "block_status": (c_int, [c_void_p, c_int]),
+            "block_observe": (None, [c_void_p, c_int, doubles]),
+            "block_read_figures": (None, [c_void_p, c_int, POINTER(Figures)]),
         }
         for name, (result, arguments) in kinds.items():
             function = getattr(self.dll, f"{self.name}_{name}")
@@ -133,3 +149,65 @@ class Run:
             self.march(1)
             rows.append(self.observe())
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+class BlockRun:
+    """Injectors side by side in a block of their own memory.
+
+    Parameters
+    ----------
+    native : Native
+    boundaries : sequence of sequences of float
+        Fields of `Boundary` of each injector.
+    values : sequence of mappings of str to float, optional
+        Parameters of each that are not the model's own.
+    vectors : int
+        Lanes that are computed at once, at most; 0: as many as the processor has.
+    step : float
+        [s].
+    """
+
+    def __init__(
+        self,
+        native: Native,
+        boundaries: Sequence[Sequence[float]],
+        values: Sequence[Mapping[str, float]] | None = None,
+        vectors: int = 0,
+        step: float = 1e-6,
+    ) -> None:
+        self.native, self.count = native, len(boundaries)
+        self.boundaries = (Boundary * self.count)(*(Boundary(*one) for one in boundaries))
+        rows = [np.array(native.vector(one)) for one in values or [{}] * self.count]
+        self.theta = np.ascontiguousarray(rows).ctypes.data_as(POINTER(c_double))
+        self.size = native.block_size(self.theta, self.count, step)
+        self.memory = np.zeros(max(self.size // 8, 1))
+        self.block = self.memory.ctypes.data
+        self.status = native.block_begin(
+            self.block, self.size, self.theta, self.boundaries, self.count, vectors, step, 0.0
+        )
+
+    def plan(self, injector: int, *energisings: tuple[float, float]) -> int:
+        """Plan energisings (start, duration) of one injector."""
+        table = (Energising * len(energisings))(*(Energising(*one) for one in energisings))
+        return int(self.native.block_plan(self.block, injector, table, len(energisings)))
+
+    def march(self, steps: int) -> int:
+        """March some steps."""
+        return int(self.native.block_march(self.block, steps, self.boundaries))
+
+    def march_inputs(self, inputs: Floats) -> int:
+        """March with the inputs of each step, (steps, injectors, 6)."""
+        rows = np.ascontiguousarray(inputs)
+        return int(self.native.block_march_inputs(self.block, len(rows), rows.ctypes.data_as(POINTER(c_double))))
+
+    def observe(self, injector: int) -> dict[str, float]:
+        """Present channels of one injector by name."""
+        out = (c_double * len(self.native.channels))()
+        self.native.block_observe(self.block, injector, out)
+        return dict(zip(self.native.channels, out, strict=True))
+
+    def figures(self, injector: int) -> Figures:
+        """Figures of one injector so far."""
+        found = Figures()
+        self.native.block_read_figures(self.block, injector, byref(found))
+        return found

@@ -13,7 +13,7 @@ from commonrail.export.kernel_source import kernel_source
 from commonrail.export.library import Library
 from commonrail.export.linker import compiler_for, link_shared
 from commonrail.export.objects import target_named
-from tests.export.native import Native, Run
+from tests.export.native import BlockRun, Native, Run
 from tests.export.test_library import BOUNDARY, ROUNDING
 
 MODULE = """
@@ -26,7 +26,7 @@ entry:
 
 def test_the_sources_compile_without_warnings_to_the_same_injection(library: Library, native: Native, own, tmp_path):
     target, name = target_named(own), library.model.name
-    sources = [library.folder / f"{name}.c", library.folder / f"{name}_kernel.c"]
+    sources = [library.folder / f"{name}{part}.c" for part in ("", "_block", "_kernel")]
     out = tmp_path / "from_sources.so"
     link_shared(compiler_for(target), sources, out, target, (f"{name.upper()}_SHARED",))
     from_sources = Native(library._replace(shared={own: out}), own)
@@ -42,6 +42,12 @@ def test_the_sources_compile_without_warnings_to_the_same_injection(library: Lib
         one, other = (np.array([row[channel] for row in rows]) for rows in seen)
         assert np.max(np.abs(one - other)) <= ROUNDING * np.max(np.abs(one)), channel
     assert seen[0][-1]["injected"] > 1e-6
+    # a block that was compiled without vectors
+    block = BlockRun(from_sources, [BOUNDARY] * 2)
+    block.plan(1, (0.0, 500e-6))
+    block.march(1200)
+    assert from_sources.vectors() == 1
+    assert block.observe(1) == runs[1].observe() != block.observe(0)
 
 
 def test_loops_choices_and_constants_are_translated(tmp_path):

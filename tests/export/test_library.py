@@ -6,7 +6,6 @@ import ctypes
 import re
 import shutil
 import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -114,26 +113,6 @@ def test_candidates_have_the_figures_of_the_lanes(native: Native, injector):
             assert figures.opening == pytest.approx(batch.opening[i, 0], rel=CANDIDATES, nan_ok=True)
             assert figures.closing == pytest.approx(batch.closing[i, 0], rel=CANDIDATES, nan_ok=True)
     assert compared > 5
-
-
-def test_the_examples_run(library, injector, tmp_path):
-    solution = simulate(injector, OperatingPoint(160e6, 700e-6, horizon=3e-3))
-    said = subprocess.run([sys.executable, "-I", str(library.folder / "example.py")], capture_output=True, text=True)
-    assert said.stdout.splitlines()[-2].startswith(f"3000 us: injected {solution.injected_mass * 1e6:.3f} mg"), (
-        said.stderr
-    )
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("there is no C compiler on this machine")
-    text = (library.folder / "example.c").read_text()
-    (line,) = (line for line in text.splitlines() if line.strip(" *").startswith("cc "))
-    words = line.strip(" *").replace("PLATFORM", next(iter(library.shared))).split()
-    subprocess.run(
-        [compiler, "-Wall", "-Werror", *words[1:-1], str(tmp_path / "example")], cwd=library.folder, check=True
-    )
-    said = subprocess.run([str(tmp_path / "example")], capture_output=True, text=True, check=True)
-    assert f"injected {solution.injected_mass * 1e6:.3f} mg" in said.stdout
-    assert said.stdout.splitlines()[-1] == Status.OK.sentence
 
 
 @pytest.mark.parametrize("temperature", [293.15, 333.0, 393.15])

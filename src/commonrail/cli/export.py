@@ -66,7 +66,6 @@ def export(
         written = [f"{place}/{name}" for name in write_fmu(named.injector, place, targets, fmi)]
     else:
         check_folder(place)
-        place.mkdir(parents=True, exist_ok=True)
         written = [str(path) for path in write_library(named.injector, place, targets).files]
     if json:
         names = [target.name for target in targets]
@@ -95,4 +94,4 @@ def _targets(platforms: str | None) -> list[Target]:
 def _next(form: Form, injector: Injector, place: Path) -> str:
     if form is Form.FMU:
         return f"{place}: {injector.name} with its values as start values; inputs are in SI units"
-    return f"{place}: the header says how to use the library; example.c and example.py do"
+    return f"{place}: the header says how to use the library; the examples in C, C++, Python and Julia do"

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from commonrail.errors import InputError
+from commonrail.export.block_entries import LANES
 from commonrail.export.entries import sizes
-from commonrail.export.linker import archive, compile_source, compiler_for, link_shared
-from commonrail.export.objects import Target, emit
+from commonrail.export.linker import Compiler, archive, compile_source, compiler_for, link_shared
+from commonrail.export.objects import Target, emit, emit_block, vectors_of
+from commonrail.export.placing import placed
 from commonrail.export.sources import Model, model_of, named, template
 from commonrail.injector.definition import Injector
 
 __all__ = ["Library", "write_library", "write_sources"]
 
-_EXAMPLES = ("example.c", "example.py")
+# Sources of examples, and the names of their files.
+_EXAMPLES = {name: name.removesuffix(".in") for name in ("example.c", "example.cpp", "example.jl", "example.py.in")}
 
 
 class Library(NamedTuple):
@@ -39,16 +41,16 @@ class Library(NamedTuple):
 
 
 def write_library(injector: Injector, folder: Path, targets: Sequence[Target], prefer_zig: bool = False) -> Library:
-    """Write an injector as a C library.
+    """Write an injector as a C library; nothing is changed before all of it is complete.
 
     Parameters
     ----------
     injector : Injector
     folder : Path
-        Exists; files of the same names are replaced.
+        Made where it is missing; files of the same names are replaced.
     targets : sequence of Target
-        Each gets an object, a static and a shared library, WebAssembly the object alone; with more than one target,
-        in folders by their names.
+        Each gets objects, a static and a shared library, WebAssembly one object alone; with more than one target, in
+        folders by their names.
     prefer_zig : bool
         See `compiler_for`.
 
@@ -62,32 +64,72 @@ def write_library(injector: Injector, folder: Path, targets: Sequence[Target], p
     _refuse_foreign_examples(folder)
     compilers = {target.name: compiler_for(target, prefer_zig) for target in targets if target.suffix != ".wasm"}
     model = model_of(injector)
-    files = write_sources(model, folder)
     shared: dict[str, Path] = {}
-    for target in targets:
-        place = folder / target.name if len(targets) > 1 else folder
-        place.mkdir(exist_ok=True)
-        kernel = place / f"{model.name}_kernel_{target.name}.o"
-        kernel.write_bytes(emit(injector.wired(), target, model.name))
-        files += (kernel,)
-        if target.name not in compilers:
-            continue
-        compiler = compilers[target.name]
-        core = place / f"{model.name}.o"
-        compile_source(compiler, folder / f"{model.name}.c", core, target)
-        static, shared[target.name] = place / f"lib{model.name}.a", place / shared_name(model, target)
-        archive(compiler, (core, kernel), static)
-        core.unlink()
-        link_shared(
-            compiler,
-            (folder / f"{model.name}.c", kernel),
-            shared[target.name],
-            target,
-            (f"{model.name.upper()}_SHARED",),
-        )
-        files += (static, shared[target.name])
-    files += _write_examples(model, folder)
-    return Library(model, folder, shared, files)
+    with placed(folder) as made:
+        files = [*write_sources(model, made), *_write_block(model, made)]
+        for target in targets:
+            place = made / target.name if len(targets) > 1 else made
+            place.mkdir(exist_ok=True)
+            if target.name not in compilers:
+                files.append(_write_kernel(model, place, target))
+                continue
+            written = _write_binaries(model, made, place, target, compilers[target.name])
+            shared[target.name] = written[-1]
+            files += written
+        files += write_examples(model, made, "PLATFORM/" if len(targets) > 1 else "")
+    moved = {path: folder / path.relative_to(made) for path in files}
+    return Library(
+        model, folder, {name: moved[path] for name, path in shared.items()}, tuple(moved[path] for path in files)
+    )
+
+
+def _write_kernel(model: Model, place: Path, target: Target) -> Path:
+    """Write the object of the compiled physics."""
+    kernel = place / f"{model.name}_kernel_{target.name}.o"
+    kernel.write_bytes(emit(model.injector.wired(), target, model.name))
+    return kernel
+
+
+def _write_block(model: Model, folder: Path) -> tuple[Path, ...]:
+    """Write header and source of blocks of injectors."""
+    texts = {
+        f"{model.name}_block.h": template("block.h").replace("/*LANES*/", str(LANES)),
+        f"{model.name}_block.c": template("block.c"),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(named(text, model.name), encoding="utf-8")
+    return tuple(folder / name for name in texts)
+
+
+def _write_binaries(model: Model, folder: Path, place: Path, target: Target, compiler: Compiler) -> list[Path]:
+    """Write what is compiled for a target: objects, static library and, last, the shared one.
+
+    Parameters
+    ----------
+    model : Model
+    folder : Path
+        Of the sources.
+    place : Path
+        Folder to write to.
+    target : Target
+    compiler : Compiler
+    """
+    upper, vectors = model.name.upper(), vectors_of(target)
+    kernels = [_write_kernel(model, place, target)]
+    for one in vectors:
+        kernels.append(place / f"{model.name}_block_{one}_{target.name}.o")
+        kernels[-1].write_bytes(emit_block(model.injector.wired(), target, one, model.name))
+    defines = (f"{upper}_VECTORS",) if vectors else ()
+    sources = [folder / f"{model.name}.c", folder / f"{model.name}_block.c"]
+    objects = [place / f"{source.stem}.o" for source in sources]
+    for source, made in zip(sources, objects, strict=True):
+        compile_source(compiler, source, made, target, defines)
+    static, shared = place / f"lib{model.name}.a", place / shared_name(model, target)
+    archive(compiler, (*objects, *kernels), static)
+    for made in objects:
+        made.unlink()
+    link_shared(compiler, (*sources, *kernels), shared, target, (f"{upper}_SHARED", *defines))
+    return [*kernels, static, shared]
 
 
 def shared_name(model: Model, target: Target) -> str:
@@ -104,19 +146,28 @@ def write_sources(model: Model, folder: Path) -> tuple[Path, ...]:
 
 
 def _refuse_foreign_examples(folder: Path) -> None:
-    """Refuse a folder whose own example.c or example.py would be lost; an export has a kernel's source beside them."""
-    foreign = [name for name in _EXAMPLES if (folder / name).exists() and not any(folder.glob("*_kernel.c"))]
+    """Refuse a folder whose own examples would be lost; an export has a kernel's source beside them."""
+    foreign = [name for name in _EXAMPLES.values() if (folder / name).exists() and not any(folder.glob("*_kernel.c"))]
     if foreign:
         raise InputError(f"{folder}: {' and '.join(foreign)} would be replaced; name a new folder.")
 
 
-def _write_examples(model: Model, folder: Path) -> tuple[Path, ...]:
+def write_examples(model: Model, folder: Path, beside: str) -> tuple[Path, ...]:
+    """Write programs that use the library.
+
+    Parameters
+    ----------
+    model : Model
+    folder : Path
+    beside : str
+        Path from there to the binaries, as in a command line; "" where they are in the folder itself.
+    """
     size = sizes(model.injector.wired())
-    in_c = named(template("example.c"), model.name).replace(" cr.c ", f" {model.name}.c ")
-    in_python = named(template("example.py.in"), model.name)
-    in_python = re.sub(
-        r"PARAMETERS, CHANNELS = 0, 0", f"PARAMETERS, CHANNELS = {size.parameters + 1}, {size.channels}", in_python
-    )
-    for name, text in (("example.c", in_c), ("example.py", in_python)):
+    numbers = f"PARAMETERS, CHANNELS = {size.parameters + 1}, {size.channels}"
+    written = []
+    for source, name in {**_EXAMPLES, "sfunction.c": f"{model.name}_sfunction.c"}.items():
+        text = named(template(source), model.name).replace("FOLDER/", beside).replace("libcr.a", f"lib{model.name}.a")
+        text = text.replace(" cr.c ", f" {model.name}.c ").replace("PARAMETERS, CHANNELS = 0, 0", numbers)
         (folder / name).write_text(text, encoding="utf-8")
-    return folder / "example.c", folder / "example.py"
+        written.append(folder / name)
+    return tuple(written)

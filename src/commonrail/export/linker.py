@@ -98,7 +98,7 @@ def link_shared(compiler: Compiler, inputs: Sequence[Path], out: Path, target: T
     run(command, out.parent)
 
 
-def compile_source(compiler: Compiler, source: Path, out: Path, target: Target) -> None:
+def compile_source(compiler: Compiler, source: Path, out: Path, target: Target, defines: Sequence[str] = ()) -> None:
     """Compile one C source into an object.
 
     Parameters
@@ -106,12 +106,12 @@ def compile_source(compiler: Compiler, source: Path, out: Path, target: Target) 
     compiler : Compiler
     source, out : Path
     target : Target
+    defines : sequence of str
+        As of `link_shared`.
     """
     position = () if target.suffix == ".dll" else ("-fPIC",)
-    run(
-        [*compiler.command, *_WARNINGS, "-O2", "-g0", *position, "-c", _absolute(source), "-o", _absolute(out)],
-        out.parent,
-    )
+    options = [*_WARNINGS, "-O2", "-g0", *(f"-D{name}" for name in defines), *position]
+    run([*compiler.command, *options, "-c", _absolute(source), "-o", _absolute(out)], out.parent)
 
 
 def archive(compiler: Compiler, objects: Sequence[Path], out: Path) -> None:

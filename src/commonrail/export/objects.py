@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from commonrail.errors import ConfigurationError, nearest
-from commonrail.export.texts import entry_texts, refuse_foreign
+from commonrail.export.texts import block_texts, entry_texts, refuse_foreign
 from commonrail.injector.variants import Variant
 
-__all__ = ["TARGETS", "Target", "emit", "linked_text", "target_named"]
+__all__ = ["TARGETS", "Target", "emit", "emit_block", "linked_text", "target_named", "vectors_of"]
 
 
 class Target(NamedTuple):
@@ -53,6 +54,9 @@ _ALL = (
     Target("wasm32", "wasm32-unknown-unknown", "generic", _WASM, "wasm32-wasi", "", "", ".wasm"),
 )
 TARGETS = {target.name: target for target in _ALL}
+# Processors whose vectors a block of injectors is compiled for, by the architecture, narrowest first. Which of them a
+# machine has is found out when a block begins (c/block.c); elsewhere its injectors are marched one after another.
+_VECTORS = {"x86_64": {"avx2": "x86-64-v3", "avx512": "x86-64-v4"}}
 
 
 def target_named(name: str) -> Target:
@@ -91,6 +95,42 @@ def emit(variant: Variant, target: Target | str, prefix: str = "cr") -> bytes:
     return bytes(machine.emit_object(module))
 
 
+def vectors_of(target: Target) -> tuple[str, ...]:
+    """Names of the vectors that `emit_block` compiles for on a target, narrowest first; empty where it does not."""
+    return tuple(_VECTORS.get(target.triple.partition("-")[0], ()))
+
+
+def emit_block(variant: Variant, target: Target, vectors: str, prefix: str = "cr") -> bytes:
+    """Object file with the entry of `export.block_entries`, named ``PREFIX_ENTRY_VECTORS`` and hidden.
+
+    Parameters
+    ----------
+    variant : Variant
+        As of `emit`.
+    target : Target
+    vectors : str
+        One of `vectors_of` the target.
+    prefix : str
+        Begins the name of the entry.
+
+    Raises
+    ------
+    ConfigurationError
+        If the compiler fails.
+    """
+    import llvmlite.binding as llvm
+
+    processor = _VECTORS[target.triple.partition("-")[0]][vectors]
+    machine = _machine(target, processor, "")
+    names = {name: f"{prefix}_{name}_{vectors}" for name in block_texts(variant)}
+    whole = _module(block_texts(variant), machine, names)
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization = True
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(whole, builder)
+    return bytes(machine.emit_object(whole))
+
+
 def linked_text(variant: Variant, prefix: str = "cr") -> str:
     """LLVM text of all entries of a wiring, named as `emit` names them."""
     return str(_linked(variant, TARGETS["linux64"], prefix)[1])
@@ -98,19 +138,41 @@ def linked_text(variant: Variant, prefix: str = "cr") -> str:
 
 def _linked(variant: Variant, target: Target, prefix: str) -> tuple[Any, Any]:
     """LLVM's machine of a target, and one module of all entries for it, without what none of them uses."""
+    machine = _machine(target, target.processor, target.features)
+    texts = entry_texts(variant)
+    return machine, _module(texts, machine, {name: f"{prefix}_{name}" for name in texts})
+
+
+def _machine(target: Target, processor: str, features: str) -> Any:
+    """LLVM's machine of a target."""
     import llvmlite.binding as llvm
 
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    machine = llvm.Target.from_triple(target.triple).create_target_machine(
-        cpu=target.processor, features=target.features, opt=3, reloc="pic", codemodel="default"
+    return llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=processor, features=features, opt=3, reloc="pic", codemodel="default"
     )
+
+
+def _module(texts: Mapping[str, str], machine: Any, names: Mapping[str, str]) -> Any:
+    """Module of all texts for a machine.
+
+    Parameters
+    ----------
+    texts : mapping of str to str
+        LLVM text of each entry.
+    machine : LLVM's machine
+    names : mapping of str to str
+        Name that each entry receives.
+    """
+    import llvmlite.binding as llvm
+
     whole: Any = None
-    for name, text in entry_texts(variant).items():
+    for name, text in texts.items():
         module = llvm.parse_assembly(text)
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
         entry = module.get_function(name)
-        entry.name, entry.visibility = f"{prefix}_{name}", "hidden"
+        entry.name, entry.visibility = names[name], "hidden"
         if whole is None:
             whole = module
         else:
@@ -121,4 +183,4 @@ def _linked(variant: Variant, target: Target, prefix: str) -> tuple[Any, Any]:
     passes.run(whole, builder)
     refuse_foreign(str(whole))
     whole.verify()
-    return machine, whole
+    return whole

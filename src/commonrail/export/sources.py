@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib import resources
 from typing import NamedTuple
 
@@ -89,8 +89,9 @@ def model_of(injector: Injector) -> Model:
         If the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
     """
     wired = injector.wired()
-    tables = _tables(injector)
-    digest = hashlib.sha256(tables.encode() + json.dumps(entry_texts(wired)).encode()).hexdigest()
+    tables, defines = _tables(injector), _defines(injector)
+    parts = (tables, defines, json.dumps(entry_texts(wired)))
+    digest = hashlib.sha256("".join(parts).encode()).hexdigest()
     name = _identifier(injector.name)
     size = sizes(wired)
     public = "".join(
@@ -101,7 +102,7 @@ def model_of(injector: Injector) -> Model:
             ("ENERGISINGS", ENERGISINGS, "planned at once"),
         )
     )
-    model = tables.replace("@STAMP@", f"UINT64_C(0x{digest[:16]})")
+    core = f"#define CR_STAMP UINT64_C(0x{digest[:16]})\n{defines}"
     return Model(
         injector,
         name,
@@ -109,7 +110,8 @@ def model_of(injector: Injector) -> Model:
         named(template("commonrail.h").replace("/*SIZES*/\n", public), name),
         {
             f"{name}.c": named(template("core.c"), name),
-            f"{name}_model.h": named(model, name),
+            f"{name}_core.h": named(template("core.h").replace("/*DEFINES*/\n", core), name),
+            f"{name}_model.h": named(tables, name),
             f"{name}_kernel.c": kernel_source(linked_text(wired, name)),
         },
     )
@@ -131,24 +133,19 @@ def _identifier(name: str) -> str:
     return found if found and not found[0].isdigit() else f"injector_{found}".rstrip("_")
 
 
-def _tables(injector: Injector) -> str:
-    """Text of the private header: sizes, parameters, channels, fuel, sentences, the condition on the step."""
+def _defines(injector: Injector) -> str:
+    """Sizes, rows and limits of a model for the preprocessor."""
     wired, size = injector.wired(), sizes(injector.wired())
     rows = make_rows(wired, 1)
-    fuel = fuel_table(injector.fuel, injector.values[FUEL_TEMPERATURE])
     low, high = injector.fuel.pressure_range
     defines = {
-        "STAMP": "@STAMP@",
         "HEAD": HEAD,
         "WORK": size.work,
         "FUEL": size.fuel,
         "COLUMNS": size.parameters + size.fuel,
         "KERNEL_FIGURES": size.figures,
         **{f"F_{name.upper()}": i for i, name in enumerate(Outcome._fields)},
-        **{f"ROW_{name.upper()}": getattr(rows, name) for name in ("opened", "shut", "first_shut", "clear")},
-        "DEGREE": fuel.series.shape[1] - 1,
-        "COLDEST": repr(fuel.coldest),
-        "HOTTEST": repr(fuel.hottest),
+        **{f"ROW_{name.upper()}": getattr(rows, name) for name in ("opened", "shut", "first_shut", "clear", "whole")},
         "LOWEST_PRESSURE": repr(float(low)),
         "HIGHEST_PRESSURE": repr(float(high)),
         "SHORTEST_STEP": repr(TIME_STEPS.low),
@@ -156,10 +153,26 @@ def _tables(injector: Injector) -> str:
         "SLOWEST_WAVE": repr(plan.SLOWEST_WAVE),
         "MOST_SLOTS": MOST_SLOTS,
         "BACKFLOW": repr(BACKFLOW),
-        "SENTENCES": len(_sentences()),
     }
     if wired.boundary is Boundary.IDEAL and wired.actuation is Actuation.SERVO:
         defines["IDEAL_RAIL"] = [c.name for c in channels(wired.actuation)].index("rail_pressure")
+    return _directives(defines)
+
+
+def _directives(defines: Mapping[str, object]) -> str:
+    return "".join(f"#define CR_{key} {value}\n" for key, value in defines.items())
+
+
+def _tables(injector: Injector) -> str:
+    """Text of the private header: parameters, channels, fuel, sentences, the condition on the step."""
+    wired = injector.wired()
+    fuel = fuel_table(injector.fuel, injector.values[FUEL_TEMPERATURE])
+    sizes_of_tables = {
+        "DEGREE": fuel.series.shape[1] - 1,
+        "COLDEST": repr(fuel.coldest),
+        "HOTTEST": repr(fuel.hottest),
+        "SENTENCES": len(_sentences()),
+    }
     return "\n".join(
         [
             "/* Generated: tables of one model. */",
@@ -167,7 +180,7 @@ def _tables(injector: Injector) -> str:
             "#define CR_MODEL",
             "#include <math.h>",
             "#include <stdint.h>",
-            *(f"#define CR_{key} {value}" for key, value in defines.items()),
+            _directives(sizes_of_tables),
             _parameters(injector),
             _rows(_CHANNEL, "cr_channel cr_channels[]", _channel_rows(wired)),
             _rows(_SENTENCE, "cr_words cr_sentences[]", _sentence_rows()),

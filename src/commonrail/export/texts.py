@@ -24,8 +24,9 @@ from commonrail.errors import ConfigurationError
 from commonrail.injector.variants import Variant
 from commonrail.kernel_cache import kept_or_made
 
-__all__ = ["entry_texts", "refuse_foreign"]
+__all__ = ["block_texts", "entry_texts", "refuse_foreign"]
 
+_SINGLE, _BLOCK = "single", "block"
 _LONGEST = 900.0  # for the child process that compiles [s]
 # Plainest processors: their instruction sets are in every processor of the architecture.
 _PLAIN = {"x86_64": "x86-64", "AMD64": "x86-64"}
@@ -41,36 +42,51 @@ def entry_texts(variant: Variant) -> dict[str, str]:
     ConfigurationError
         If the compiler fails.
     """
-    found: dict[str, str] = json.loads(kept_or_made(_file_name(variant), lambda: _compile(variant)))
+    return _kept(variant, _SINGLE)
+
+
+def block_texts(variant: Variant) -> dict[str, str]:
+    """LLVM text of the entry that marches several injectors by its name; its loop over lanes is not vectorised yet.
+
+    Raises
+    ------
+    ConfigurationError
+        If the compiler fails.
+    """
+    return _kept(variant, _BLOCK)
+
+
+def _kept(variant: Variant, which: str) -> dict[str, str]:
+    found: dict[str, str] = json.loads(kept_or_made(_file_name(variant, which), lambda: _compile(variant, which)))
     return found
 
 
-def _file_name(variant: Variant) -> str:
-    key = repr((variant.label, _own_stamp(), compiler_settings(), platform.machine()))
+def _file_name(variant: Variant, which: str) -> str:
+    key = repr((variant.label, which, _own_stamp(which), compiler_settings(), platform.machine()))
     return hashlib.sha256(key.encode()).hexdigest()[:24] + ".entries"
 
 
 @functools.cache
-def _own_stamp() -> str:
+def _own_stamp(which: str) -> str:
     """Digest of the sources of this room that decide over the text; those of the physics name the folder."""
     digest = hashlib.sha256()
-    for name in ("entries.py", "texts.py"):
+    for name in ("entries.py", "texts.py", *(("block_entries.py",) if which == _BLOCK else ())):
         digest.update(Path(__file__).with_name(name).read_bytes())
     return digest.hexdigest()
 
 
-def _compile(variant: Variant) -> bytes:
+def _compile(variant: Variant, which: str) -> bytes:
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
         "NUMBA_CPU_NAME": _PLAIN.get(platform.machine(), "generic"),
         "NUMBA_CPU_FEATURES": "",
         "NUMBA_DISABLE_JIT": "0",
-        # one candidate: there is nothing to vectorise in a step, and plain numbers are the same everywhere
+        # plain numbers are the same everywhere; `objects` vectorises the lanes of a block for each processor
         "NUMBA_LOOP_VECTORIZE": "0",
         "NUMBA_SLP_VECTORIZE": "0",
     }
     words = [choice.value for choice in variant]
-    command = [sys.executable, "-m", __name__, *words]
+    command = [sys.executable, "-m", __name__, which, *words]
     try:
         done = subprocess.run(command, capture_output=True, timeout=_LONGEST, env=environment, check=False)
     except subprocess.TimeoutExpired:
@@ -97,18 +113,20 @@ def refuse_foreign(text: str) -> None:
         )
 
 
-def _optimised(variant: Variant) -> dict[str, str]:
+def _optimised(variant: Variant, which: str) -> dict[str, str]:
     """Compile the entries in this process."""
     import llvmlite.binding as llvm
     import numba
 
     from commonrail.compile import INLINED
+    from commonrail.export.block_entries import make_block_entries
     from commonrail.export.entries import make_entries
 
+    make = make_block_entries if which == _BLOCK else make_entries
     # without Numba's runtime: nothing is allocated
     options = {name: value for name, value in INLINED.items() if name != "forceinline"} | {"_nrt": False}
     texts = {}
-    for name, (function, signature) in make_entries(variant).items():
+    for name, (function, signature) in make(variant).items():
         compiled = numba.njit(function, **options)
         compiled.compile(signature)
         ((_, text),) = compiled.inspect_llvm().items()
@@ -124,9 +142,9 @@ def _optimised(variant: Variant) -> dict[str, str]:
 
 
 def _main(words: list[str]) -> None:
-    body, boundary, drive, laws, actuation = words
+    which, body, boundary, drive, laws, actuation = words
     variant = Variant(Body(body), Boundary(boundary), Drive(drive), Laws(laws), Actuation(actuation))
-    sys.stdout.write(json.dumps(_optimised(variant)))
+    sys.stdout.write(json.dumps(_optimised(variant, which)))
 
 
 if __name__ == "__main__":

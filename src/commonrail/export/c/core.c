@@ -1,61 +1,12 @@
 /* Simulation of one injector around the compiled entries: checks, fuel, clock of the energisings, status. */
+#include "cr_core.h"
 #include "cr_model.h"
-#include "cr_commonrail.h"
 #include <math.h>
 #include <string.h>
-#if defined(__x86_64__) || defined(_M_X64)
-#include <xmmintrin.h>
-#endif
-
-#define CHUNK 32 /* steps whose inputs are on the stack at once */
-
-/* Convention of the compiled entries: place of a result, place of an exception, which is never written, arguments. */
-extern int32_t cr_kernel_begin(void *, void *, double *work, double *waves, int64_t ring, const double *theta,
-                               double rail, double cylinder, double low, double dt, double *figures);
-extern int32_t cr_kernel_march(void *, void *, double *work, double *waves, int64_t ring, int64_t first, int64_t count,
-                               const double *inputs, double dt);
-extern int32_t cr_kernel_observe(void *, void *, const double *work, double *channels);
-extern int32_t cr_kernel_figures(void *, void *, const double *work, double cylinder, double *figures);
-extern int32_t cr_kernel_medium(void *, void *, const double *fuel, double pressure, double *medium);
-
-typedef struct { /* plain data: a copy of its bytes is a copy of the simulation */
-    uint64_t stamp;
-    int64_t size, ring, steps;
-    int32_t status, energisings, on, spare;
-    double dt, start, density, rail, cylinder, borne, medium[3];
-    double from[CR_ENERGISINGS], until[CR_ENERGISINGS];
-    double figures[CR_KERNEL_FIGURES];
-    double parameters[CR_PARAMETERS];
-} Head;
-
-/* Numbers too small for their format are zero, as in commonrail: a processor takes a hundred cycles for each. */
-#if defined(__x86_64__) || defined(_M_X64)
-typedef unsigned Mode;
-static Mode flush_tiny(void) {
-    Mode before = _mm_getcsr();
-    _mm_setcsr(before | 0x8040u);
-    return before;
-}
-static void restore(Mode before) { _mm_setcsr(before); }
-#elif defined(__aarch64__) && defined(__GNUC__)
-typedef uint64_t Mode;
-static Mode flush_tiny(void) {
-    Mode before;
-    __asm__ volatile("mrs %0, fpcr" : "=r"(before));
-    __asm__ volatile("msr fpcr, %0" : : "r"(before | (UINT64_C(1) << 24)));
-    return before;
-}
-static void restore(Mode before) { __asm__ volatile("msr fpcr, %0" : : "r"(before)); }
-#else
-typedef int Mode;
-static Mode flush_tiny(void) { return 0; }
-static void restore(Mode before) { (void)before; }
-#endif
 
 static double *work_of(void *state) { return (double *)((char *)state + CR_HEAD); }
 static const double *work_in(const void *state) { return (const double *)((const char *)state + CR_HEAD); }
 static double *waves_of(void *state) { return work_of(state) + CR_WORK; }
-typedef char head_fits[sizeof(Head) <= CR_HEAD ? 1 : -1];
 
 const char *cr_parameter_name(int index) {
     return index >= 0 && index < CR_PARAMETERS ? cr_parameters[index].name : NULL;
@@ -91,7 +42,7 @@ static int outside(const double *parameters) {
 static int good_step(double dt) { return dt >= CR_SHORTEST_STEP && dt <= CR_LONGEST_STEP; }
 
 /* Slots of a ring buffer: a power of two above the longest delay. */
-static int64_t ring_of(const double *parameters, double dt) {
+int64_t cr_core_ring(const double *parameters, double dt) {
     double longest = cr_longest_way(parameters) / CR_SLOWEST_WAVE / dt + 4.0;
     int64_t ring = 1;
     if (!(longest < CR_MOST_SLOTS)) return 0;
@@ -113,7 +64,7 @@ static void fuel_at(double temperature, double *fuel) {
     }
 }
 
-static int check_boundary(const cr_boundary *b) {
+int cr_core_boundary(const cr_boundary *b) {
     const double low = CR_LOWEST_PRESSURE * (1.0 - 1e-9), high = CR_HIGHEST_PRESSURE * (1.0 + 1e-9);
     double p[3];
     if (!b) return CR_BAD_BOUNDARY;
@@ -137,9 +88,9 @@ static void medium_at(const double *parameters, const cr_boundary *at_rest, doub
 
 int cr_check(const double parameters[CR_PARAMETERS], const cr_boundary *at_rest, double time_step, int *wrong) {
     double medium[3];
-    int bad = outside(parameters), status = check_boundary(at_rest);
+    int bad = outside(parameters), status = cr_core_boundary(at_rest);
     if (wrong) *wrong = bad;
-    if (bad >= 0 || !good_step(time_step) || !ring_of(parameters, time_step)) return CR_OUTSIDE_DOMAIN;
+    if (bad >= 0 || !good_step(time_step) || !cr_core_ring(parameters, time_step)) return CR_OUTSIDE_DOMAIN;
     if (status) return status;
     medium_at(parameters, at_rest, medium);
     return cr_bears(parameters, 0.0, medium, time_step) ? CR_OK : CR_STEP_UNSTABLE;
@@ -147,7 +98,7 @@ int cr_check(const double parameters[CR_PARAMETERS], const cr_boundary *at_rest,
 
 double cr_longest_step(const double parameters[CR_PARAMETERS], const cr_boundary *at_rest) {
     double medium[3], low = 1e-15, high = 1.0;
-    if (outside(parameters) >= 0 || check_boundary(at_rest)) return 0.0;
+    if (outside(parameters) >= 0 || cr_core_boundary(at_rest)) return 0.0;
     medium_at(parameters, at_rest, medium);
     if (!cr_bears(parameters, 0.0, medium, low)) return 0.0;
     for (int i = 0; i < 60; i++) {
@@ -161,26 +112,19 @@ double cr_longest_step(const double parameters[CR_PARAMETERS], const cr_boundary
 }
 
 size_t cr_state_size(const double parameters[CR_PARAMETERS], double time_step) {
-    int64_t ring = outside(parameters) < 0 && good_step(time_step) ? ring_of(parameters, time_step) : 0;
+    int64_t ring = outside(parameters) < 0 && good_step(time_step) ? cr_core_ring(parameters, time_step) : 0;
     int64_t slots = 3 * ring > CR_COLUMNS ? 3 * ring : CR_COLUMNS;
     return ring ? CR_HEAD + (size_t)(CR_WORK + slots) * sizeof(double) : 0;
 }
 
-int cr_begin(void *state, size_t size, const double parameters[CR_PARAMETERS], const cr_boundary *at_rest,
-             double time_step, double start) {
+int cr_core_begin(cr_head *h, double *work, double *waves, const double *parameters, const cr_boundary *at_rest,
+                  double dt, double start, int64_t ring) {
     double theta[CR_COLUMNS], found[3];
     void *result[2];
-    Head *h = state;
-    size_t needed = cr_state_size(parameters, time_step);
-    if (!needed || !isfinite(start)) return CR_OUTSIDE_DOMAIN;
-    if (!state || size < needed) return CR_BAD_MEMORY;
-    int status = check_boundary(at_rest);
-    if (status) return status;
-    memset(state, 0, needed);
+    memset(h, 0, sizeof *h);
     h->stamp = CR_STAMP;
-    h->size = (int64_t)needed;
-    h->ring = ring_of(parameters, time_step);
-    h->dt = time_step;
+    h->ring = ring;
+    h->dt = dt;
     h->start = start;
     h->rail = at_rest->rail_pressure;
     h->cylinder = at_rest->cylinder_pressure;
@@ -190,24 +134,37 @@ int cr_begin(void *state, size_t size, const double parameters[CR_PARAMETERS], c
     cr_kernel_medium(result, result + 1, theta + CR_PARAMETERS - 1, at_rest->cylinder_pressure, found);
     h->density = found[0];
     medium_at(parameters, at_rest, h->medium);
-    Mode mode = flush_tiny();
-    cr_kernel_begin(result, result + 1, work_of(state), waves_of(state), h->ring, theta, at_rest->rail_pressure,
-                    at_rest->cylinder_pressure, at_rest->return_pressure, time_step, h->figures);
-    restore(mode);
-    if (!cr_bears(parameters, 0.0, h->medium, time_step)) h->status = CR_STEP_UNSTABLE;
+    cr_mode mode = cr_flush_tiny();
+    cr_kernel_begin(result, result + 1, work, waves, ring, theta, at_rest->rail_pressure, at_rest->cylinder_pressure,
+                    at_rest->return_pressure, dt, h->figures);
+    cr_restore(mode);
+    if (!cr_bears(parameters, 0.0, h->medium, dt)) h->status = CR_STEP_UNSTABLE;
     if (h->figures[CR_F_CLOSED_AT_START] == 0.0) h->status = CR_NOT_CLOSED_AT_START;
     return h->status;
 }
 
-static Head *head(void *state) {
-    Head *h = state;
-    return h && h->stamp == CR_STAMP ? h : NULL;
+int cr_begin(void *state, size_t size, const double parameters[CR_PARAMETERS], const cr_boundary *at_rest,
+             double time_step, double start) {
+    size_t needed = cr_state_size(parameters, time_step);
+    if (!needed || !isfinite(start)) return CR_OUTSIDE_DOMAIN;
+    if (!state || size < needed) return CR_BAD_MEMORY;
+    int status = cr_core_boundary(at_rest);
+    if (status) return status;
+    memset(state, 0, needed);
+    status = cr_core_begin(state, work_of(state), waves_of(state), parameters, at_rest, time_step, start,
+                           cr_core_ring(parameters, time_step));
+    ((cr_head *)state)->size = (int64_t)needed;
+    return status;
 }
 
-int cr_plan(void *state, const cr_energising *energisings, int count) {
-    Head *h = head(state);
-    if (!h) return CR_BAD_MEMORY;
-    double ends = cr_time(state) - 1e-9 * h->dt;
+static cr_head *head(void *state) {
+    cr_head *h = state;
+    return h && h->stamp == CR_STAMP ? h : NULL;
+}
+static double now_of(const cr_head *h) { return h->start + h->dt * (double)h->steps; }
+
+int cr_core_plan(cr_head *h, const cr_energising *energisings, int count) {
+    double ends = now_of(h) - 1e-9 * h->dt;
     if (count < 0 || count > CR_ENERGISINGS || (count && !energisings)) return CR_BAD_PLAN;
     for (int i = 0; i < count; i++) {
         const cr_energising *e = energisings + i;
@@ -222,13 +179,15 @@ int cr_plan(void *state, const cr_energising *energisings, int count) {
     h->on = 0;
     return CR_OK;
 }
+int cr_plan(void *state, const cr_energising *energisings, int count) {
+    cr_head *h = head(state);
+    return h ? cr_core_plan(h, energisings, count) : CR_BAD_MEMORY;
+}
 
-int cr_switch(void *state, double time, int on) {
-    Head *h = head(state);
-    if (!h) return CR_BAD_MEMORY;
-    if ((on != 0) == h->on) return CR_OK;
+int cr_core_switch(cr_head *h, double *work, int stride, double time, int on) {
     int last = h->energisings - 1;
-    if (!(time >= cr_time(state) - 1e-6 * h->dt) || !isfinite(time)) return CR_BAD_PLAN;
+    if ((on != 0) == h->on) return CR_OK;
+    if (!(time >= now_of(h) - 1e-6 * h->dt) || !isfinite(time)) return CR_BAD_PLAN;
     if (!on) {
         if (!(time >= h->from[last])) return CR_BAD_PLAN;
         h->until[last] = time;
@@ -241,21 +200,24 @@ int cr_switch(void *state, double time, int on) {
         }
         h->from[h->energisings] = time;
         h->until[h->energisings++] = HUGE_VAL;
-        double *work = work_of(state);
-        if (work[CR_ROW_CLEAR] == 0.0) /* the needle is closed: the instants will be those of this injection */
-            work[CR_ROW_OPENED] = work[CR_ROW_SHUT] = work[CR_ROW_FIRST_SHUT] = 0.0;
+        if (work[CR_ROW_CLEAR * stride] == 0.0) { /* the needle is closed: the instants will be those of this injection */
+            work[CR_ROW_OPENED * stride] = work[CR_ROW_SHUT * stride] = 0.0;
+            work[CR_ROW_FIRST_SHUT * stride] = 0.0;
+        }
     }
     h->on = on != 0;
     return CR_OK;
 }
+int cr_switch(void *state, double time, int on) {
+    cr_head *h = head(state);
+    return h ? cr_core_switch(h, work_of(state), 1, time, on) : CR_BAD_MEMORY;
+}
 
 /* Clock of the energisings in the step that begins at a time. A step that sees one energising end and the next begin is
  * energised for as long as both together: the next counts as begun so much earlier. */
-static void clock_at(const Head *h, double begin, cr_inputs *in) {
+static void clock_at(const cr_head *h, double begin, double *since_start, double *since_end) {
     int now = 0;
     double lasting = 0.0;
-    in->since_start = in->since_end = -1.0;
-    if (!h->energisings) return;
     for (int i = 1; i < h->energisings; i++)
         if (h->from[i] < begin + h->dt * (1.0 - 1e-9)) now = i;
     for (int i = 0; i < now; i++) {
@@ -263,106 +225,138 @@ static void clock_at(const Head *h, double begin, cr_inputs *in) {
         double from = h->from[i] > begin ? h->from[i] : begin;
         if (until > from) lasting += until - from;
     }
-    in->since_start = begin - h->from[now] + lasting;
-    in->since_end = h->until[now] < HUGE_VAL ? begin - h->until[now] : -1.0;
+    *since_start = begin - h->from[now] + lasting;
+    *since_end = h->until[now] < HUGE_VAL ? begin - h->until[now] : -1.0;
 }
 
-/* Failure of the present state, or CR_OK. The step was short enough up to a lift `borne`. */
-static int failure(const Head *h, const double *figures, double borne) {
+/* The energising that counts in all steps of a time; -1 where one begins or ends near it. */
+static int same_in(const cr_head *h, double begin, double end) {
+    int now = 0;
+    for (int i = 0; i < h->energisings; i++) {
+        if (h->from[i] > begin && h->from[i] < end) return -1;
+        if (h->until[i] > begin && h->until[i] < end) return -1;
+        if (i && h->from[i] <= begin) now = i;
+    }
+    return now;
+}
+
+void cr_core_clocks(const cr_head *h, int64_t count, double *since_start, double *since_end, int stride) {
+    double first = now_of(h) - h->dt;
+    int now = same_in(h, first, first + h->dt * (double)(count + 2));
+    for (int64_t n = 0; n < count; n++) {
+        double begin = h->start + h->dt * (double)(h->steps + n);
+        double *start = since_start + n * stride, *end = since_end + n * stride;
+        if (!h->energisings) {
+            *start = *end = -1.0;
+        } else if (now < 0) {
+            clock_at(h, begin, start, end);
+        } else {
+            *start = begin - h->from[now];
+            *end = h->until[now] < HUGE_VAL ? begin - h->until[now] : -1.0;
+        }
+    }
+}
+
+/* Failure of the present state, or CR_OK. The step was short enough up to a lift h->borne. */
+static int failure(const cr_head *h, const double *figures) {
     double lift = figures[CR_F_GREATEST_LIFT];
     if (h->figures[CR_F_CLOSED_AT_START] == 0.0) return CR_NOT_CLOSED_AT_START;
-    if (!(lift <= borne) && !cr_bears(h->parameters, isfinite(lift) ? lift : 0.0, h->medium, h->dt))
+    if (!(lift <= h->borne) && !cr_bears(h->parameters, isfinite(lift) ? lift : 0.0, h->medium, h->dt))
         return CR_STEP_UNSTABLE;
     if (figures[CR_F_INJECTED] < -CR_BACKFLOW) return CR_NOT_FINITE;
     if (figures[CR_F_SOUND] == 0.0) return isfinite(figures[CR_F_INJECTED]) ? CR_RAN_AWAY : CR_NOT_FINITE;
     return CR_OK;
 }
-static int look(Head *h, const void *state) {
-    double figures[CR_KERNEL_FIGURES];
-    void *result[2];
-    cr_kernel_figures(result, result + 1, work_in(state), h->cylinder, figures);
-    int failed = failure(h, figures, h->borne);
-    if (!failed) h->borne = figures[CR_F_GREATEST_LIFT];
-    return failed;
+int cr_core_look(cr_head *h, const double *figures) {
+    h->status = failure(h, figures);
+    if (!h->status) h->borne = figures[CR_F_GREATEST_LIFT];
+    return h->status;
 }
 
-static void advance(Head *h, void *state, int64_t count, const cr_inputs *inputs) {
+static void advance(cr_head *h, double *work, double *waves, int64_t count, const cr_inputs *inputs) {
+    double figures[CR_KERNEL_FIGURES];
     void *result[2];
-    Mode mode = flush_tiny();
-    cr_kernel_march(result, result + 1, work_of(state), waves_of(state), h->ring, h->steps, count, &inputs->rail, h->dt);
-    restore(mode);
+    cr_mode mode = cr_flush_tiny();
+    cr_kernel_march(result, result + 1, work, waves, h->ring, h->steps, count, &inputs->rail, h->dt);
+    cr_restore(mode);
     h->steps += count;
     h->rail = inputs[count - 1].rail;
     h->cylinder = inputs[count - 1].cylinder;
+    if (h->steps % CHUNK) return;
+    cr_kernel_figures(result, result + 1, work, h->cylinder, figures);
+    cr_core_look(h, figures);
 }
 
-int cr_march_inputs(void *state, int64_t steps, const cr_inputs *inputs) {
-    Head *h = head(state);
-    if (!h) return CR_BAD_MEMORY;
+int cr_core_march_inputs(cr_head *h, double *work, double *waves, int64_t steps, const cr_inputs *inputs) {
     while (steps > 0 && !h->status) {
         int64_t count = CHUNK - h->steps % CHUNK;
         if (count > steps) count = steps;
-        advance(h, state, count, inputs);
-        if (h->steps % CHUNK == 0) h->status = look(h, state);
+        advance(h, work, waves, count, inputs);
         inputs += count;
         steps -= count;
     }
     return h->status;
 }
+int cr_march_inputs(void *state, int64_t steps, const cr_inputs *inputs) {
+    cr_head *h = head(state);
+    return h ? cr_core_march_inputs(h, work_of(state), waves_of(state), steps, inputs) : CR_BAD_MEMORY;
+}
 
-int cr_march(void *state, int64_t steps, const cr_boundary *boundary) {
+int cr_core_march(cr_head *h, double *work, double *waves, int64_t steps, const cr_boundary *boundary) {
     cr_inputs inputs[CHUNK];
-    Head *h = head(state);
-    if (!h) return CR_BAD_MEMORY;
-    int status = check_boundary(boundary);
-    if (status) return status;
+    for (int n = 0; n < CHUNK; n++) {
+        inputs[n].rail = boundary->rail_pressure;
+        inputs[n].cylinder = boundary->cylinder_pressure;
+        inputs[n].low = boundary->return_pressure;
+        inputs[n].trace = boundary->drive;
+    }
     while (steps > 0 && !h->status) {
         int64_t count = CHUNK - h->steps % CHUNK;
         if (count > steps) count = steps;
-        for (int64_t n = 0; n < count; n++) {
-            cr_inputs *in = inputs + n;
-            in->rail = boundary->rail_pressure;
-            in->cylinder = boundary->cylinder_pressure;
-            in->low = boundary->return_pressure;
-            in->trace = boundary->drive;
-            clock_at(h, h->start + h->dt * (double)(h->steps + n), in);
-        }
-        cr_march_inputs(state, count, inputs);
+        cr_core_clocks(h, count, &inputs->since_start, &inputs->since_end, sizeof *inputs / sizeof(double));
+        advance(h, work, waves, count, inputs);
         steps -= count;
     }
     return h->status;
 }
-
-double cr_time(const void *state) {
-    const Head *h = state;
-    return h->start + h->dt * (double)h->steps;
+int cr_march(void *state, int64_t steps, const cr_boundary *boundary) {
+    cr_head *h = head(state);
+    int status = cr_core_boundary(boundary);
+    if (!h) return CR_BAD_MEMORY;
+    return status ? status : cr_core_march(h, work_of(state), waves_of(state), steps, boundary);
 }
-int64_t cr_steps(const void *state) { return ((const Head *)state)->steps; }
 
-int cr_status(const void *state) {
-    const Head *h = state;
+double cr_time(const void *state) { return now_of(state); }
+int64_t cr_steps(const void *state) { return ((const cr_head *)state)->steps; }
+
+int cr_core_status(const cr_head *h, const double *work) {
     double figures[CR_KERNEL_FIGURES];
     void *result[2];
-    if (!h || h->stamp != CR_STAMP) return CR_BAD_MEMORY;
     if (h->status) return h->status;
-    cr_kernel_figures(result, result + 1, work_in(state), h->cylinder, figures);
-    int failed = failure(h, figures, h->borne);
+    cr_kernel_figures(result, result + 1, work, h->cylinder, figures);
+    int failed = failure(h, figures);
     return failed ? failed : figures[CR_F_CLOSED_AT_END] == 0.0 ? CR_STILL_INJECTING : CR_OK;
 }
-
-void cr_observe(const void *state, double channels[CR_CHANNELS]) {
-    void *result[2];
-    cr_kernel_observe(result, result + 1, work_in(state), channels);
-#ifdef CR_IDEAL_RAIL
-    channels[CR_IDEAL_RAIL] = ((const Head *)state)->rail;
-#endif
+int cr_status(const void *state) {
+    const cr_head *h = state;
+    return h && h->stamp == CR_STAMP ? cr_core_status(h, work_in(state)) : CR_BAD_MEMORY;
 }
 
-void cr_read_figures(const void *state, cr_figures *out) {
-    const Head *h = state;
+void cr_core_observe(const cr_head *h, const double *work, double *channels) {
+    void *result[2];
+    cr_kernel_observe(result, result + 1, work, channels);
+#ifdef CR_IDEAL_RAIL
+    channels[CR_IDEAL_RAIL] = h->rail;
+#else
+    (void)h;
+#endif
+}
+void cr_observe(const void *state, double channels[CR_CHANNELS]) { cr_core_observe(state, work_in(state), channels); }
+
+void cr_core_figures(const cr_head *h, const double *work, cr_figures *out) {
     double figures[CR_KERNEL_FIGURES];
     void *result[2];
-    cr_kernel_figures(result, result + 1, work_in(state), h->cylinder, figures);
+    cr_kernel_figures(result, result + 1, work, h->cylinder, figures);
     out->injected = figures[CR_F_INJECTED];
     out->returned = figures[CR_F_RETURNED];
     out->supplied = figures[CR_F_SUPPLIED];
@@ -372,6 +366,7 @@ void cr_read_figures(const void *state, cr_figures *out) {
     out->greatest_lift = figures[CR_F_GREATEST_LIFT];
     out->reference_density = h->density;
 }
+void cr_read_figures(const void *state, cr_figures *out) { cr_core_figures(state, work_in(state), out); }
 
 const char *cr_sentence(int status) {
     for (int i = 0; i < CR_SENTENCES; i++)

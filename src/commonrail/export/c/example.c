@@ -1,6 +1,6 @@
 /* One injection: prints time, rate of injection and needle lift every 10 us, then the figures.
  *
- *     cc -O2 example.c cr.c cr_kernel_PLATFORM.o -lm -o example
+ *     cc -O2 example.c cr.c FOLDER/cr_kernel_PLATFORM.o -lm -o example
  */
 #include <stdio.h>
 #include <stdlib.h>
