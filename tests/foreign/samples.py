@@ -10,7 +10,7 @@ import numpy as np
 import commonrail.export
 from commonrail.export.linker import compiler_for, run
 from commonrail.export.objects import target_named
-from commonrail.foreign.data import FmuData, curve
+from commonrail.foreign.data import FmuData, fmu_curve
 
 HERE = Path(__file__).parent
 HEADERS = Path(commonrail.export.__file__).parent / "c" / "fmi"
@@ -44,4 +44,4 @@ def decay(k: float = TRUTH, x0: float = 1.0) -> np.ndarray:
 def decay_data(failing: float = 0.0, kind: int = 2, **more) -> FmuData:
     """The solution as measured data, of a model in which a share of all candidates fails in the stated way."""
     start = {"failing.share": failing, "failing.kind": float(kind)} if failing else {}
-    return curve("decay", TIMES, {"x": decay()}, tolerance=0.01, start=start, **more)
+    return fmu_curve("decay", TIMES, {"x": decay()}, tolerance=0.01, start=start, **more)

@@ -9,7 +9,7 @@ import commonrail as cr
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
 from commonrail.errors import ConfigurationError, InputError, SimulationError
 from commonrail.foreign.child import FmuWork
-from commonrail.foreign.data import Inputs, curve, values_of_rows
+from commonrail.foreign.data import FmuInputs, fmu_curve, fmu_rows
 from commonrail.foreign.fit import calibrate_fmu
 from commonrail.foreign.fmu import read_fmu, unpacked
 from commonrail.foreign.simulator import opened
@@ -42,7 +42,7 @@ GOOD = (1.0008, 1.0009)
 
 def failing(kind: int):
     """Data of a model that fails in a way for half of all k."""
-    return curve("decay", TIMES, {"x": TIMES}, start={"failing.share": 0.5, "failing.kind": float(kind)})
+    return fmu_curve("decay", TIMES, {"x": TIMES}, start={"failing.share": 0.5, "failing.kind": float(kind)})
 
 
 @pytest.mark.parametrize(
@@ -99,9 +99,9 @@ def test_where_all_candidates_fail_the_fmu_s_own_message_is_in_the_sentence(deca
 
 def test_inputs_and_rows_of_values_are_simulated(decay_fmu):
     # with u held at 2 and k = 1 the solution is 2 - exp(-t); the rows start from different x0
-    held = Inputs(np.array([0.0, 2.0]), {"u": np.array([2.0, 2.0])})
-    forced = curve("forced", TIMES, {"x": 2.0 - np.exp(-TIMES)}, inputs=held)
-    rows = values_of_rows("rows", [{"x0": 1.0}, {"x0": 3.0}], {"x": np.exp(-2.0) * np.array([1.0, 3.0])}, 2.0)
+    held = FmuInputs(np.array([0.0, 2.0]), {"u": np.array([2.0, 2.0])})
+    forced = fmu_curve("forced", TIMES, {"x": 2.0 - np.exp(-TIMES)}, inputs=held)
+    rows = fmu_rows("rows", [{"x0": 1.0}, {"x0": 3.0}], {"x": np.exp(-2.0) * np.array([1.0, 3.0])}, 2.0)
     with opened(read_fmu(decay_fmu), ["mu"], [forced, rows], 0.1, 60.0, 1) as simulator:
         simulated = simulator.simulate([rows, forced], np.array([[1.0]]))
     assert simulated.values[0] == pytest.approx(np.concatenate([rows.measured, forced.measured]), rel=1e-12)

@@ -13,7 +13,7 @@ from commonrail.arguments import array, chosen, number, plain_text, settle
 from commonrail.errors import ConfigurationError
 from commonrail.kinds import Role
 
-__all__ = ["SHARE", "FmuData", "Inputs", "Run", "curve", "values_of_rows"]
+__all__ = ["SHARE", "FmuData", "FmuInputs", "Run", "fmu_curve", "fmu_rows"]
 
 Floats = NDArray[np.float64]
 Setting = float | bool | str
@@ -21,7 +21,7 @@ Setting = float | bool | str
 SHARE = 0.01  # tolerance where none is stated: this share of the range of the measured values
 
 
-class Inputs(NamedTuple):
+class FmuInputs(NamedTuple):
     """Courses of inputs: times (k,) [s], and for each variable its values (k,), linear between them."""
 
     times: Floats
@@ -35,7 +35,7 @@ class Run(NamedTuple):
     ----------
     start : mapping of str to number, Boolean or text
         Values of variables that are set before the initialization.
-    inputs : Inputs or None
+    inputs : FmuInputs or None
     stop : float
         End of the simulation [s].
     outputs : tuple of str
@@ -45,7 +45,7 @@ class Run(NamedTuple):
     """
 
     start: Mapping[str, Setting]
-    inputs: Inputs | None
+    inputs: FmuInputs | None
     stop: float
     outputs: tuple[str, ...]
     times: Floats
@@ -106,14 +106,14 @@ class FmuData:
         return self.tolerances
 
 
-def curve(
+def fmu_curve(
     name: str,
     times: ArrayLike,
     measured: Mapping[str, ArrayLike],
     *,
     tolerance: Mapping[str, float] | float | None = None,
     start: Mapping[str, Setting] | None = None,
-    inputs: Inputs | None = None,
+    inputs: FmuInputs | None = None,
     **more: Any,
 ) -> FmuData:
     """Measured courses of outputs in one simulation.
@@ -129,7 +129,7 @@ def curve(
         Error that counts as 1; by default `SHARE` of each output's range.
     start : mapping, optional
         Values of variables that are set before the initialization.
-    inputs : Inputs, optional
+    inputs : FmuInputs, optional
     **more
         Role, weight, source, synthetic.
 
@@ -150,14 +150,14 @@ def curve(
     return FmuData(name, (run,), np.concatenate(list(columns.values())), np.concatenate(tolerances), **more)
 
 
-def values_of_rows(
+def fmu_rows(
     name: str,
     settings: Sequence[Mapping[str, Setting]],
     measured: Mapping[str, ArrayLike],
     stop: float,
     *,
     tolerance: Mapping[str, float] | float | None = None,
-    inputs: Inputs | None = None,
+    inputs: FmuInputs | None = None,
     **more: Any,
 ) -> FmuData:
     """Measured values at the end of simulations, one for each row.
@@ -172,12 +172,12 @@ def values_of_rows(
     stop : float
         End of each simulation [s].
     tolerance, inputs, **more
-        As in `curve`.
+        As in `fmu_curve`.
 
     Raises
     ------
     ConfigurationError
-        As `curve`.
+        As `fmu_curve`.
     """
     columns = {output: array(own, "1", f"{output} of {name}", 1) for output, own in measured.items()}
     for output, own in columns.items():

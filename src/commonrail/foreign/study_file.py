@@ -18,7 +18,7 @@ from commonrail.calibration.space import Space
 from commonrail.errors import InputError
 from commonrail.files.study_file import method_of
 from commonrail.files.study_models import MOST_CONSTRAINTS, MOST_PARAMETERS, MOST_SETS, Optimisers, read_optimisers
-from commonrail.foreign.data import FmuData, Inputs, Setting, curve, values_of_rows
+from commonrail.foreign.data import FmuData, FmuInputs, Setting, fmu_curve, fmu_rows
 from commonrail.foreign.fmu import Fmu, FmuVariable, read_fmu
 from commonrail.foreign.study import TIME_LIMIT, FmuStudy, free_parameter
 from commonrail.kinds import Role
@@ -201,7 +201,7 @@ def _data(model: _DataModel, reading: _Reading, at: Place) -> FmuData:
     table = read_columns(path, [time, *columns.values()], 1)
     measured = {name: table.columns[column.name] for name, column in columns.items()}
     with located(at):
-        return curve(model.name, table.columns[model.time], measured, start=settings, **more)
+        return fmu_curve(model.name, table.columns[model.time], measured, start=settings, **more)
 
 
 def _rows(
@@ -229,7 +229,7 @@ def _rows(
     ]
     measured = {name: table.columns[column.name] for name, column in columns.items()}
     with located(at):
-        return values_of_rows(model.name, each, measured, model.stop, **more)
+        return fmu_rows(model.name, each, measured, model.stop, **more)
 
 
 def _column(name: str, variable: FmuVariable) -> Column:
@@ -248,7 +248,7 @@ def _tolerances(model: _DataModel, variables: Mapping[str, FmuVariable], at: Pla
     return found
 
 
-def _inputs(model: _InputsModel | None, reading: _Reading, at: Place) -> Inputs | None:
+def _inputs(model: _InputsModel | None, reading: _Reading, at: Place) -> FmuInputs | None:
     if model is None:
         return None
     path = reading.reach.path(reading.reach.file.parent, model.file, at / "file")
@@ -257,4 +257,4 @@ def _inputs(model: _InputsModel | None, reading: _Reading, at: Place) -> Inputs 
         with located(at / "columns" / name):
             columns[name] = _column(column, reading.fmu.number(name))
     table = read_columns(path, [Column(model.time, "s", increasing=True), *columns.values()], 2)
-    return Inputs(table.columns[model.time], {name: table.columns[one.name] for name, one in columns.items()})
+    return FmuInputs(table.columns[model.time], {name: table.columns[one.name] for name, one in columns.items()})
