@@ -84,6 +84,12 @@ if TYPE_CHECKING:
     from commonrail.files.tolerance_file import load_tolerances
     from commonrail.files.truth_file import load_truth
     from commonrail.files.type_file import dump_type, load_type
+    from commonrail.foreign.data import FmuData, FmuInputs, fmu_curve, fmu_rows
+    from commonrail.foreign.fit import FmuFit, calibrate_fmu
+    from commonrail.foreign.run import calibrate_fmu_into, resume_fmu
+    from commonrail.foreign.statuses import FmuStatus
+    from commonrail.foreign.study import FmuStudy, fmu_study
+    from commonrail.foreign.study_file import load_fmu_study
     from commonrail.fuel.fuel import Fuel
     from commonrail.injector.definition import Injector, Source, parameter_quantities
     from commonrail.injector.variants import Variant
@@ -169,6 +175,12 @@ _HOMES = {
     "files.tolerance_file": "load_tolerances",
     "files.truth_file": "load_truth",
     "files.type_file": "dump_type load_type",
+    "foreign.data": "FmuData FmuInputs fmu_curve fmu_rows",
+    "foreign.fit": "FmuFit calibrate_fmu",
+    "foreign.run": "calibrate_fmu_into resume_fmu",
+    "foreign.statuses": "FmuStatus",
+    "foreign.study": "FmuStudy fmu_study",
+    "foreign.study_file": "load_fmu_study",
     "fuel.fuel": "Fuel",
     "injector.definition": "Injector Source parameter_quantities",
     "injector.variants": "Variant",
@@ -228,6 +240,11 @@ __all__ = [
     "FeatureTarget",
     "Features",
     "Finding",
+    "FmuData",
+    "FmuFit",
+    "FmuInputs",
+    "FmuStatus",
+    "FmuStudy",
     "Fuel",
     "Generation",
     "InitialSampling",
@@ -295,6 +312,8 @@ __all__ = [
     "adapt",
     "bench_curve",
     "calibrate",
+    "calibrate_fmu",
+    "calibrate_fmu_into",
     "calibrate_into",
     "certify",
     "check_study",
@@ -303,11 +322,15 @@ __all__ = [
     "dump_injector",
     "dump_type",
     "features",
+    "fmu_curve",
+    "fmu_rows",
+    "fmu_study",
     "for_seeds",
     "identify",
     "identify_at",
     "injector_catalogue",
     "list_runs",
+    "load_fmu_study",
     "load_fuel",
     "load_injector",
     "load_meter",
@@ -326,6 +349,7 @@ __all__ = [
     "read_run",
     "reproduce",
     "resume",
+    "resume_fmu",
     "sample_feasible",
     "sample_posterior",
     "sensitivity",

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import zipfile
+from pathlib import Path
+
 import pytest
 
+from commonrail.export.fmu import write_fmu
 from commonrail.export.library import Library, write_library
 from commonrail.export.objects import target_named
 from commonrail.files.injector_file import load_injector
@@ -28,3 +32,29 @@ def library(own: str, tmp_path_factory: pytest.TempPathFactory) -> Library:
 def native(library: Library, own: str) -> Native:
     """Its functions."""
     return Native(library, own)
+
+
+@pytest.fixture(scope="session")
+def fmu(own: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """FMU of the virtual injector for this machine."""
+    path = tmp_path_factory.mktemp("fmu") / "injector.fmu"
+    write_fmu(load_injector(DRAWN), path, [target_named(own)])
+    return path
+
+
+@pytest.fixture(scope="session")
+def fmu3(own: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same by version 3.0."""
+    path = tmp_path_factory.mktemp("fmu") / "injector.fmu"
+    write_fmu(load_injector(DRAWN), path, [target_named(own)], 3)
+    return path
+
+
+@pytest.fixture(scope="session")
+def binary(fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its shared library."""
+    folder = tmp_path_factory.mktemp("binary")
+    with zipfile.ZipFile(fmu) as archive:
+        (name,) = (n for n in archive.namelist() if n.startswith("binaries/"))
+        archive.extract(name, folder)
+    return folder / name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,7 +66,14 @@ class Objective:
         Loss, priors of the parameters that vary, and how candidates are screened.
     same_bits : bool
         As in `Simulator`.
+
+    Attributes
+    ----------
+    statuses : type of IntEnum
+        Names of the statuses that `costs` returns.
     """
+
+    statuses: type[IntEnum] = Status
 
     def __init__(
         self,

@@ -32,7 +32,6 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.spread import SpreadObjective
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.time_step import longest_for_all
-from commonrail.engine.status import Status
 from commonrail.engine.time_step import nice_step
 from commonrail.errors import ConfigurationError, StudyError
 from commonrail.kinds import Role, of_role
@@ -268,7 +267,7 @@ class Search:
         reached = Generation.of(optimiser.steps - 1, optimiser)
         if len(self._begun) == 1:
             failed = step.statuses[step.statuses > 0].tolist()
-            self.failures.update(Status(status).name.lower() for status in failed)
+            self.failures.update(self.objective.statuses(status).name.lower() for status in failed)
             self.history.append(reached)
         if self.listeners.recorder is not None:
             self.listeners.recorder.step(step, reached, self.checkpoint())

@@ -1,4 +1,4 @@
-"""commonrail calibrate: fit the free parameters of a study to its data."""
+"""commonrail calibrate: fit the free parameters of a study, of an FMU too, to its data."""
 
 from __future__ import annotations
 
@@ -37,6 +37,7 @@ def calibrate(
 ) -> None:
     """Fit a study and write a run folder.
 
+    The study of an FMU is fitted too; --threads is then the number of processes that simulate it.
     Ctrl-C stops the search: the best values so far are scored and written, and the exit status is 130.
     `commonrail resume RUN` resumes a run, however it was stopped.
 
@@ -46,7 +47,14 @@ def calibrate(
     """
     from commonrail.cli.study_run import print_outcome, run_study
     from commonrail.files.study_file import load_study
+    from commonrail.foreign.study_file import is_fmu_study
 
+    if is_fmu_study(study):
+        from commonrail.cli.fmu_run import print_fmu, refuse_workers, run_fmu
+
+        refuse_workers(workers, cluster)
+        print_fmu(run_fmu(study, out or free_run_folder(stem_of(study)), seed, threads), json)
+        return
     loaded = load_study(study)
     if seed is not None:
         loaded = replace(loaded, seed=seed)

@@ -1,4 +1,4 @@
-"""commonrail resume: resume a stopped run, of a family too, or extend a finished one by generations."""
+"""commonrail resume: resume a stopped run, of a family or an FMU too, or extend a finished one by generations."""
 
 from __future__ import annotations
 
@@ -40,7 +40,16 @@ def resume(
     from commonrail.cli.family_run import print_family, resume_run
     from commonrail.cli.study_run import print_outcome, resume_study
     from commonrail.family.run import TYPE, is_family_run
+    from commonrail.foreign.run import is_fmu_run
 
+    if is_fmu_run(run):
+        from commonrail.cli.fmu_run import print_fmu, refuse_workers, resume_fmu_run
+
+        refuse_workers(workers, cluster)
+        if generations:
+            raise InputError(f"--generations: {run} is the run of an FMU; state them in a new study file.")
+        print_fmu(resume_fmu_run(run, as_begun=as_begun, processes=threads), json)
+        return
     if is_family_run(run):
         if generations:
             raise InputError(f"--generations: {run} is the run of a family; state them in a new family file.")

@@ -13,6 +13,7 @@ from commonrail.errors import ConfigurationError
 from commonrail.export.description2 import describe2
 from commonrail.export.description3 import build_description, describe3, terminals
 from commonrail.export.documentation import documentation_page
+from commonrail.export.icon import icon_png
 from commonrail.export.library import write_sources
 from commonrail.export.linker import Compiler, compiler_for, link_shared
 from commonrail.export.objects import Target, emit
@@ -27,14 +28,8 @@ _HEADERS = {
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
 _DESCRIPTIONS = {2: describe2, 3: describe3}
-_WHEN = (
-    1980,
-    1,
-    1,
-    0,
-    0,
-    0,
-)  # of the files in the ZIP: equal FMUs have equal bytes but for the date in the description
+# Date of the files in the ZIP: equal FMUs have equal bytes but for the date in the description.
+_WHEN = (1980, 1, 1, 0, 0, 0)
 
 
 def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int = 2) -> tuple[str, ...]:
@@ -77,6 +72,7 @@ def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int
             _link(compilers[target.name], model, folder, binary, target)
             contents[f"binaries/{folders[target.name]}/{model.name}{target.suffix}"] = binary.read_bytes()
         contents |= {f"sources/{path.name}": path.read_bytes() for path in written}
+    contents["model.png" if fmi == 2 else "terminalsAndIcons/icon.png"] = icon_png()
     if fmi == 3:
         contents["sources/buildDescription.xml"] = build_description(model, to_compile).encode()
         contents["terminalsAndIcons/terminalsAndIcons.xml"] = terminals().encode()

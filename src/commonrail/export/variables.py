@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from typing import NamedTuple
 
 from commonrail.choices import Drive
@@ -106,10 +107,28 @@ def variables(injector: Injector) -> list[Variable]:
 def _parameters(injector: Injector) -> list[Variable]:
     found = []
     for i, path in enumerate((*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE)):
-        low, high, _, _ = bounds_of(injector, path)
+        low, high, low_open, high_open = bounds_of(injector, path)
+        limits = _inside(low, high, low_open), _inside(high, low, high_open)
         quantity = injector.quantities[path]
-        found.append(Variable(path, i, _FIXED, quantity.unit, injector.values[path], low, high, quantity.meaning))
+        found.append(Variable(path, i, _FIXED, quantity.unit, injector.values[path], *limits, quantity.meaning))
     return found
+
+
+def _inside(limit: float, other: float, is_open: int) -> float:
+    """Limit that belongs to the range itself, as the standard's do: the next number inside where it does not.
+
+    Parameters
+    ----------
+    limit, other : float
+    is_open : int
+        1 if the limit itself is outside.
+    """
+    if not is_open:
+        return limit
+    beside = math.nextafter(limit, other)
+    return (
+        beside if limit else math.copysign(sys.float_info.min, beside)
+    )  # no denormal number, which importers may flush
 
 
 def _plan() -> list[Variable]:

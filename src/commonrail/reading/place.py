@@ -15,6 +15,7 @@ __all__ = ["Place", "located"]
 _KINDS = {
     "commonrail-injector": "an injector file",
     "commonrail-study": "a study file",
+    "commonrail-fmu-study": "a study of an FMU",
     "commonrail-fleet": "a fleet file",
     "commonrail-truth": "a truth of the virtual test bench",
     "commonrail-type": "a type of injector",

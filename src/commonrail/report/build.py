@@ -1,4 +1,4 @@
-"""report.html of a run folder: of a calibration, a joint fit, a comparison or a reproduction."""
+"""report.html of a run folder: of a calibration (of an FMU too), a joint fit, a comparison or a reproduction."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ from commonrail.files.atomic import replacing, write_text, writing
 from commonrail.files.comparison_folder import COMPARISON, read_comparison
 from commonrail.files.reproduction_folder import RECORD, read_reproduction
 from commonrail.files.run_folder import RESULT, TRACES, read_run
+from commonrail.foreign.run import RECORD as FOREIGN
+from commonrail.foreign.run import read_fmu_run
 from commonrail.kinds.records import Record
 from commonrail.report.certainty import certainty_lines, certainty_tables
 from commonrail.report.comparison import comparison_html
@@ -31,6 +33,7 @@ from commonrail.report.draw_map import heat_map_html
 from commonrail.report.error_map import error_maps
 from commonrail.report.family import family_html
 from commonrail.report.figures import convergence_figure, figures_of
+from commonrail.report.foreign import fmu_html
 from commonrail.report.headline import headline, parameter_lines, synthetic_notes, warning_lines
 from commonrail.report.html import render
 from commonrail.report.judgement import combination_table, judgement_lines, judgement_tables
@@ -173,6 +176,11 @@ def _fitted_together(folder: Path) -> str:
     return family_html(check_record(record, str(folder), "family"), traces, folder.as_posix() or "RUN")
 
 
+def _of_fmu(folder: Path) -> str:
+    record = check_record(read_fmu_run(folder), str(folder), "fmu calibration")
+    return fmu_html(record, folder.as_posix() or "RUN")
+
+
 def _has_plates(folder: Path) -> bool:
     return all((folder / PLATE_FOLDER / f"{name}.{kind}").is_file() for name in PLATES for kind in ("svg", "pdf"))
 
@@ -184,6 +192,7 @@ _KINDS: tuple[tuple[str, str, Callable[[Path], str]], ...] = (
     (TOLERANCE.record, TOLERANCE.verb, _tolerated),
     (RECORD, "reproduce", _reproduced),
     (FAMILY, "family", _fitted_together),
+    (FOREIGN, "calibrate", _of_fmu),
     (RESULT, "calibrate", _calibrated),
 )
 

@@ -27,6 +27,7 @@ _COMPARED = ("title", "labels", "models", "differences", "studies", "data")
 _SENSITIVE = ("title", "design", "samples", "ranges", "outputs", "injections", "clock")
 _TOLERATED = ("title", "parts", "injector", "dimensions", "points", "trim", "injections", "clock")
 _JOINT = ("title", "seed", "status", "synthetic", "objective", "parts", "parameters", "generations")
+_FOREIGN = ("title", "seed", "status", "fmu", "parameters", "objective", "data", "evaluations", "generations")
 # by kind of record: its file, who writes it, and the keys that it must have
 _FILES = {
     "calibration": ("result.json", "calibrate", _NEEDED),
@@ -34,6 +35,7 @@ _FILES = {
     "sensitivity": ("sensitivity.json", "sensitivity", _SENSITIVE),
     "tolerance": ("tolerance.json", "tolerance", _TOLERATED),
     "family": ("family.json", "family", _JOINT),
+    "fmu calibration": ("fmu-result.json", "calibrate", _FOREIGN),
 }
 
 

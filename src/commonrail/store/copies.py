@@ -27,7 +27,7 @@ __all__ = ["copies_of", "copy_apart", "copy_study", "places_apart", "set_in_stud
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
 RESERVED = (STUDY, "calibrated.toml", RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
-_NAMES_A_FILE = ("file", "injector", "type", "study", "logo")  # keys of TOML files
+_NAMES_A_FILE = ("file", "fmu", "injector", "type", "study", "logo")  # keys of TOML files
 
 
 def copies_of(study: Study) -> list[str]:

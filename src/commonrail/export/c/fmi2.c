@@ -207,3 +207,20 @@ fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2S
     (void)kind, (void)value;
     return c ? fmi2Discard : fmi2Error;
 }
+
+/* Functions of model exchange, which this FMU is not for: some importers look up all functions of the standard. */
+static fmi2Status absent(fmi2Component c) { return refuse(c, "This FMU is for co-simulation only."); }
+fmi2Status fmi2EnterEventMode(fmi2Component c) { return absent(c); }
+fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { return absent(c); }
+fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) { return (void)time, absent(c); }
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) { return (void)info, absent(c); }
+fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n) { return (void)x, (void)n, absent(c); }
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) { return (void)x, (void)n, absent(c); }
+fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {
+    return (void)x, (void)n, absent(c);
+}
+fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real x[], size_t n) { return (void)x, (void)n, absent(c); }
+fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real x[], size_t n) { return (void)x, (void)n, absent(c); }
+fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean kept, fmi2Boolean *mode, fmi2Boolean *ended) {
+    return (void)kept, (void)mode, (void)ended, absent(c);
+}

@@ -1,0 +1,1 @@
+"""Foreign FMUs as models: their parameters calibrated to measured curves and values."""

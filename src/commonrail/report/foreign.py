@@ -1,0 +1,141 @@
+"""Page of a calibration of an FMU: parameters, errors and courses of each data set, failures in the FMU's own words."""
+
+from __future__ import annotations
+
+import shlex
+
+from commonrail.display.chart import BOTH, MARKERS, Figure, Panel, Series, points
+from commonrail.display.table import Column, Table, tabulated
+from commonrail.display.text import duration, quantity, significant
+from commonrail.kinds.records import Record
+from commonrail.report.draw import drawings, figure_html
+from commonrail.report.figures import convergence_figure
+from commonrail.report.html import render
+
+__all__ = ["fmu_figures", "fmu_html", "fmu_lines", "fmu_tables"]
+
+
+def fmu_html(record: Record, run: str) -> str:
+    """Page of a calibration of an FMU.
+
+    Parameters
+    ----------
+    record : mapping
+    run : str
+        The folder's name, for the command lines in the page.
+    """
+    generations = record["generations"]
+    convergence = convergence_figure(generations) if len(generations) > 1 else None
+    return render(
+        "fmu.html",
+        kind="FMU",
+        record=record,
+        synthetic=[record["synthetic"]] if record["synthetic"] else [],
+        lines=fmu_lines(record),
+        tables=fmu_tables(record),
+        figures=drawings(fmu_figures(record)),
+        convergence=(convergence, figure_html(convergence, "convergence")) if convergence else None,
+        data=record["data"],
+        commands=[
+            ("Run again", f"commonrail calibrate {shlex.quote(f'{run}/fmu-study.toml')} --seed {record['seed']}"),
+            ("Make this report again", f"commonrail report {shlex.quote(run)}"),
+        ],
+        facts=_facts(record),
+    )
+
+
+def fmu_lines(record: Record) -> list[str]:
+    """Sentences on the fit of each data set, the search and its failures."""
+    lines = []
+    for data in record["data"]:
+        best, start = (significant(data["rms"][label], 3) for label in ("best", "start"))
+        lines.append(
+            f"{data['name']} ({data['role']}): the errors of {data['values']} values have a root mean square of {best} "
+            f"tolerances, {start} with the start values."
+        )
+    verdict, counts = record["convergence"], record["evaluations"]
+    if verdict is not None:
+        lines.append(f"The search: {verdict['sentence']}.")
+    if counts["failed"]:
+        lines.append(
+            f"{counts['failed']} of {counts['simulated']} candidates failed and could not win; the table of failures "
+            "has the reasons."
+        )
+    bounds = [p["name"] for p in record["parameters"] if p["at_bound"]]
+    if bounds:
+        lines.append(f"At a bound: {', '.join(bounds)}; the data may ask for a wider range.")
+    return lines
+
+
+def fmu_tables(record: Record) -> list[Table]:
+    """Parameters, errors of the data sets, and failures if there were any."""
+    parameters: list[Column] = [
+        ("parameter", "name"),
+        ("start", lambda p: quantity(p["start"], p["unit"])),
+        ("best", lambda p: quantity(p["best"], p["unit"], 6)),
+        ("standard error", lambda p: quantity(p["standard_error"], p["unit"], 2)),
+        ("bounds", lambda p: f"{quantity(p['lower'], p['unit'], 3)} to {quantity(p['upper'], p['unit'], 3)}"),
+        ("verdict", "verdict"),
+    ]
+    note = "Numbers are in the units of the FMU. Standard errors are local, and say nothing about other optima."
+    errors: list[Column] = [
+        ("data", "name"),
+        ("role", "role"),
+        ("values", lambda d: str(d["values"])),
+        ("simulations", lambda d: str(d["simulations"])),
+        ("rms, start", lambda d: significant(d["rms"]["start"], 3)),
+        ("rms, best", lambda d: significant(d["rms"]["best"], 3)),
+        ("largest, best", lambda d: significant(d["largest"]["best"], 3)),
+    ]
+    found = [
+        tabulated("Parameters", record["parameters"], parameters, note),
+        tabulated("Errors in tolerances", record["data"], errors, "", 2),
+    ]
+    failures = record["evaluations"]["failures"]
+    if failures:
+        columns: list[Column] = [
+            ("status", "status"),
+            ("meaning", "sentence"),
+            ("first message", lambda f: record["messages"].get(f["status"], "")),
+            ("candidates", lambda f: str(f["count"])),
+        ]
+        found.append(tabulated("Failures", failures, columns, "", 3))
+    return found
+
+
+def fmu_figures(record: Record) -> list[Figure]:
+    """Measured and simulated values of each data set, one panel for each output."""
+    found = []
+    for data in record["data"]:
+        panels = tuple(_panel(output) for output in data["outputs"])
+        axis = "time, s" if data["outputs"][0]["axis"] == "time" else "row"
+        found.append(Figure(data["name"], f"Values of {data['name']} ({data['role']}).", axis, panels))
+    return found
+
+
+def _panel(output: Record) -> Panel:
+    x = points(output["at"])
+    simulated = BOTH if output["axis"] == "row" else "lines"
+    series = (
+        Series("measured", "measured", x, tuple(output["measured"]), MARKERS),
+        Series("start values", "start", x, tuple(output["start"]), simulated),
+        Series("calibrated", "best", x, tuple(output["best"]), simulated),
+    )
+    unit = "" if output["unit"] == "1" else f", {output['unit']}"
+    return Panel(f"{output['variable']}{unit}", series)
+
+
+def _facts(record: Record) -> list[tuple[str, str]]:
+    search, counts, fmu = record["optimiser"], record["evaluations"], record["fmu"]
+    objective = record["objective"]
+    return [
+        ("FMU", f"{fmu['name']}, FMI {fmu['version']}, SHA-256 {fmu['sha256']}"),
+        ("Communication step", f"{significant(record['step'], 6)} s"),
+        ("Search", f"{search['method']}, {search['generations']} generations of {search['members']} members"),
+        ("Objective", f"{significant(objective['start'])} to {significant(objective['best'])}"),
+        ("Simulations", f"{counts['simulations']:,}"),
+        ("Time of the search", duration(record["clock"]["seconds"])),
+        ("Ended", f"{record['status']}: {record['reason']}"),
+        ("Seed", str(record["seed"])),
+        ("Software", ", ".join(f"{name} {number}" for name, number in record["software"].items())),
+    ]
