@@ -6,6 +6,7 @@ Each variant is one kernel, compiled at its first use and then kept on disk: tak
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
@@ -15,6 +16,7 @@ from commonrail.choices import Body, Boundary, Drive
 from commonrail.files.injector_file import load_injector
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Variant
+from tests.workers.forked import forked
 
 # How long an example takes is the machine's business: no deadline, and nothing is called too slow.
 settings.register_profile("commonrail", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -63,6 +65,13 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_I
 def wired(variant: Variant) -> Injector:
     """The virtual injector in another wiring."""
     return replace(load_injector(DRAWN), variant=variant)
+
+
+@pytest.fixture(scope="module")
+def forked_workers() -> Iterator[None]:
+    """Workers that the tests of a module start are forked."""
+    with forked():
+        yield
 
 
 @pytest.fixture(scope="session")

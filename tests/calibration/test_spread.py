@@ -31,7 +31,7 @@ HASTY = Limits(failures=10_000, least=1.0)
 
 Floats = NDArray[np.float64]
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.usefixtures("forked_workers")]
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def expected(objective: Objective, population: Floats) -> bytes:
 
 
 @pytest.fixture(scope="module", params=CREWS)
-def two(request: pytest.FixtureRequest) -> Iterator[Workers]:
+def two(forked_workers: None, request: pytest.FixtureRequest) -> Iterator[Workers]:
     with CREWS[request.param](2) as workers:
         yield workers
 

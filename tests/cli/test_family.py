@@ -158,6 +158,7 @@ def test_a_joint_fit_that_was_killed_is_resumed_to_the_same_bits(command: Comman
     assert timeless(moved, "family.json") == timeless(whole, "family.json")
 
 
+@pytest.mark.usefixtures("forked_workers")
 def test_workers_find_the_same_bits_in_a_joint_fit(command: Command, tmp_path: Path) -> None:
     file = two_parts(tmp_path / "family")
     for name, how in (("threads", ("--threads", "1")), ("workers", ("--workers", "2"))):

@@ -44,6 +44,7 @@ def test_a_fleet_from_end_to_end(
     assert 'was begun with seed "1", and it is "2" now' in refused.sentence
 
 
+@pytest.mark.usefixtures("forked_workers")
 def test_a_failure_is_told_as_it_comes_and_listed(command: Command, fleet_file: Path, tmp_path: Path) -> None:
     (fleet_file.parent / "data" / "SN000002_160MPa.csv").unlink()
     done = command("fleet", fleet_file, "--workers", "1", "--out", tmp_path / "run")
@@ -82,6 +83,7 @@ def test_a_cluster_has_its_own_number_of_workers(command: Command, fleet_file: P
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.usefixtures("forked_workers")
 def test_a_scheduler_that_is_not_there_is_a_sentence_and_the_fleet_can_go_on_without(
     command: Command, fleet_file: Path, tmp_path: Path
 ) -> None:

@@ -58,6 +58,7 @@ def test_resume_ends_the_run_with_its_report(command: Command, stopped: Path) ->
     assert (run["state"], run["best"]) == ("finished", own["objective"]["best"])
 
 
+@pytest.mark.usefixtures("forked_workers")
 def test_workers_may_go_on_where_threads_stopped(command: Command, tmp_path: Path) -> None:
     study = load_study(write_small(tmp_path / "small"))
     runs = [stopped_run(tmp_path / name, study, 2) for name in ("threads", "workers")]

@@ -10,6 +10,7 @@ import pytest
 
 from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.run import FleetRun, run_fleet
+from tests.workers.forked import forked
 from tools.make_fleet import make_fleet
 
 COUNT = 6
@@ -41,7 +42,8 @@ def fleet_file(tmp_path: Path) -> Path:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> FleetRun:
     """The small fleet, calibrated by one worker without a stop."""
     folder = tmp_path_factory.mktemp("whole")
-    return run_fleet(load_fleet(small_fleet(folder / "fleet")), folder / "run", workers=1)
+    with forked():
+        return run_fleet(load_fleet(small_fleet(folder / "fleet")), folder / "run", workers=1)
 
 
 def edited(path: Path, old: str, new: str) -> Path:

@@ -27,7 +27,7 @@ from tests.workers.crews import NO_DASK, gone
 from tests.workers.imagined import Imagined
 from tools.make_fleet import make_fleet
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.usefixtures("forked_workers")]
 
 BAD = "SN000002"
 

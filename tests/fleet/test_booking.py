@@ -25,6 +25,7 @@ def digest(path: Path) -> str:
 
 
 @pytest.mark.process
+@pytest.mark.usefixtures("forked_workers")
 def test_data_changed_at_work_are_booked_as_they_were_read(fleet_file: Path, tmp_path: Path) -> None:
     data = fleet_file.parent / "data" / f"{LAST}_160MPa.csv"
     before = digest(data)

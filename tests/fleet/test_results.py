@@ -116,6 +116,8 @@ def test_the_fleets_of_the_tests_give_no_warning(whole: FleetRun) -> None:
     assert [row[head.index("warnings")] for row in rows] == ["0"] * COUNT
 
 
+@pytest.mark.process
+@pytest.mark.usefixtures("forked_workers")
 def test_an_injector_whose_data_are_upside_down_is_counted_and_told(fleet_file: Path, tmp_path: Path) -> None:
     data = fleet_file.parent / "data" / "SN000002_160MPa.csv"
     flipped = re.sub(r"(?m)^([\d.]+),([\d.])", r"\1,-\2", data.read_text(encoding="utf-8"))

@@ -27,7 +27,7 @@ from tests.fleet.conftest import COUNT, edited, results
 from tests.waiting import wait_until
 from tests.workers.crews import gone
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.usefixtures("forked_workers")]
 
 
 @pytest.fixture

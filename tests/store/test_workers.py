@@ -21,7 +21,7 @@ from tests.workers.crews import Crew, cluster, pids_of, processes
 
 CASE = Path(__file__).resolve().parents[2] / "cases" / "paper"
 GENERATIONS_OF_ALL, KILLED_AFTER = 20, 6
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.usefixtures("forked_workers")]
 
 
 @pytest.fixture(scope="module")
