@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from commonrail.analysis.certainty.block import Block
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.missing_delay import MissingDelay
+from commonrail.probability import beta_share, gamma_rest
 from commonrail.units import to_text
 
 __all__ = ["LEVEL", "LackOfFit", "lack_of_fit", "level_of"]
@@ -126,8 +127,6 @@ def _score(innovations: Floats, tangents: Floats, names: Sequence[str], suspects
     suspects : (k, n)
         Whitened derivatives of the meter's quantities.
     """
-    from scipy.special import betainc
-
     base = _basis(tangents)
     rest = innovations - base @ (base.T @ innovations)
     apart = suspects - (suspects @ base) @ base.T
@@ -141,7 +140,7 @@ def _score(innovations: Floats, tangents: Floats, names: Sequence[str], suspects
     unexplained = max(float(np.sum(rest**2)) - explained, 1e-300)
     share = unexplained / (unexplained + explained)
     alone = np.abs(apart @ rest) / np.linalg.norm(apart, axis=1)
-    return float(betainc(0.5 * freedom, 0.5 * more.shape[1], share)), left[int(np.argmax(alone))]
+    return float(beta_share(0.5 * freedom, 0.5 * more.shape[1], share)), left[int(np.argmax(alone))]
 
 
 def _basis(rows: Floats) -> Floats:
@@ -154,7 +153,5 @@ def _basis(rows: Floats) -> Floats:
 
 def _size(innovations: Floats, used: float) -> float:
     """Probability of a sum of squares as large as this by the stated noise."""
-    from scipy.special import gammaincc
-
     freedom = max(len(innovations) - used, 1.0)
-    return float(gammaincc(0.5 * freedom, 0.5 * float(np.sum(innovations**2))))
+    return float(gamma_rest(0.5 * freedom, 0.5 * float(np.sum(innovations**2))))
