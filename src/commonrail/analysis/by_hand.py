@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from scipy.optimize import brentq
-
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 
 RAIL = 160e6  # [Pa]
@@ -43,6 +41,8 @@ def pipe_area(injector: Injector) -> float:
 
 def nozzle_by_hand(injector: Injector, lift: float) -> tuple[float, float]:
     """Mass flow [kg/s] and SAC pressure [Pa] at which seat and nozzle, held at a lift [m], pass the same."""
+    from scipy.optimize import brentq  # slow to import
+
     p, at = injector.parameters, fluid(injector)
     half = 0.5 * p.needle_seat.cone_angle
     way = lift * math.sin(half)
@@ -70,6 +70,8 @@ def nozzle_by_hand(injector: Injector, lift: float) -> tuple[float, float]:
 
 def drain_by_hand(injector: Injector, valve_lift: float) -> tuple[float, float]:
     """Mass flow [kg/s] and control pressure [Pa] at which Z-hole, and A-hole with valve, pass the same."""
+    from scipy.optimize import brentq  # slow to import
+
     p, at, low = injector.parameters, fluid(injector), 0.5e6
     hole = p.control_chamber
     z_area, a_area = (math.pi / 4.0 * d**2 for d in (hole.z_hole_diameter, hole.a_hole_diameter))

@@ -12,8 +12,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import eigh
-from scipy.optimize import brentq
 
 from commonrail.analysis.by_hand import RAIL, drain_by_hand, fluid, nozzle_by_hand, pipe_area
 from commonrail.analysis.ringing import chain_frequency, chain_matrices, echo, frequency, traced
@@ -99,6 +97,8 @@ def joukowsky(injector: Injector) -> list[Check]:
 
 def pipe_period(injector: Injector) -> list[Check]:
     """A pipe, open at the rail, closed by a volume: cot θ = (a/A) C ω with θ = ω L/a and C = V ρ/K; V → 0: 4 L/a."""
+    from scipy.optimize import brentq  # slow to import
+
     length = 0.3
     checks = []
     for volume, name in ((150e-9, "with a volume of 150 mm3"), (3e-9, "with 3 mm3, almost 4 L/a")):
@@ -136,6 +136,8 @@ def pipe_period(injector: Injector) -> list[Check]:
 
 def chain_modes(injector: Injector) -> list[Check]:
     """Plunger and needle pressed on the seat ring at the roots of the generalised eigenproblem."""
+    from scipy.linalg import eigh  # slow to import
+
     p = injector.parameters.plunger_needle._replace(damping_ratio=0.0, spring_stiffness=0.0)
     seat = SeatContact(injector.parameters.needle_seat.contact_stiffness, 0.0)
     k = np.array([p.k1, p.k2, p.k3, p.k4, p.k5, p.k6, p.k7])

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import OperatingPoint
@@ -46,6 +45,7 @@ def echo(time: Floats, arriving: Floats, leaving: Floats, near: float) -> float:
     near : float
         Expected delay [s].
     """
+    from scipy.optimize import minimize_scalar  # slow to import
 
     def miss(delay: float) -> float:
         return float(np.sum((arriving + np.interp(time - delay, time, leaving, left=0.0)) ** 2))
@@ -67,6 +67,8 @@ def frequency(signal: Floats, dt: float, near: float) -> float:
     near : float
         Expected frequency [1/s]; looked for between 0.3 and 1.3 times it.
     """
+    from scipy.optimize import minimize_scalar  # slow to import
+
     shaped, time = signal * np.hanning(len(signal)), dt * np.arange(len(signal))
 
     def weakness(f: float) -> float:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonrail.elementary import product
 from commonrail.errors import ConfigurationError
+from commonrail.linear_programme import highest_point
 
 __all__ = ["LinearConstraints", "Polytope", "conflicting_rows", "deepest_point"]
 
@@ -24,7 +25,7 @@ BoolArray = NDArray[np.bool_]
 ROUNDING = 1e-12
 STRICT_MARGIN = 1e-9
 # A polytope whose largest inscribed ball is smaller than this (bounds scaled to 1) has no room:
-# ten times the feasibility tolerance of the linear programme that finds the ball.
+# far above the rounding of the linear programme that finds the ball.
 LEAST_RADIUS = 1e-6
 
 
@@ -148,16 +149,14 @@ def deepest_point(polytope: Polytope) -> tuple[FloatArray, float]:
 
 @functools.lru_cache(maxsize=8)  # a space asks whether it has room first, and where later
 def _deepest_point(row_bytes: bytes, floor_bytes: bytes) -> tuple[FloatArray, float]:
-    from scipy.optimize import linprog  # slow to import, needed once per study
-
     floor = np.frombuffer(floor_bytes)
     rows = np.frombuffer(row_bytes).reshape(len(floor), -1)
     dimension = rows.shape[1]
-    # Unknowns z and r: greatest r with rows @ z - r >= floor.
-    inequality = np.hstack([-rows, np.ones((len(rows), 1))])
-    objective = np.append(np.zeros(dimension), -1.0)
-    solution = linprog(objective, A_ub=inequality, b_ub=-floor, bounds=(None, None))
-    return np.asarray(solution.x[:dimension], dtype=float), float(solution.x[dimension])
+    # Unknowns z and r: greatest r with rows @ z - r >= floor; there always is one, and the bounds limit it.
+    inequality = np.hstack([rows, -np.ones((len(rows), 1))])
+    found = highest_point(np.append(np.zeros(dimension), 1.0), inequality, floor)
+    assert found is not None
+    return found[:dimension], float(found[dimension])
 
 
 def conflicting_rows(constraints: LinearConstraints, lower: ArrayLike, upper: ArrayLike) -> tuple[int, ...]:

@@ -104,8 +104,6 @@ def sample_priors(space: Space, n: int, rng: np.random.Generator) -> FloatArray:
     (n, d) array
         Points, SI, each of which satisfies `space`.
     """
-    from scipy.special import ndtr, ndtri  # slow to import
-
     priors = [parameter.prior for parameter in space.parameters]
     if space.constrained and not any(priors):
         x = sample_feasible(space, n, rng)
@@ -115,6 +113,8 @@ def sample_priors(space: Space, n: int, rng: np.random.Generator) -> FloatArray:
         x = space.from_unit(shares)
         for column, prior in enumerate(priors):
             if prior is not None:
+                from scipy.special import ndtr, ndtri  # slow to import
+
                 low, high = (ndtr(prior.pull(float(bound[column]))) for bound in (space.lower, space.upper))
                 x[:, column] = prior.value + prior.sigma * ndtri(low + shares[:, column] * (high - low))
         x = np.clip(x, space.lower, space.upper)

@@ -135,14 +135,14 @@ def simulate(
 
 def _meter(injector: str, name: str | None, study: Path | None) -> Meter | None:
     """Meter that the options name, or None."""
-    from commonrail.files.meter_file import load_meter
-
     if name is None:
         if study is not None:
             raise InputError(f"--study {study}: name one of its meters with --meter, or omit --study.")
         return None
     if study is None and not injector.endswith(".toml"):
         raise InputError(f"--meter {name}: {injector} is no file; name a study or a calibrated.toml with --study.")
+    from commonrail.files.meter_file import load_meter
+
     return load_meter(study or Path(injector), name)
 
 

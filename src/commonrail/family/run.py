@@ -16,7 +16,7 @@ from commonrail.family.result import family_record
 from commonrail.family.study import Family, load_family
 from commonrail.files.atomic import writing
 from commonrail.files.injector_file import dump_injector
-from commonrail.files.record_file import read_record, write_record
+from commonrail.files.record_file import FAMILY_RECORD, read_record, write_record
 from commonrail.files.run_folder import TRACES, rate_curves
 from commonrail.files.sums import summed
 from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
@@ -34,7 +34,7 @@ from commonrail.workers.workers import Workers
 
 __all__ = ["FAMILY", "MODELS", "RECORD", "TYPE", "fit_into", "is_family_run", "read_family_run", "resume_family"]
 
-FAMILY, RECORD, TYPE, MODELS = "family.toml", "family.json", "type.toml", "models"
+FAMILY, RECORD, TYPE, MODELS = "family.toml", FAMILY_RECORD, "type.toml", "models"
 SILENT = Listener()
 
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-import tomlkit
-from tomlkit.items import InlineTable
 
 from commonrail.arguments import file_path, instance, instances, known_names, mapping, plain_text
 from commonrail.choices import Actuation
 from commonrail.files.atomic import write_text
 from commonrail.files.fuel_file import fuel_catalogue, load_fuel
+from commonrail.files.toml_text import inline_table, key_text, table_lines, value_text
 from commonrail.fuel.fuel import Fuel, Law
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source
 from commonrail.observation.meter import Meter
@@ -65,36 +63,27 @@ def dump_injector(
 
 def injector_text(injector: Injector, notes: Mapping[str, str], header: str, meters: Sequence[Meter] = ()) -> str:
     """The file's text."""
-    document = tomlkit.document()
-    for line in header.splitlines():
-        document.add(tomlkit.comment(line))
-    for key, value in _identity(injector).items():
-        document.add(key, tomlkit.item(value))
+    lines = [f"# {line}" if line else "#" for line in header.splitlines()]
+    lines += [f"{key} = {value_text(value)}" for key, value in _identity(injector).items()]
     sources = dict(injector.sources) | {name: Source("F", note) for name, note in notes.items()}
-    tables: dict[str, Any] = {}
+    fuel = FUEL_TEMPERATURE.partition(".")[0]
+    rooms: dict[str, list[str]] = {}
     for name, q in injector.quantities.items():
         room, key = name.split(".")
-        if room not in tables:
-            tables[room] = tomlkit.table()
-            document.add(room, tables[room])
-        source = sources.get(name, _UNSTATED)
-        tables[room].add(key, _entry(injector.values[name], q, source))
-    _add_fuel(tables[FUEL_TEMPERATURE.split(".")[0]], injector.fuel)
-    _add_meters(document, meters)
-    return tomlkit.dumps(document)
+        entry = _entry(injector.values[name], q, sources.get(name, _UNSTATED))
+        rooms.setdefault(room, ["", f"[{room}]"]).append(f"{key} = {entry}")
+    rooms[fuel] += _fuel_lines(injector.fuel, fuel)
+    for own in rooms.values():
+        lines += own
+    for meter in meters:  # of the bench, not of the injector
+        lines += _meter_lines(meter)
+    return "\n".join(lines) + "\n"
 
 
-def _add_meters(document: tomlkit.TOMLDocument, meters: Sequence[Meter]) -> None:
-    """Tables of the meters, which belong to the bench and not to the injector; none if there are no meters."""
-    tables = tomlkit.table(is_super_table=True)
-    for meter in meters:
-        table = tomlkit.table()
-        table.update({"law": meter.law.value, "order": meter.order})
-        for key, value in meter.values.items():
-            table.add(key, _entry(value, QUANTITIES[key], meter.sources.get(key, _UNSTATED)))
-        tables.add(meter.name, table)
-    if meters:
-        document.add("meters", tables)
+def _meter_lines(meter: Meter) -> Iterator[str]:
+    yield from table_lines(f"meters.{key_text(meter.name)}", {"law": meter.law.value, "order": meter.order})
+    for key, value in meter.values.items():
+        yield f"{key} = {_entry(value, QUANTITIES[key], meter.sources.get(key, _UNSTATED))}"
 
 
 def _identity(injector: Injector) -> dict[str, str]:
@@ -112,22 +101,20 @@ def _identity(injector: Injector) -> dict[str, str]:
     return identity | ({"synthetic": injector.synthetic} if injector.synthetic else {})
 
 
-def _entry(value: float, q: Q, source: Source) -> InlineTable:
-    """``{ value = "0.000215 m", mark = "E", source = "…" } # 215 um, diameter of the Z-hole``."""
-    entry = tomlkit.inline_table()
+def _entry(value: float, q: Q, source: Source) -> str:
+    """``{value = "0.000215 m", mark = "E", source = "…"} # 215 um: diameter of the Z-hole``."""
     # float(): a NumPy float writes its type into its repr.
-    entry.update({"value": float(value) if q.unit == "1" else f"{float(value)!r} {q.unit}"})
-    entry.update({"mark": source.mark, "source": source.text})
-    entry.comment(f"{to_text(value, q.unit)}: {q.meaning}")
-    return entry
+    stated = float(value) if q.unit == "1" else f"{float(value)!r} {q.unit}"
+    entry = inline_table({"value": stated, "mark": source.mark, "source": source.text})
+    return f"{entry} # {to_text(value, q.unit)}: {q.meaning}"
 
 
-def _add_fuel(table: Any, fuel: Fuel) -> None:
+def _fuel_lines(fuel: Fuel, table: str) -> Iterator[str]:
     """By name if the catalogue has this very fuel, else law by law."""
     if fuel.name in fuel_catalogue() and load_fuel(fuel.name) == fuel:
-        table.add("name", fuel.name)
+        yield f"name = {value_text(fuel.name)}"
     else:
-        table.add("definition", tomlkit.item(_fuel_document(fuel)))
+        yield from table_lines(f"{table}.definition", _fuel_document(fuel))
 
 
 def _fuel_document(fuel: Fuel) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from commonrail.arguments import file_path, instance
 from commonrail.calibration.checkpoint import Checkpoint
 from commonrail.errors import StudyError
 from commonrail.files.atomic import write_csv
-from commonrail.files.record_file import read_record, write_record
+from commonrail.files.record_file import FMU_RECORD, read_record, write_record
 from commonrail.files.sums import summed
 from commonrail.foreign.fit import FmuFit, calibrate_fmu
 from commonrail.foreign.result import fmu_record
@@ -28,7 +28,7 @@ from commonrail.workers.interrupt import held_interrupts
 
 __all__ = ["RECORD", "STUDY", "VALUES", "calibrate_fmu_into", "is_fmu_run", "read_fmu_run", "resume_fmu"]
 
-STUDY, RECORD, VALUES = "fmu-study.toml", "fmu-result.json", "values.csv"
+STUDY, RECORD, VALUES = "fmu-study.toml", FMU_RECORD, "values.csv"
 SILENT = Listener()
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 __all__ = ["Axis", "span"]
 
@@ -35,6 +38,13 @@ class Axis:
         """Place of a value [px]."""
         low, high, value = (self._scaled(v) for v in (self.low, self.high, value))
         return self.start + (value - low) / (high - low) * (self.end - self.start)
+
+    def places(self, values: Sequence[float | None] | NDArray[np.float64]) -> NDArray[np.float64]:
+        """Places of values [px]; NaN where there is none, and on a logarithmic axis where one is not positive."""
+        if self.logarithmic:
+            values = [self._scaled(v) if v is not None and v > 0.0 else None for v in values]
+        low, high = self._scaled(self.low), self._scaled(self.high)
+        return np.asarray(self.start + (np.array(values, float) - low) / (high - low) * (self.end - self.start))
 
     def _scaled(self, value: float) -> float:
         return math.log10(max(value, 1e-300)) if self.logarithmic else value

@@ -16,34 +16,24 @@ from commonrail.arguments import file_path
 from commonrail.display.chart import Figure
 from commonrail.display.text import duration, number, significant
 from commonrail.errors import InputError
-from commonrail.family.run import RECORD as FAMILY
-from commonrail.family.run import read_family_run
 from commonrail.files.analysis_folder import SENSITIVITY, TOLERANCE, read_analysis
 from commonrail.files.atomic import replacing, write_text, writing
 from commonrail.files.comparison_folder import COMPARISON, read_comparison
-from commonrail.files.reproduction_folder import RECORD, read_reproduction
+from commonrail.files.record_file import FAMILY_RECORD, FMU_RECORD, REPRODUCTION_RECORD
 from commonrail.files.run_folder import RESULT, TRACES, read_run
-from commonrail.foreign.run import RECORD as FOREIGN
-from commonrail.foreign.run import read_fmu_run
 from commonrail.kinds.records import Record
 from commonrail.report.certainty import certainty_lines, certainty_tables
-from commonrail.report.comparison import comparison_html
 from commonrail.report.draw import drawings, figure_html, small_html
 from commonrail.report.draw_map import heat_map_html
 from commonrail.report.error_map import error_maps
-from commonrail.report.family import family_html
 from commonrail.report.figures import convergence_figure, figures_of
-from commonrail.report.foreign import fmu_html
 from commonrail.report.headline import headline, parameter_lines, synthetic_notes, warning_lines
 from commonrail.report.html import render
 from commonrail.report.judgement import combination_table, judgement_lines, judgement_tables
 from commonrail.report.parameters import parameter_rows
 from commonrail.report.record import check_record, texts_of
-from commonrail.report.reproduction import PLATE_FOLDER, PLATES, check_reproduction, reproduction_html
 from commonrail.report.rerun import rerun_lines
-from commonrail.report.sensitivity import sensitivity_html
 from commonrail.report.tables import tables_of
-from commonrail.report.tolerance import tolerance_html
 from commonrail.report.verdict import verdict
 
 __all__ = ["BENCH", "draw_plates", "report_html", "write_report"]
@@ -116,14 +106,16 @@ def draw_plates(folder: Path) -> str:
     OutputError
         If they cannot be written.
     """
-    plates = folder / PLATE_FOLDER
-    if not (folder / RECORD).is_file() or _has_plates(folder):
+    if not (folder / REPRODUCTION_RECORD).is_file() or _has_plates(folder):
         return ""
     if find_spec("matplotlib") is None:
         return NO_PLATES.format(folder)
+    from commonrail.files.reproduction_folder import read_reproduction
     from commonrail.report.plates import make_plates
+    from commonrail.report.reproduction import PLATE_FOLDER
 
-    with _complete(folder, RECORD, "reproduce"):
+    plates = folder / PLATE_FOLDER
+    with _complete(folder, REPRODUCTION_RECORD, "reproduce"):
         drawn = make_plates(*read_reproduction(folder))
     with writing(plates):
         plates.mkdir(exist_ok=True)
@@ -151,37 +143,54 @@ def _calibrated(folder: Path) -> str:
 
 
 def _compared(folder: Path) -> str:
+    from commonrail.report.comparison import comparison_html
+
     record, traces = read_comparison(folder)
     return comparison_html(check_record(record, str(folder), "comparison"), traces, folder.as_posix() or "DIR")
 
 
 def _reproduced(folder: Path) -> str:
+    from commonrail.files.reproduction_folder import read_reproduction
+    from commonrail.report.reproduction import check_reproduction, reproduction_html
+
     record, traces = read_reproduction(folder)
     run = folder.as_posix() or "RUN"
     return reproduction_html(check_reproduction(record, str(folder)), traces, run, _has_plates(folder))
 
 
 def _sensitive(folder: Path) -> str:
+    from commonrail.report.sensitivity import sensitivity_html
+
     record = check_record(read_analysis(folder, SENSITIVITY), str(folder), "sensitivity")
     return sensitivity_html(record, folder.as_posix() or "DIR")
 
 
 def _tolerated(folder: Path) -> str:
+    from commonrail.report.tolerance import tolerance_html
+
     record = check_record(read_analysis(folder, TOLERANCE), str(folder), "tolerance")
     return tolerance_html(record, folder.as_posix() or "DIR")
 
 
 def _fitted_together(folder: Path) -> str:
+    from commonrail.family.run import read_family_run
+    from commonrail.report.family import family_html
+
     record, traces = read_family_run(folder)
     return family_html(check_record(record, str(folder), "family"), traces, folder.as_posix() or "RUN")
 
 
 def _of_fmu(folder: Path) -> str:
+    from commonrail.foreign.run import read_fmu_run
+    from commonrail.report.foreign import fmu_html
+
     record = check_record(read_fmu_run(folder), str(folder), "fmu calibration")
     return fmu_html(record, folder.as_posix() or "RUN")
 
 
 def _has_plates(folder: Path) -> bool:
+    from commonrail.report.reproduction import PLATE_FOLDER, PLATES
+
     return all((folder / PLATE_FOLDER / f"{name}.{kind}").is_file() for name in PLATES for kind in ("svg", "pdf"))
 
 
@@ -190,9 +199,9 @@ _KINDS: tuple[tuple[str, str, Callable[[Path], str]], ...] = (
     (COMPARISON, "compare", _compared),
     (SENSITIVITY.record, SENSITIVITY.verb, _sensitive),
     (TOLERANCE.record, TOLERANCE.verb, _tolerated),
-    (RECORD, "reproduce", _reproduced),
-    (FAMILY, "family", _fitted_together),
-    (FOREIGN, "calibrate", _of_fmu),
+    (REPRODUCTION_RECORD, "reproduce", _reproduced),
+    (FAMILY_RECORD, "family", _fitted_together),
+    (FMU_RECORD, "calibrate", _of_fmu),
     (RESULT, "calibrate", _calibrated),
 )
 

@@ -110,10 +110,8 @@ def marker_path(series: Series, path: str, attributes: str = "") -> Iterator[str
 
 def _places(xs: Points, ys: Points, x: Axis, y: Axis) -> Floats:
     """Whole tenths of a pixel (points, 2); NaN where a point has no number, or none on a logarithmic axis."""
-    found = np.full((len(xs), 2), np.nan)
-    for i, (a, b) in enumerate(zip(xs, ys, strict=True)):
-        if a is not None and b is not None and (b > 0.0 or not y.logarithmic) and (a > 0.0 or not x.logarithmic):
-            found[i] = x.at(a), y.at(b)
+    found = np.stack([x.places(xs), y.places(ys)], axis=1)
+    found[np.isnan(found).any(axis=1)] = np.nan
     return np.asarray(np.round(np.clip(TENTHS * found, -1e6, 1e6)))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import friedmanchisquare, wilcoxon
 
 from commonrail.reproduction import paper
 from commonrail.reproduction.figures import Figures
@@ -59,6 +58,8 @@ def _best_configuration(f: Figures) -> Claim:
 
 def _compared(means: Floats, at: int) -> tuple[Verdict, str]:
     """True if row `at` of (configurations, seeds) is the lowest, by tests over the seeds."""
+    from scipy.stats import friedmanchisquare  # slow to import
+
     if means.shape[1] < 2 or not np.isfinite(means).all():
         return OPEN, "too few seeds with a number for a test"
     p = float(friedmanchisquare(*means).pvalue)
@@ -77,6 +78,8 @@ def _compared(means: Floats, at: int) -> tuple[Verdict, str]:
 
 
 def _wilcoxon(a: Floats, b: Floats) -> float:
+    from scipy.stats import wilcoxon  # slow to import
+
     return 1.0 if np.all(a == b) else float(wilcoxon(a, b).pvalue)
 
 

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import binomtest
 
 __all__ = ["FAILS", "HOLDS", "OPEN", "Claim", "Sentence", "Verdict", "judged", "percent", "share", "signed"]
 
@@ -82,6 +81,8 @@ def judged(
     verdict : str, optional
         Stands in place of that of the interval.
     """
+    from scipy.stats import binomtest  # slow to import
+
     each = np.asarray(true, bool)
     each = each[np.broadcast_to(np.asarray(valid, bool), each.shape)]
     n, k = len(each), int(np.sum(each))

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri, stdtrit
 
 from commonrail.arguments import instances, number
 from commonrail.display.text import number as plain
@@ -110,6 +109,8 @@ def _statistic(name: str, shots: Sequence[Features], injection: int, level: floa
 
 
 def _intervals(mean: float, deviation: float, count: int, level: float) -> tuple[Interval, Interval]:
+    from scipy.special import chdtri, stdtrit  # slow to import
+
     if count < 2:
         return (math.nan, math.nan), (math.nan, math.nan)
     freedom, tail = count - 1.0, 0.5 * (1.0 - level)

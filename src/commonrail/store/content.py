@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from enum import Enum
 from typing import Any
@@ -63,31 +63,32 @@ def content_of(study: Study) -> str:
         more += (study.judgement,)
     if any(data.meter for data in study.data):
         more += (tuple(data.meter for data in study.data),)
-    return sha256(b"\0".join(_pieces((*parts, *more))))
+    return fingerprint_of(*parts, *more)
 
 
 def fingerprint_of(*values: Any) -> str:
     """SHA-256 of values as `content_of` takes them."""
-    return sha256(b"\0".join(_pieces(values)))
+    pieces: list[bytes] = []
+    _add_pieces(values, pieces)
+    return sha256(b"\0".join(pieces))
 
 
-def _pieces(value: Any) -> Iterator[bytes]:
-    """A value as bytes that tell it from every other one."""
+def _add_pieces(value: Any, pieces: list[bytes]) -> None:
+    """Append a value as bytes that tell it from every other one."""
     if isinstance(value, np.ndarray):
-        yield f"array {value.dtype} {value.shape}".encode()
-        yield np.ascontiguousarray(value).tobytes()
+        pieces += f"array {value.dtype} {value.shape}".encode(), np.ascontiguousarray(value).tobytes()
     elif isinstance(value, Enum):
-        yield f"{type(value).__name__}.{value.name}".encode()
+        pieces.append(f"{type(value).__name__}.{value.name}".encode())
     elif is_dataclass(value) or isinstance(value, Mapping):
         kept = () if isinstance(value, Mapping) else [f.name for f in fields(value) if not f.metadata.get("later")]
         pairs = value.items() if isinstance(value, Mapping) else ((name, getattr(value, name)) for name in kept)
-        yield type(value).__name__.encode()
-        yield from _pieces(tuple(pairs))
+        pieces.append(type(value).__name__.encode())
+        _add_pieces(tuple(pairs), pieces)
     elif isinstance(value, tuple | list):
-        yield f"list {len(value)}".encode()
+        pieces.append(f"list {len(value)}".encode())
         for item in value:
-            yield from _pieces(item)
+            _add_pieces(item, pieces)
     elif isinstance(value, str | int | float | None):
-        yield repr(value).encode()
+        pieces.append(repr(value).encode())
     else:
         raise TypeError(f"a study holds {type(value).__name__}, which has no place in its content")

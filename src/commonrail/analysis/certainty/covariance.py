@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.kinds.noise import Law
+from commonrail.probability import student_quantile
 
 __all__ = ["Covariance", "covariance_of", "half_widths", "moved_by", "student"]
 
@@ -192,6 +193,6 @@ def half_widths(covariance: Covariance, level: float) -> Floats:
 
 def student(freedom: Floats, level: float) -> Floats:
     """Two-sided quantile of Student's t (…)."""
-    from scipy.special import stdtrit
-
-    return np.asarray(stdtrit(np.clip(freedom, 1.0, 1e9), 0.5 * (1.0 + level)))
+    clipped = np.clip(freedom, 1.0, 1e9)
+    found = [student_quantile(float(one), 0.5 * (1.0 + level)) for one in clipped.ravel()]
+    return np.array(found).reshape(clipped.shape)

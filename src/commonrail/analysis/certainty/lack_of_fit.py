@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from commonrail.analysis.certainty.block import Block
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.missing_delay import MissingDelay
+from commonrail.probability import beta_share, gamma_rest
 from commonrail.units import to_text
 
 __all__ = ["LEVEL", "LackOfFit", "lack_of_fit", "level_of"]
@@ -162,8 +163,6 @@ def _score(innovations: Floats, tangents: Floats, names: Sequence[str], suspects
     suspects : (m, n)
         Whitened derivatives of the meter's quantities.
     """
-    from scipy.special import betainc
-
     suspects = np.pad(suspects, ((0, 0), (0, len(innovations) - suspects.shape[1])))
     base = _basis(tangents)
     rest = innovations - base @ (base.T @ innovations)
@@ -178,7 +177,7 @@ def _score(innovations: Floats, tangents: Floats, names: Sequence[str], suspects
     unexplained = max(float(np.sum(rest**2)) - explained, 1e-300)
     share = unexplained / (unexplained + explained)
     alone = np.abs(apart @ rest) / np.linalg.norm(apart, axis=1)
-    return float(betainc(0.5 * freedom, 0.5 * more.shape[1], share)), left[int(np.argmax(alone))]
+    return float(beta_share(0.5 * freedom, 0.5 * more.shape[1], share)), left[int(np.argmax(alone))]
 
 
 def _basis(rows: Floats) -> Floats:
@@ -200,9 +199,7 @@ def _size(innovations: Floats, used: float, known: float) -> float:
     known : float
         Degrees of freedom of the noise; infinite where it is exactly known.
     """
-    from scipy.special import fdtrc, gammaincc
-
     freedom, squares = max(len(innovations) - used, 1.0), float(np.sum(innovations**2))
     if np.isfinite(known):
-        return float(fdtrc(freedom, known, squares / freedom))
-    return float(gammaincc(0.5 * freedom, 0.5 * squares))
+        return beta_share(0.5 * known, 0.5 * freedom, known / (known + squares))
+    return gamma_rest(0.5 * freedom, 0.5 * squares)

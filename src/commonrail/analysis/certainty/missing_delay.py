@@ -8,6 +8,7 @@ without it, an autoregression takes the delay for noise.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ from commonrail.calibration.study import Study
 from commonrail.kinds import DataSet, Role, of_role
 from commonrail.observation.meter import Meter
 from commonrail.observation.quantities import is_of_meter, parts_of
+from commonrail.probability import normal_quantile, student_tail
 
 __all__ = ["POWER", "MissingDelay", "missing_delay", "visible_delay"]
 
@@ -117,13 +119,11 @@ def visible_delay(study: Study, estimate: Estimate, level: float, threads: int |
     threads : int, optional
         As for `missing_delay`.
     """
-    from scipy.special import ndtri
-
     own = estimate.likelihood
     wide = _with_delay(study, own, threads)
     if wide is None:
         return float("nan"), 0
-    wanted = float(ndtri(1.0 - 0.5 * level) + ndtri(POWER)) ** 2
+    wanted = (normal_quantile(1.0 - 0.5 * level) + normal_quantile(POWER)) ** 2
     walls, delay, simulated = Walls.of(own.space), FIRST, 0
     for _ in range(TRIALS):
         ends = wide.residuals(np.column_stack([np.tile(estimate.point, (2, 1)), [0.0, delay]]))
@@ -219,6 +219,4 @@ def _cost(own: Likelihood, known: Covariance, at: Ascent) -> float:
 
 def _probability(fall: float, freedom: float) -> float:
     """Probability of a fall of the cost as large as this without a delay: F with one degree of freedom."""
-    from scipy.special import stdtr
-
-    return float(2.0 * stdtr(min(freedom, 1e9), -np.sqrt(max(fall, 0.0))))
+    return 2.0 * student_tail(math.sqrt(max(fall, 0.0)), min(freedom, 1e9))

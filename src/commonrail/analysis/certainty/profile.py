@@ -17,6 +17,7 @@ from commonrail.analysis.certainty.ascent import climb
 from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.steps import Walls, constrained_step
+from commonrail.linear_programme import highest_point
 
 __all__ = ["Profile", "ProfileEnd", "profiles_of"]
 
@@ -112,15 +113,13 @@ class _Ends:
 
     def _limits(self) -> Floats:
         """Farthest position of each end within bounds and constraints."""
-        from scipy.optimize import linprog
-
         found = np.empty(len(self.column))
         for k, (i, sign) in enumerate(zip(self.column, self.sign, strict=True)):
             along = np.zeros(self.own.space.dimension)
-            along[i] = -sign
+            along[i] = sign
             if self.walls.constraints:
-                ended = linprog(along, A_ub=-self.walls.rows, b_ub=-self.walls.floor, bounds=(None, None))
-                found[k] = ended.x[i] if ended.success else self.estimate.unit[i]
+                end = highest_point(along, self.walls.rows, self.walls.floor)
+                found[k] = self.estimate.unit[i] if end is None else end[i]
             else:
                 found[k] = float(sign > 0.0)
         return found

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.calibration.space import Space
+from commonrail.linear_programme import non_negative
 
 __all__ = ["Walls", "constrained_step"]
 
@@ -85,16 +86,13 @@ def constrained_step(matrix: Floats, step: Floats, rows: Floats, least: Floats) 
     short = least - rows @ step
     if (short <= _TINY).all():
         return step
-    from scipy.optimize import nnls  # slow to import, needed where a wall is hit
-
     inverse = np.linalg.inv(np.linalg.cholesky(matrix))
     walls = rows @ inverse.T
     system = np.vstack([walls.T, short])
     target = np.zeros(len(system))
     target[-1] = 1.0
-    try:
-        weights, _ = nnls(system, target, maxiter=50 * system.shape[1])
-    except RuntimeError:
+    weights = non_negative(system, target)
+    if weights is None:
         return np.zeros_like(step)
     rest = system @ weights - target
     if abs(rest[-1]) <= _TINY:
