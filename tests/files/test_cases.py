@@ -55,6 +55,15 @@ def test_real_injectors_map_is_that_of_its_source() -> None:
     assert np.count_nonzero(fit.dead_time) == 3
 
 
+@pytest.mark.parametrize(
+    "file",
+    ["cri2-16/study.toml", "cri2-16/without-prior.toml", "family/164.toml", "family/165.toml", "paper/study.toml"],
+)
+def test_studies_of_cases_load(file: str) -> None:
+    """The others wait for tables that are made: tests of their own load them."""
+    assert load_study(CASES / file).space.names
+
+
 # The same table of map 164, a sister part.
 SISTER_QUANTITY = {
     40: [0.32, 0.84, 2.07, 4.08, 10.79, 24.71, 44.84],
