@@ -98,14 +98,15 @@ def covariance_of(likelihood: Likelihood, slopes: Floats, errors: Floats, shifts
     shares = np.array([np.diag(part) for part in spread])
     freedoms = np.array([*(noise.freedom for noise in likelihood.noises), np.inf])
     variance = shares.sum(axis=0)
-    freedom = variance**2 / np.maximum(np.sum(shares**2 / freedoms[:, None], axis=0), 1e-300)
+    shares = shares / np.maximum(variance, 1e-300)
+    freedom = 1.0 / np.maximum(np.sum(shares**2 / freedoms[:, None], axis=0), 1e-300)
     noise = np.sum(spread, axis=0)
     noise[loose, loose] = np.inf
     with np.errstate(divide="ignore"):
         alone = 1.0 / np.sqrt(np.diag(bread))
     moved = moved_by(likelihood, inverse, tangents, innovations, likelihood.whiten(shifts))
     held = _discrepancy(likelihood, inverse, tangents, innovations)
-    return Covariance(inverse, noise, moved, held, shares / np.maximum(variance, 1e-300), freedom, alone, used, ratios)
+    return Covariance(inverse, noise, moved, held, shares, freedom, alone, used, ratios)
 
 
 def _bread(
