@@ -6,30 +6,13 @@ becomes a local variable and each block a label; what is not known here is refus
 
 from __future__ import annotations
 
-import math
 import re
-import struct
-from collections.abc import Callable
 from typing import NamedTuple
 
-from commonrail.errors import ConfigurationError
+from commonrail.export.kernel_expressions import FLAGS, TYPES, VALUE, constant, expression, unknown
 
 __all__ = ["kernel_source"]
 
-_TYPES = {"double": "double", "i64": "uint64_t", "i32": "uint32_t", "i8": "uint8_t", "i1": "int", "ptr": "char *"}
-_SIZES = {"double": 8, "i64": 8, "i32": 4, "i8": 1, "ptr": 8}
-_INFIX = {
-    **{"fadd": "+", "fsub": "-", "fmul": "*", "fdiv": "/", "add": "+", "sub": "-", "mul": "*"},
-    **{"and": "&", "or": "|", "xor": "^", "shl": "<<", "lshr": ">>", "udiv": "/", "urem": "%"},
-}
-_ORDERED = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
-_NEGATED = {"eq": "!=", "ne": "==", "lt": ">=", "le": ">", "gt": "<=", "ge": "<"}
-_CALLS = {
-    **{name: name for name in ("sqrt", "sin", "cos", "exp", "log", "pow", "fabs", "floor")},
-    **{f"llvm.{name}.f64": name for name in ("sqrt", "sin", "cos", "exp", "log", "pow", "fabs", "floor")},
-    **{"llvm.maxnum.f64": "fmax", "llvm.minnum.f64": "fmin", "llvm.copysign.f64": "copysign", "llvm.fma.f64": "fma"},
-    **{f"llvm.{name}.i64": name for name in ("smax", "smin", "umax", "umin", "abs")},
-}
 _IGNORED = ("llvm.assume", "llvm.lifetime", "llvm.experimental.noalias", "llvm.dbg")
 _HEAD = """/* Generated: the compiled physics of one wiring, written from LLVM's text. Not meant to be read. */
 #include <math.h>
@@ -46,9 +29,6 @@ static inline uint64_t smin(uint64_t a, uint64_t b) { return (int64_t)a < (int64
 static inline uint64_t umax(uint64_t a, uint64_t b) { return a > b ? a : b; }
 static inline uint64_t umin(uint64_t a, uint64_t b) { return a < b ? a : b; }
 """
-
-_VALUE = r'(?:%"[^"]+"|%[\w.$-]+|-?[\w.+-]+)'
-_FLAGS = r"(?:(?:reassoc|nsz|arcp|contract|nnan|ninf|afn|fast|nuw|nsw|exact|disjoint|nneg|samesign|tail|noundef) )*"
 
 
 def kernel_source(text: str) -> str:
@@ -90,10 +70,10 @@ class _Function:
         self._read_phis()
         body = self._body()
         declared = "".join(
-            f"    {_TYPES[kind]}{'' if kind == 'ptr' else ' '}{name} = 0;\n" for name, kind in self.kinds.items()
+            f"    {TYPES[kind]}{'' if kind == 'ptr' else ' '}{name} = 0;\n" for name, kind in self.kinds.items()
         )
         incoming = "".join(
-            f"    {_TYPES[phi.kind]}{'' if phi.kind == 'ptr' else ' '}{phi.variable}_in = 0;\n"
+            f"    {TYPES[phi.kind]}{'' if phi.kind == 'ptr' else ' '}{phi.variable}_in = 0;\n"
             for phis in self.phis.values()
             for phi in phis
         )
@@ -104,13 +84,13 @@ class _Function:
     def _signature(self) -> tuple[str, list[str]]:
         match = re.search(r"@([\w.$]+)\((.*)\) (?:local_unnamed_addr )?(?:#\d+ )?{", self.head)
         if match is None or " i32 @" not in self.head:
-            raise _unknown(self.head)
+            raise unknown(self.head)
         parameters, names = [], []
         for part in re.split(r", (?=(?:ptr|i64|i32|double) )", match.group(2)):
             kind, value = part.split()[0], part.split()[-1]
             name = self._name(value)
             names.append(name)
-            parameters.append(f"{_TYPES[kind]}{'' if kind == 'ptr' else ' '}{name}")
+            parameters.append(f"{TYPES[kind]}{'' if kind == 'ptr' else ' '}{name}")
         return f"int32_t {match.group(1)}({', '.join(parameters)})", names
 
     def _name(self, value: str) -> str:
@@ -121,8 +101,8 @@ class _Function:
 
     def _define(self, value: str, kind: str) -> str:
         name = self._name(value)
-        if kind not in _TYPES:
-            raise _unknown(kind)
+        if kind not in TYPES:
+            raise unknown(kind)
         self.kinds[name] = kind
         return name
 
@@ -132,9 +112,9 @@ class _Function:
         for line in self.lines:
             if (label := _label_of(line)) is not None:
                 block = label
-            elif match := re.match(rf"({_VALUE}) = phi {_FLAGS}(\w+) (.*)", line):
+            elif match := re.match(rf"({VALUE}) = phi {FLAGS}(\w+) (.*)", line):
                 value, kind, sources = match.groups()
-                found = re.findall(rf'\[ ({_VALUE}), (%"[^"]+"|%[\w.$-]+) \]', sources)
+                found = re.findall(rf'\[ ({VALUE}), (%"[^"]+"|%[\w.$-]+) \]', sources)
                 one = _Phi(self._define(value, kind), kind, {origin.strip('%"'): given for given, origin in found})
                 self.phis.setdefault(block, []).append(one)
 
@@ -162,47 +142,36 @@ class _Function:
         return f"{given}goto {self._label(target)};"
 
     def _value(self, value: str, kind: str) -> str:
-        if value.startswith("%"):
-            return self._name(value)
-        if kind == "double":
-            return _double(value)
-        if value in ("true", "false"):
-            return str(int(value == "true"))
-        if value in ("null", "undef", "poison", "zeroinitializer"):
-            return "0"
-        number = int(value)
-        if kind == "i64":
-            return f"UINT64_C({number % 2**64})"
-        return str(number % 2**32) + "u" if kind == "i32" else str(number)
+        return self._name(value) if value.startswith("%") else constant(value, kind)
 
     def _statements(self, line: str, block: str) -> list[str]:
-        if match := re.match(rf"br i1 ({_VALUE}), label ({_VALUE}), label ({_VALUE})", line):
+        if match := re.match(rf"br i1 ({VALUE}), label ({VALUE}), label ({VALUE})", line):
             condition, yes, no = match.groups()
             return [f"if ({self._value(condition, 'i1')}) {{ {self._goto(block, yes)} }}", self._goto(block, no)]
-        if match := re.match(rf"br label ({_VALUE})", line):
+        if match := re.match(rf"br label ({VALUE})", line):
             return [self._goto(block, match.group(1))]
-        if match := re.match(rf"switch (\w+) ({_VALUE}), label ({_VALUE}) \[(.*)\]", line):
+        if match := re.match(rf"switch (\w+) ({VALUE}), label ({VALUE}) \[(.*)\]", line):
             kind, value, other, cases = match.groups()
-            found = re.findall(rf"\w+ ({_VALUE}), label ({_VALUE})", cases)
+            found = re.findall(rf"\w+ ({VALUE}), label ({VALUE})", cases)
             tests = [
                 f"if ({self._value(value, kind)} == {self._value(case, kind)}) {{ {self._goto(block, label)} }}"
                 for case, label in found
             ]
             return [*tests, self._goto(block, other)]
-        if match := re.match(rf"ret i32 ({_VALUE})", line):
+        if match := re.match(rf"ret i32 ({VALUE})", line):
             return [f"return (int32_t){self._value(match.group(1), 'i32')};"]
-        if match := re.match(rf"store (\w+) ({_VALUE}), ptr ({_VALUE})", line):
+        if match := re.match(rf"store (\w+) ({VALUE}), ptr ({VALUE})", line):
             kind, value, place = match.groups()
             return [f"store_{kind}({self._value(place, 'ptr')}, {self._value(value, kind)});"]
         if line.startswith("unreachable"):
             return ["return -1;"]
         if match := re.match(r"(?:tail |notail )?call void @([\w.]+)\((.*)\)", line):
             return self._effect(*match.groups())
-        if match := re.match(rf"({_VALUE}) = (.*)", line):
-            value, expression = match.groups()
-            kind, text = self._expression(expression)
+        if match := re.match(rf"({VALUE}) = (.*)", line):
+            value, given = match.groups()
+            kind, text = expression(given, self._value)
             return [f"{self._define(value, kind)} = {text};"]
-        raise _unknown(line)
+        raise unknown(line)
 
     def _effect(self, name: str, arguments: str) -> list[str]:
         if name.startswith(_IGNORED):
@@ -216,110 +185,7 @@ class _Function:
                 self._value(one, kind) for one, kind in zip(given, ("ptr", "ptr", "i64"), strict=False)
             )
             return [f"memmove({to}, {origin}, (size_t){count});"]
-        raise _unknown(name)
-
-    def _expression(self, text: str) -> tuple[str, str]:
-        for read in _READERS:
-            found = read(self, text)
-            if found is not None:
-                return found
-        raise _unknown(text)
-
-    def _infix(self, text: str) -> tuple[str, str] | None:
-        match = re.match(rf"(\w+) {_FLAGS}(\w+) ({_VALUE}), ({_VALUE})$", text)
-        if match is None or match.group(1) not in _INFIX:
-            return None
-        operation, kind, left, right = match.groups()
-        return kind, f"{self._value(left, kind)} {_INFIX[operation]} {self._value(right, kind)}"
-
-    def _negation(self, text: str) -> tuple[str, str] | None:
-        match = re.match(rf"(fneg|freeze) {_FLAGS}(\w+) ({_VALUE})$", text)
-        if match is None:
-            return None
-        operation, kind, value = match.groups()
-        return kind, ("-" if operation == "fneg" else "") + self._value(value, kind)
-
-    def _shift(self, text: str) -> tuple[str, str] | None:
-        match = re.match(rf"(ashr|sdiv|srem) {_FLAGS}i64 ({_VALUE}), ({_VALUE})$", text)
-        if match is None:
-            return None
-        operation, left, right = match.groups()
-        sign = {"ashr": ">>", "sdiv": "/", "srem": "%"}[operation]
-        return "i64", f"(uint64_t)((int64_t){self._value(left, 'i64')} {sign} (int64_t){self._value(right, 'i64')})"
-
-    def _comparison(self, text: str) -> tuple[str, str] | None:
-        match = re.match(rf"([if])cmp {_FLAGS}(\w+) (\w+) ({_VALUE}), ({_VALUE})$", text)
-        if match is None:
-            return None
-        real, word, kind, left, right = match.groups()
-        a, b = self._value(left, kind), self._value(right, kind)
-        if real == "f":
-            return "i1", _real_comparison(word, a, b)
-        if word in ("eq", "ne"):
-            return "i1", f"{a} {_ORDERED[word]} {b}"
-        cast = "(int64_t)" if word[0] == "s" else ""
-        return "i1", f"{cast}{a} {_ORDERED[word[1:]]} {cast}{b}"
-
-    def _choice(self, text: str) -> tuple[str, str] | None:
-        match = re.match(rf"select {_FLAGS}i1 ({_VALUE}), (\w+) ({_VALUE}), \w+ ({_VALUE})$", text)
-        if match is None:
-            return None
-        condition, kind, yes, no = match.groups()
-        return kind, f"{self._value(condition, 'i1')} ? {self._value(yes, kind)} : {self._value(no, kind)}"
-
-    def _conversion(self, text: str) -> tuple[str, str] | None:
-        match = re.match(rf"(\w+) {_FLAGS}(\w+) ({_VALUE}) to (\w+)$", text)
-        if match is None:
-            return None
-        operation, origin, value, kind = match.groups()
-        given = self._value(value, origin)
-        known = {
-            "sitofp": f"(double)(int64_t){given}",
-            "uitofp": f"(double){given}",
-            "fptosi": f"(uint64_t)(int64_t){given}",
-            "zext": f"(uint64_t){given}",
-            "sext": f"(uint64_t)-(int64_t){given}" if origin == "i1" else f"(uint64_t)(int64_t)(int32_t){given}",
-            "ptrtoint": f"(uint64_t)(uintptr_t){given}",
-            "trunc": f"({_TYPES.get(kind, kind)}){given}" if kind != "i1" else f"(int)({given} & 1)",
-        }
-        if operation == "bitcast" and origin == kind:
-            return kind, given
-        return (kind, known[operation]) if operation in known else None
-
-    def _place(self, text: str) -> tuple[str, str] | None:
-        match = re.match(rf"getelementptr (?:inbounds |nuw |nusw )*(\w+), ptr ({_VALUE}), i64 ({_VALUE})$", text)
-        if match is None or match.group(1) not in _SIZES:
-            return None
-        kind, place, index = match.groups()
-        return "ptr", f"{self._value(place, 'ptr')} + (int64_t){self._value(index, 'i64')} * {_SIZES[kind]}"
-
-    def _load(self, text: str) -> tuple[str, str] | None:
-        match = re.match(rf"load (double|i64), ptr ({_VALUE})", text)
-        if match is None:
-            return None
-        return match.group(1), f"load_{match.group(1)}({self._value(match.group(2), 'ptr')})"
-
-    def _call(self, text: str) -> tuple[str, str] | None:
-        match = re.match(rf"(?:tail |notail )?call {_FLAGS}(\w+) @([\w.]+)\((.*)\)", text)
-        if match is None or match.group(2) not in _CALLS:
-            return None
-        kind, name, arguments = match.groups()
-        given = [part.split()[-1] for part in arguments.split(", ")]
-        return kind, f"{_CALLS[name]}({', '.join(self._value(one, kind) for one in given)})"
-
-
-_Reader = Callable[[_Function, str], tuple[str, str] | None]
-_READERS: tuple[_Reader, ...] = (
-    _Function._infix,
-    _Function._negation,
-    _Function._load,
-    _Function._place,
-    _Function._comparison,
-    _Function._choice,
-    _Function._call,
-    _Function._conversion,
-    _Function._shift,
-)
+        raise unknown(name)
 
 
 def _joined(lines: list[str]) -> list[str]:
@@ -342,34 +208,3 @@ def _joined(lines: list[str]) -> list[str]:
 def _label_of(line: str) -> str | None:
     match = re.fullmatch(r'("[^"]+"|[\w.$-]+):', line)
     return match.group(1).strip('"') if match else None
-
-
-def _double(value: str) -> str:
-    """A constant: LLVM writes it as decimal digits or as the bits of the number."""
-    number = struct.unpack(">d", bytes.fromhex(value[2:]))[0] if value.startswith("0x") else float(value)
-    if math.isnan(number):
-        return "NAN"
-    if math.isinf(number):
-        return "HUGE_VAL" if number > 0.0 else "(-HUGE_VAL)"
-    return f"({number.hex()})" if number < 0.0 else number.hex()
-
-
-def _real_comparison(word: str, a: str, b: str) -> str:
-    if word in ("ord", "uno"):
-        return f"{a} == {a} && {b} == {b}" if word == "ord" else f"{a} != {a} || {b} != {b}"
-    if word == "one":
-        return f"{a} < {b} || {a} > {b}"
-    if word == "une":
-        return f"{a} != {b}"
-    if word == "ueq":
-        return f"!({a} < {b} || {a} > {b})"
-    if word[0] == "o":
-        return f"{a} {_ORDERED[word[1:]]} {b}"
-    return f"!({a} {_NEGATED[word[1:]]} {b})"
-
-
-def _unknown(what: str) -> ConfigurationError:
-    return ConfigurationError(
-        f"The compiled physics cannot be written as C: there is no translation of `{what.strip()[:120]}`; export it "
-        "for platforms with binaries alone, or install the version of Numba that constraints.txt names."
-    )

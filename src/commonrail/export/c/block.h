@@ -31,7 +31,7 @@ CR_API int cr_block_count(const void *block);   /* injectors */
 CR_API int cr_block_plan(void *block, int injector, const cr_energising *energisings, int count);
 CR_API int cr_block_switch(void *block, int injector, double time, int on);
 /* March `steps` time steps; `boundaries` has an element for each injector. Returns CR_OK or the failure of the first
- * injector that has one: that one stands still, the others go on. */
+ * injector that has one: that one stands still, the others continue. */
 CR_API int cr_block_march(void *block, int64_t steps, const cr_boundary *boundaries);
 /* March with the inputs of each step given: those of all injectors in the first step, then in the next. */
 CR_API int cr_block_march_inputs(void *block, int64_t steps, const cr_inputs *inputs);
