@@ -200,6 +200,10 @@ def test_the_fan_shows_its_members(page: Browser, subject: Subject, run_folder: 
     settled(page)
     masses = page.evaluate("commonrail.fan().masses.map((m) => m[m.length - 1])")
     assert page.evaluate("commonrail.fan().drawn") is True
+    fan_pixels = """(() => { const { data } = charts.rate.back.getContext("2d").getImageData(0, 0, 2000, 2000);
+        let n = 0; for (let i = 0; i < data.length; i += 4) n += data[i + 3] > 20 && data[i + 2] - data[i] > 100;
+        return n; })()"""
+    assert page.evaluate(fan_pixels) > 100  # of the fan's blue, behind the curve
     assert subject.fan is not None
     assert len(masses) == len(subject.fan.members)
     (first, *_) = subject.data
