@@ -91,8 +91,17 @@ def _of_delay(delay: MissingDelay, level: float) -> LackOfFit:
 
 
 class _Held(NamedTuple):
-    """What a study states as uncertain: whitened changes (k, n) besides those of the parameters, and values (k,) that
-    hold all of them (k, d + k): their distances from what is stated in standard deviations, and the derivatives."""
+    """Uncertain quantities as a study states them.
+
+    Attributes
+    ----------
+    changes : (k, n)
+        Whitened changes by those that are no parameters.
+    distances : (m,)
+        Distances of all from what is stated, in standard deviations.
+    slopes : (m, d + k)
+        Their derivatives.
+    """
 
     changes: Floats
     distances: Floats

@@ -37,6 +37,7 @@ UNNAMED = "unnamed"  # meter of a curve that has none
 LARGEST = 50e-6  # delay that is looked for, to both sides [s]
 BEGINS = np.array([-4e-6, -2e-6, 0.0, 2e-6, 4e-6])  # delays that the search begins at [s]
 HELD = 6  # steps with the delay held
+FREED = 2  # of the ends of these, from which the delay is free
 ROUNDS = 2  # of noise given residuals, with the delay free
 TOLERANCE = 0.05  # of an ascent; a test at 1 % asks for falls of 6.6 and more
 POWER = 0.9  # probability with which `visible_delay` is found
@@ -192,7 +193,7 @@ def _with_data(own: Likelihood, point: Floats, shift: Floats) -> Likelihood:
 
 
 def _freed(noisy: Likelihood, start: Floats) -> Ascent:
-    """Ascent with the delay free, from the best of several short ones with the delay held at a value of its own.
+    """Best of some ascents with the delay free, from the best of short ones with the delay held at a value of its own.
 
     Parameters and delay form several maxima, a few microseconds apart. Fewer held steps, or starts that a linear model
     moves ahead, end in the wrong one under correlated noise.
@@ -201,8 +202,11 @@ def _freed(noisy: Likelihood, start: Floats) -> Ascent:
     starts[:, -1] += BEGINS / (2.0 * LARGEST)
     column = np.full(len(BEGINS), start.shape[1] - 1)
     held = climb(noisy, starts, column, turns=HELD, tolerance=TOLERANCE)
-    best = int(np.argmin(held.cost))
-    return climb(noisy, held.unit[[best]], errors=held.errors[[best]], tolerance=TOLERANCE)
+    near = np.argsort(held.cost, kind="stable")[:FREED]
+    near = near[np.isfinite(held.cost[near])]
+    ends = climb(noisy, held.unit[near], errors=held.errors[near], tolerance=TOLERANCE)
+    best = int(np.argmin(ends.cost))
+    return Ascent(*(part[best : best + 1] for part in ends))
 
 
 def _covariance(own: Likelihood, at: Ascent) -> tuple[Covariance, Floats]:
