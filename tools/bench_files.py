@@ -58,8 +58,8 @@ def rate(injector: cr.Injector, rail: int, time: int) -> Floats:
     """Mean rates [mm³/ms] over the intervals that end at 10 us, 20 us … 3 ms from the start of energising."""
     found = cr.simulate(injector, cr.OperatingPoint(1e5 * rail, 1e-6 * time, CYLINDER, RETURN, horizon=3e-3))
     moments = np.arange(0.0, 3e-3 + 0.5 * INTERVAL, INTERVAL)
-    volume = np.concatenate(([0.0], np.cumsum(found.rate_mm3_per_ms[1:] * np.diff(found.sample_time))))
-    return np.diff(np.interp(moments, found.sample_time, volume)) / INTERVAL
+    volume = 1e9 * found.injected / found.reference_density  # [mm³] at the bounds of the samples
+    return np.diff(np.interp(moments, found.time, volume)) / (1e3 * INTERVAL)
 
 
 def write_german_map(path: Path, quantity: Floats) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import ConfigurationError
+from commonrail.maps.response import LONGEST_AFTER
 
 if TYPE_CHECKING:
     from commonrail.calibration.study import Study
@@ -73,7 +74,8 @@ def with_bands(
     forward, inverse = np.isfinite(found.volume), np.isfinite(found.inverse.delivered) & (axes.quantity > 0.0)
     pairs = _pairs(axes.rail_pressure, np.broadcast_to(axes.energising_time, forward.shape), forward)
     pairs += _pairs(axes.rail_pressure, found.inverse.energising_time, inverse)
-    points = [conditions.point(rail, time) for rail, time in pairs]
+    # a needle that closes late is no failure: simulations end with their injection anyway
+    points = [replace(conditions.point(rail, time), horizon=time + LONGEST_AFTER) for rail, time in pairs]
     study = replace(study, time_step=conditions.time_step)
     predicted = predict(study, best, points, draws=draws, levels=LEVELS, threads=conditions.threads)
     (band,) = predicted.bands
