@@ -1,4 +1,4 @@
-"""What users of FMUs ask of one, line by line of the list in docs/howto/export.md, as far as test_fmu.py does not."""
+"""Promises of an exported FMU, line by line of docs/howto/fmu-acceptance.md, besides those in test_fmu.py."""
 
 from __future__ import annotations
 

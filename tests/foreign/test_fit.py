@@ -42,7 +42,7 @@ GOOD = (1.0008, 1.0009)
 
 def failing(kind: int):
     """Data of a model that fails in a way for half of all k."""
-    return fmu_curve("decay", TIMES, {"x": TIMES}, start={"failing.share": 0.5, "failing.kind": float(kind)})
+    return fmu_curve(f"failing {kind}", TIMES, {"x": TIMES}, start={"failing.share": 0.5, "failing.kind": float(kind)})
 
 
 @pytest.mark.parametrize(
@@ -67,11 +67,28 @@ def test_a_failure_is_a_status_with_the_fmu_s_own_words(decay_fmu, monkeypatch, 
     assert beside.values == pytest.approx(np.exp(-GOOD[0] * TIMES), rel=1e-12)
 
 
+def forced():
+    """With u held at 2, k = 1 and x0 = 1 the solution is 2 - exp(-t)."""
+    held = FmuInputs(np.array([0.0, 2.0]), {"u": np.array([2.0, 2.0])})
+    return fmu_curve("forced", TIMES, {"x": 2.0 - np.exp(-TIMES)}, inputs=held)
+
+
+def rows():
+    """Ends of simulations from different x0, with k = 1."""
+    return fmu_rows("rows", [{"x0": 1.0}, {"x0": 3.0}], {"x": np.exp(-2.0) * np.array([1.0, 3.0])}, 2.0)
+
+
+@pytest.fixture(scope="module")
+def simulator(decay_fmu):
+    """One process with the FMU, replaced when it ends; no time limit that a busy machine could meet."""
+    data = [failing(3), failing(5), forced(), rows()]
+    with opened(read_fmu(decay_fmu), ["k"], data, 0.1, 600.0, 1) as found:
+        yield found
+
+
 @pytest.mark.parametrize(("kind", "status"), [(3, FmuStatus.FMU_FATAL), (5, FmuStatus.FMU_CRASHED)])
-def test_an_fmu_that_ends_its_process_fails_its_own_candidate_alone(decay_fmu, kind, status):
-    data = failing(kind)
-    with opened(read_fmu(decay_fmu), ["k"], [data], 0.1, 600.0, 1) as simulator:
-        simulated = simulator.simulate([data], np.array([[GOOD[0]], [BAD], [GOOD[1]]]))
+def test_an_fmu_that_ends_its_process_fails_its_own_candidate_alone(simulator, kind, status):
+    simulated = simulator.simulate([failing(kind)], np.array([[GOOD[0]], [BAD], [GOOD[1]]]))
     assert simulated.statuses.tolist() == [0, int(status), 0]
     assert np.isnan(simulated.values[1]).all()
     for row, k in zip((0, 2), GOOD, strict=True):
@@ -79,6 +96,12 @@ def test_an_fmu_that_ends_its_process_fails_its_own_candidate_alone(decay_fmu, k
     assert status in simulator.told
 
 
+def test_inputs_and_rows_of_values_are_simulated(simulator):
+    simulated = simulator.simulate([rows(), forced()], np.array([[1.0]]))
+    assert simulated.values[0] == pytest.approx(np.concatenate([rows().measured, forced().measured]), rel=1e-12)
+
+
+@pytest.mark.slow
 def test_an_fmu_that_hangs_is_ended(decay_fmu):
     data = failing(6)
     with opened(read_fmu(decay_fmu), ["k"], [data], 0.1, 1.0, 1) as simulator:
@@ -95,16 +118,6 @@ def test_where_all_candidates_fail_the_fmu_s_own_message_is_in_the_sentence(deca
     study = fmu_study(decay_fmu, decay_data(1.0), free=FREE, step=0.1, method=SHORT)
     with pytest.raises(SimulationError, match=r'not one of .* status "error".*It said: .*no solution at k'):
         calibrate_fmu(study, processes=1)
-
-
-def test_inputs_and_rows_of_values_are_simulated(decay_fmu):
-    # with u held at 2 and k = 1 the solution is 2 - exp(-t); the rows start from different x0
-    held = FmuInputs(np.array([0.0, 2.0]), {"u": np.array([2.0, 2.0])})
-    forced = fmu_curve("forced", TIMES, {"x": 2.0 - np.exp(-TIMES)}, inputs=held)
-    rows = fmu_rows("rows", [{"x0": 1.0}, {"x0": 3.0}], {"x": np.exp(-2.0) * np.array([1.0, 3.0])}, 2.0)
-    with opened(read_fmu(decay_fmu), ["mu"], [forced, rows], 0.1, 60.0, 1) as simulator:
-        simulated = simulator.simulate([rows, forced], np.array([[1.0]]))
-    assert simulated.values[0] == pytest.approx(np.concatenate([rows.measured, forced.measured]), rel=1e-12)
 
 
 @pytest.mark.slow

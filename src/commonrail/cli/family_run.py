@@ -11,8 +11,7 @@ import typer
 
 from commonrail.cli.console import print_json, print_rows, print_table, say
 from commonrail.cli.guard import INTERRUPTED
-from commonrail.cli.progress import Bar
-from commonrail.cli.study_run import stage_of
+from commonrail.cli.study_run import reported
 from commonrail.units import to_text
 
 if TYPE_CHECKING:
@@ -106,14 +105,7 @@ def resume_run(folder: Path, *, as_begun: bool, threads: int | None, workers: Wo
 
 
 def _told(title: str, folder: Path, work: Callable[[Listener], FamilyFit]) -> FamilyOutcome:
-    from commonrail.report.build import write_report
-    from commonrail.store.run import Listener
-    from commonrail.workers.interrupt import held_interrupts
-
-    with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
-        with Bar(title) as bar:
-            fit = work(Listener(lambda p: bar.show(stage_of(p)), bar.note))
-        return FamilyOutcome(folder, write_report(folder), fit)
+    return FamilyOutcome(folder, *reported(title, folder, work))
 
 
 def print_family(outcome: FamilyOutcome, json: bool, out: Path) -> None:

@@ -11,7 +11,8 @@ import typer
 
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
-from commonrail.cli.progress import Bar, Stage
+from commonrail.cli.progress import Stage
+from commonrail.cli.study_run import reported
 from commonrail.errors import InputError
 
 if TYPE_CHECKING:
@@ -100,14 +101,9 @@ def resume_fmu_run(folder: Path, *, as_begun: bool, processes: int | None) -> Fm
 
 def _told(title: str, folder: Path, work: Callable[[Listener], FmuFit]) -> FmuOutcome:
     from commonrail.foreign.run import read_fmu_run
-    from commonrail.report.build import write_report
-    from commonrail.store.run import Listener
-    from commonrail.workers.interrupt import held_interrupts
 
-    with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
-        with Bar(title) as bar:
-            work(Listener(lambda p: bar.show(_stage_of(p)), bar.note))
-        return FmuOutcome(folder, write_report(folder), read_fmu_run(folder))
+    report, _ = reported(title, folder, work, _stage_of)
+    return FmuOutcome(folder, report, read_fmu_run(folder))
 
 
 def _stage_of(p: Progress) -> Stage:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import typer
 
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from commonrail.store.run import Listener
     from commonrail.workers.workers import Workers
 
-__all__ = ["Outcome", "print_outcome", "resume_study", "run_study", "stage_of"]
+__all__ = ["Outcome", "print_outcome", "reported", "resume_study", "run_study", "stage_of"]
+
+_Result = TypeVar("_Result")
 
 
 class Outcome(NamedTuple):
@@ -109,14 +111,35 @@ def resume_study(
 
 def _told(title: str, folder: Path, work: Callable[[Listener], Calibration]) -> Outcome:
     from commonrail.files.run_folder import read_run
+
+    report, _ = reported(title, folder, work)
+    return Outcome(folder, report, read_run(folder)[0])
+
+
+def reported(
+    title: str, folder: Path, work: Callable[[Listener], _Result], stage: Callable[[Progress], Stage] | None = None
+) -> tuple[Path, _Result]:
+    """Report of a run folder and the result of the search that fills it, with its progress on stderr.
+
+    Parameters
+    ----------
+    title : str
+        Of the bar.
+    folder : Path
+    work : function of Listener
+        The search.
+    stage : function of Progress, optional
+        Stage for the bar; by default `stage_of`.
+    """
     from commonrail.report.build import write_report
     from commonrail.store.run import Listener
     from commonrail.workers.interrupt import held_interrupts
 
+    shown = stage_of if stage is None else stage
     with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
         with Bar(title) as bar:
-            work(Listener(lambda p: bar.show(stage_of(p)), bar.note))
-        return Outcome(folder, write_report(folder), read_run(folder)[0])
+            result = work(Listener(lambda p: bar.show(shown(p)), bar.note))
+        return write_report(folder), result
 
 
 def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None:
