@@ -15,7 +15,6 @@ import commonrail as cr
 from commonrail import fixed_target
 from commonrail.cli.app import app
 from commonrail.engine import lanes
-from tests.conftest import wired
 from tests.store.conftest import write_small
 
 POINT = cr.OperatingPoint(160e6, 300e-6)
@@ -61,8 +60,7 @@ def test_other_engines_do_not_promise_bits(monkeypatch: pytest.MonkeyPatch, engi
 
 
 @pytest.mark.skipif(fixed_target.missing() is not None, reason="this processor lacks AVX2 or FMA, or is no x86-64")
-def test_the_result_is_that_of_this_machine_to_rounding() -> None:
-    rigid = wired(cr.Variant("rigid"))  # the kernel of the study in tests/store/test_same_bits.py
+def test_the_result_is_that_of_this_machine_to_rounding(rigid: cr.Injector) -> None:
     names, values = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
     one, two, own = (
         cr.simulate_batch(rigid, [POINT], names, values, threads=threads, same_bits=same)

@@ -183,17 +183,15 @@ def test_screening_is_coarser_and_near_the_residuals(pwm: Injector) -> None:
 
 
 @pytest.mark.parametrize("scale", [0.5, 3.0])
-def test_soft_l1_is_that_of_the_plain_residuals_and_its_residuals_square_to_it(
-    regulated: Injector, scale: float
-) -> None:
-    own = np.array([regulated.values[name] for name in NAMES])
+def test_soft_l1_is_that_of_the_plain_residuals_and_its_residuals_square_to_it(pwm: Injector, scale: float) -> None:
+    own = np.array([pwm.values[name] for name in NAMES])
     priors = Priors([None, Prior(1.1 * own[1], 0.05 * own[1])])
-    values, data = candidates(regulated, 3), [a_curve(80e6, 2.0), a_map("low", 60e6, 2.5)]
-    plain = Objective(regulated, NAMES, data, STEP, 1, goal=Goal(Loss.SQUARES)).residuals(values)
+    values, data = candidates(pwm, 3), [a_curve(80e6, 2.0), a_map("low", 60e6, 2.5)]
+    plain = Objective(pwm, NAMES, data, STEP, 1, goal=Goal(Loss.SQUARES)).residuals(values)
     roots = np.sqrt(np.repeat([2.0, 2.5], [30, 2]))
     r = plain / roots
     expected = np.sum(roots**2 * 2.0 * scale**2 * (np.sqrt(1.0 + (r / scale) ** 2) - 1.0), axis=1)
-    objective = Objective(regulated, NAMES, data, STEP, 1, goal=Goal(Loss.SOFT_L1, priors, scale=scale))
+    objective = Objective(pwm, NAMES, data, STEP, 1, goal=Goal(Loss.SOFT_L1, priors, scale=scale))
     pulls = ((values[:, 1] / own[1] - 1.1) / 0.05) ** 2
     residuals = objective.residuals(values)
     # rounding of sums of some thirty squares

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
+from commonrail.analysis.identifiability import Identified, identify
+from commonrail.calibration.run import Calibration
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
 from commonrail.files.scaffold import write_new
 from commonrail.files.study_file import load_study
+from commonrail.store.content import content_of
 from commonrail.store.run import Listener, calibrate_into
 
 GENERATIONS, REFINEMENTS = 5, 3
@@ -62,6 +67,32 @@ def stopped_run(folder: Path, study: Study, steps: int) -> Path:
     return folder
 
 
+_JUDGED: dict[tuple[object, ...], Identified] = {}
+
+
+def _judged_before(calibration: Calibration, threads: int | None = None) -> Identified:
+    """As `identify`, once for the same study, threads, best values and other optima."""
+    ends = tuple((end.x.tobytes(), end.cost) for end in calibration.ends)
+    key = (content_of(calibration.study), threads, tuple(calibration.best.items()), calibration.cost, ends)
+    if key not in _JUDGED:
+        _JUDGED[key] = identify(calibration, threads)
+    return copy.deepcopy(_JUDGED[key])
+
+
+@contextmanager
+def judged_before() -> Iterator[None]:
+    """Judgements of runs that end alike are computed once: they take as long as the short searches of these tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("commonrail.store.run.identify", _judged_before)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _judged_once() -> Iterator[None]:
+    with judged_before():
+        yield
+
+
 class Whole(NamedTuple):
     """A study's file and its run that was never stopped."""
 
@@ -74,7 +105,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     """The run to compare with."""
     folder = tmp_path_factory.mktemp("store")
     study = write_small(folder / "small")
-    calibrate_into(folder / "run", load_study(study), threads=1)
+    with judged_before():
+        calibrate_into(folder / "run", load_study(study), threads=1)
     return Whole(study, folder / "run")
 
 

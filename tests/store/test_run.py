@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from commonrail.analysis.identifiability import identify
 from commonrail.calibration.finished import WrongGenerationError
 from commonrail.calibration.search import Progress
 from commonrail.calibration.space import Space
@@ -123,7 +124,10 @@ def test_another_number_of_threads_may_go_on(whole: Whole, stopped: Stop) -> Non
     assert timeless(run) == timeless(whole.run)
 
 
-def test_a_finished_run_is_written_anew_to_the_same_bytes(whole: Whole, tmp_path: Path) -> None:
+def test_a_finished_run_is_judged_and_written_anew_to_the_same_bytes(
+    whole: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("commonrail.store.run.identify", identify)  # whatever was found before
     copy = tmp_path / "copy"
     shutil.copytree(whole.run, copy)
     (copy / "result.json").unlink()

@@ -94,7 +94,7 @@ def with_same_bits(study: Path) -> None:
 
 @pytest.fixture(scope="module")
 def exact(tmp_path_factory: pytest.TempPathFactory) -> Whole:
-    """The small study with a rigid body, so that one kernel is compiled, and its run on this machine."""
+    """The small study with a rigid body and PWM, so that one kernel is compiled, and its run on this machine."""
     folder = tmp_path_factory.mktemp("exact")
     study = write_small(folder / "small")
     with_same_bits(study)
@@ -106,8 +106,10 @@ def exact(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     study.write_text(text.replace(parameter, bent).replace("[optimiser]", order + "\n[optimiser]"), encoding="utf-8")
     injector = study.with_name("injector.toml")
     text = injector.read_text(encoding="utf-8")
-    assert 'variant = "flexible"' in text
-    injector.write_text(text.replace('variant = "flexible"', 'variant = "rigid"'), encoding="utf-8")
+    for old, new in (('variant = "flexible"', 'variant = "rigid"'), ('drive_kind = "regulated"', 'drive_kind = "pwm"')):
+        assert old in text
+        text = text.replace(old, new)
+    injector.write_text(text, encoding="utf-8")
     calibrate_into(folder / "run", load_study(study), threads=1)
     return Whole(study, folder / "run")
 

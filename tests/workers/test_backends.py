@@ -30,7 +30,8 @@ from tests.workers.crews import (
     with_other,
 )
 
-pytestmark = pytest.mark.process
+# How workers of our own start is the subject of test_pool.py.
+pytestmark = [pytest.mark.process, pytest.mark.usefixtures("forked_workers")]
 
 MANY = [Deed(number) for number in range(40)]
 BAD = 7
@@ -46,7 +47,7 @@ def crew(request: pytest.FixtureRequest) -> Crew:
 
 
 @pytest.fixture(scope="module", params=CREWS)
-def two(request: pytest.FixtureRequest) -> Iterator[Workers]:
+def two(forked_workers: None, request: pytest.FixtureRequest) -> Iterator[Workers]:
     """Two workers for all tests that leave them as they were."""
     with CREWS[request.param](2) as workers:
         yield workers

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import shutil
 import sqlite3
+import tempfile
 from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
@@ -44,8 +46,10 @@ class Ground(NamedTuple):
 
 
 @cache
-def ground(folder: Path) -> Ground:
-    """Runs to attack, made once for a folder."""
+def ground() -> Ground:
+    """Runs to attack, made once; attacks are on copies."""
+    folder = Path(tempfile.mkdtemp(prefix="commonrail-ground-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
     write_new(folder / "study")
     path = folder / "study" / "study.toml"
     text = path.read_text(encoding="utf-8")
@@ -154,7 +158,7 @@ def verdict(trials: list[Trial], folder: Path, times: int) -> str:
 @attack(times=2000, few=24)
 def run_journal(folder: Path, times: int) -> str:
     """A flipped bit in the journal of a run is found, or changes no result."""
-    made = ground(folder)
+    made = ground()
     expected = results(made.whole)
     targets, history, fixed, _ = content(Path(shutil.copytree(made.killed, folder / "read")))
 
@@ -209,7 +213,7 @@ def fleet_journal_bits(folder: Path, times: int) -> str:
 @attack(times=2000, few=24)
 def result_files(folder: Path, times: int) -> str:
     """A flipped bit in a result file is found when the file is read back."""
-    whole = ground(folder).whole
+    whole = ground().whole
     names = [name for name in (*RESULTS, "SHA256SUMS") if (whole / name).is_file()]
     return verdict([Trial(whole, name, told) for name in names], folder, times)
 
@@ -217,7 +221,7 @@ def result_files(folder: Path, times: int) -> str:
 @attack()
 def lost_log(folder: Path, times: int) -> str:
     """A journal whose log is missing is damaged; it is no run that never was."""
-    killed = ground(folder).killed
+    killed = ground().killed
     for change in (Path.unlink, lambda path: path.write_bytes(b"")):
         run = Path(shutil.copytree(killed, folder / "run", dirs_exist_ok=True))
         change(run / f"{JOURNAL}-wal")
@@ -236,7 +240,7 @@ def lost_log(folder: Path, times: int) -> str:
 def changed_count(folder: Path, times: int) -> str:
     """A changed number of generations is not run."""
     for row in ("UPDATE about SET text = '9' WHERE name = 'generations'", "UPDATE generation SET simulations = 9"):
-        run = Path(shutil.copytree(ground(folder).merged, folder / "run", dirs_exist_ok=True))
+        run = Path(shutil.copytree(ground().merged, folder / "run", dirs_exist_ok=True))
         with closing(sqlite3.connect(run / JOURNAL)) as connection, connection:
             connection.execute(row)
         try:
@@ -250,7 +254,7 @@ def changed_count(folder: Path, times: int) -> str:
 @attack(few=0)
 def another_processor(folder: Path, times: int) -> str:
     """A run that goes on with another target of the compiler says so, and its result does."""
-    run = Path(shutil.copytree(ground(folder).merged, folder / "run"))
+    run = Path(shutil.copytree(ground().merged, folder / "run"))
     answer = command("resume", run, NUMBA_CPU_NAME="generic")
     said = " ".join(answer.said.split())
     if answer.fault or answer.status != 0:
