@@ -1,5 +1,6 @@
 """The direction of imports holds, its contracts can fail, and importing the package is cheap."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -66,3 +67,115 @@ def test_the_version_is_the_one_in_pyproject() -> None:
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert commonrail.__version__ == project["version"]
+
+
+# Modules that take long to import and serve few functions: these import them, no module does at its top.
+LAZY = ("asammdf", "distributed", "emcee", "h5py", "matplotlib", "openpyxl", "pandas", "pyarrow", "rich", "scipy")
+LAZY += ("tomlkit", "xarray")
+# The reference integrates by SciPy, plates are drawn by Matplotlib: whoever asks for these modules needs them.
+AT_THE_TOP = {
+    "engine/direct_reference.py": {"scipy"},
+    "engine/reference.py": {"scipy"},
+    "report/plates.py": {"matplotlib"},
+}
+
+
+def at_the_top(source: str) -> set[str]:
+    """Lazy modules that a module imports as soon as it is imported itself, but not for a type checker alone."""
+    found: set[str] = set()
+    waiting: list[ast.AST] = [ast.parse(source)]
+    while waiting:
+        node = waiting.pop()
+        named: list[str] = []
+        if isinstance(node, ast.Import):
+            named = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            named = [node.module or ""]
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        found |= {lazy for name in named for lazy in LAZY if f"{name}.".startswith(f"{lazy}.")}
+        checked = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        waiting += node.orelse if checked and isinstance(node, ast.If) else ast.iter_child_nodes(node)
+    return found
+
+
+def test_what_is_slow_to_import_is_imported_where_it_is_used() -> None:
+    files = {path.relative_to(SOURCE).as_posix(): at_the_top(path.read_text("utf-8")) for path in SOURCE.rglob("*.py")}
+    surplus = {file: sorted(found - AT_THE_TOP.get(file, set())) for file, found in files.items()}
+    assert {file: names for file, names in surplus.items() if names} == {}
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("from scipy.optimize import brentq", {"scipy"}),
+        ("import tomlkit.items as items", {"tomlkit"}),
+        ("if True:\n    try:\n        import rich\n    except ImportError:\n        pass", {"rich"}),
+        ("class A:\n    import pandas", {"pandas"}),
+        ("def f():\n    import scipy", set()),
+        ("if TYPE_CHECKING:\n    import scipy\nelse:\n    import rich", {"rich"}),
+        ("import scipyfoo", set()),
+    ],
+)
+def test_the_search_for_imports_finds_them(source: str, found: set[str]) -> None:
+    assert at_the_top(source) == found
+
+
+# What a module of this package asks for itself; Numba asks for SciPy's linear algebra on its own account.
+WATCH = """
+import sys
+class Watch:
+    def find_spec(self, name, path=None, target=None):
+        frame = sys._getframe(1)
+        while "importlib" in frame.f_code.co_filename:
+            frame = frame.f_back
+        if name.split(".")[0] in {lazy} and "commonrail" in frame.f_globals.get("__name__", ""):
+            print("LOADED", name, frame.f_globals["__name__"])
+sys.meta_path.insert(0, Watch())
+"""
+
+
+def loaded(code: str, lazy: tuple[str, ...] = LAZY) -> list[str]:
+    """Lines about slow modules that this package loads while a new process runs some code."""
+    done = subprocess.run(
+        [sys.executable, "-c", f"{WATCH.replace('{lazy}', repr(set(lazy)))}\n{code}"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [line for line in done.stdout.splitlines() if line.startswith("LOADED")]
+
+
+def test_the_watch_sees_what_is_loaded() -> None:
+    assert loaded("from commonrail.signals.shots import _intervals; _intervals(1.0, 1.0, 3, 0.9)")
+
+
+@pytest.mark.parametrize(
+    "modules",
+    [
+        "commonrail.engine.simulate, commonrail.observation.metered, commonrail.cli.injection",
+        "commonrail.store.run, commonrail.report.build, commonrail.cli.study_run, commonrail.analysis.identifiability",
+        "commonrail.maps.calls, commonrail.cli.map",
+    ],
+)
+def test_the_rooms_of_common_verbs_load_nothing_slow(modules: str) -> None:
+    assert loaded(f"import {modules}") == []
+
+
+def test_a_verb_is_imported_when_it_is_called() -> None:
+    code = "import sys; from commonrail.cli.app import app; app(['simulate', '--help'], standalone_mode=False);"
+    code += "print('verbs:', *(m for m in ('simulate', 'calibrate', 'map') if f'commonrail.cli.{m}' in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "verbs: simulate"
+
+
+@pytest.mark.slow
+def test_a_calibration_without_refinements_loads_neither_scipy_nor_tomlkit(tmp_path: Path) -> None:
+    code = "from commonrail.cli.app import app\nfrom commonrail.files.scaffold import write_new\nimport pathlib\n"
+    code += f"folder = pathlib.Path({str(tmp_path / 'small')!r})\nwrite_new(folder)\n"
+    # refinements are SciPy's least squares, which a study without them does not need
+    code += "path = folder / 'study.toml'\ntext = path.read_text('utf-8')\nassert 'polish = 3' in text\n"
+    code += "path.write_text(text.replace('polish = 3', 'polish = 0'), 'utf-8')\n"
+    code += f"app(['calibrate', str(folder / 'study.toml'), '--out', {str(tmp_path / 'run')!r}], standalone_mode=False)"
+    assert loaded(code, ("scipy", "tomlkit")) == []
+    assert (tmp_path / "run" / "report.html").is_file()

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from commonrail.cli.grid import plain_pairs, plain_rows
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -59,12 +61,12 @@ def compiling() -> Iterator[None]:
     """Say that a simulation is being compiled, with a sign of life in a terminal, else once a process."""
     global _under_way, _said
     console = stderr_console()
-    if _under_way or (_said and not console.is_terminal):
+    if _under_way or (_said and console is None):
         yield
         return
     _under_way = True
     try:
-        if console.is_terminal:
+        if console is not None:
             with console.status(COMPILING + " ..."):
                 yield
         else:
@@ -105,32 +107,44 @@ def print_rows(
     texts : int or None
         Number of leading columns with text; those after them are numbers. None: all are text.
     """
+    shown = [list(map(_shown, row)) for row in (columns, *rows)]
+    texts = len(columns) if texts is None else texts
+    plain = None if sys.stdout.isatty() else plain_rows(shown, title, texts, WIDTH_OF_A_FILE)
+    if plain is not None:
+        typer.echo("\n".join(plain))
+        return
     from rich import box
     from rich.table import Table as Grid
 
     grid = Grid(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
     for index, column in enumerate(columns):
-        number = texts is not None and index >= texts
-        grid.add_column(column, justify="right" if number else "left", overflow="fold")
-    for row in rows:
-        grid.add_row(*map(_shown, row))
+        grid.add_column(column, justify="right" if index >= texts else "left", overflow="fold")
+    for row in shown[1:]:
+        grid.add_row(*row)
     _print(grid)
 
 
 def print_pairs(pairs: Sequence[tuple[str, str]], title: str) -> None:
     """Print names with their values."""
+    shown = [list(map(_shown, pair)) for pair in pairs]
+    typer.echo(title)
+    plain = None if sys.stdout.isatty() else plain_pairs(shown, WIDTH_OF_A_FILE)
+    if plain is not None:
+        typer.echo("\n".join(plain))
+        return
     from rich.table import Table as Grid
 
     grid = Grid.grid(padding=(0, 3))
-    for pair in pairs:
-        grid.add_row(*map(_shown, pair))
-    typer.echo(title)
+    for pair in shown:
+        grid.add_row(*pair)
     _print(grid)
 
 
-def stderr_console() -> Console:
-    """Console for progress."""
-    return _console(sys.stderr)
+def stderr_console() -> Console | None:
+    """Console for progress; None where stderr is no terminal and is not taken for one."""
+    wished = any(os.environ.get(name) for name in ("FORCE_COLOR", "TTY_COMPATIBLE"))
+    console = _console(sys.stderr) if wished or sys.stderr.isatty() else None
+    return console if console is not None and console.is_terminal else None
 
 
 def _print(grid: Any) -> None:

@@ -33,13 +33,14 @@ class Bar(AbstractContextManager["Bar"]):
     """
 
     def __init__(self, title: str) -> None:
-        self.console = stderr_console()
+        console = stderr_console()
+        self.console = console if console is not None and console.is_terminal else None
         self.title = title
         self._said = (-1, "")
 
     def __enter__(self) -> Bar:
         say(self.title)
-        if self.console.is_terminal:
+        if self.console is not None:
             self.bar = _rich_bar(self.console)
             self.bar.start()
             self.task = self.bar.add_task(STARTING, total=None, figures="")
@@ -48,7 +49,7 @@ class Bar(AbstractContextManager["Bar"]):
 
     @contextmanager
     def _compiling(self) -> Iterator[None]:
-        if self.console.is_terminal:
+        if self.console is not None:
             self.bar.update(self.task, description=COMPILING, refresh=True)
             yield
             self.bar.update(self.task, description=STARTING)
@@ -58,19 +59,19 @@ class Bar(AbstractContextManager["Bar"]):
 
     def __exit__(self, *_: object) -> None:
         tell_of_compiling(self._before)
-        if self.console.is_terminal:
+        if self.console is not None:
             self.bar.stop()
 
     def note(self, text: str) -> None:
         """Say a sentence without disturbing the bar."""
-        if self.console.is_terminal:
+        if self.console is not None:
             self.console.print(text, highlight=False)
         else:
             say(text)
 
     def show(self, s: Stage) -> None:
         """Show a stage; in a file at its first step and at every tenth part of it."""
-        if self.console.is_terminal:
+        if self.console is not None:
             self.bar.update(self.task, description=s.phase, completed=s.done, total=s.total, figures=s.figures)
             return
         part = (10 * s.done // max(s.total, 1), s.phase)

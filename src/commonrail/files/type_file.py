@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import tomlkit
 from pydantic import AfterValidator, Field
 
 from commonrail.arguments import file_path, instance
@@ -127,6 +126,8 @@ def dump_type(injector_type: InjectorType, path: str | Path) -> None:
 
 def type_text(injector_type: InjectorType) -> str:
     """The file's text."""
+    import tomlkit  # slow to import
+
     document = tomlkit.document()
     head = {"format": FORMAT, "name": injector_type.name, "title": injector_type.title}
     head |= {"synthetic": injector_type.synthetic} if injector_type.synthetic else {}
@@ -140,6 +141,8 @@ def type_text(injector_type: InjectorType) -> str:
 
 def _tables(items: list[dict[str, Any]]) -> Any:
     """List of tables, each with a comment behind its value if it has one."""
+    import tomlkit  # slow to import
+
     tables = tomlkit.aot()
     for item in items:
         table = tomlkit.table()

@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import tomlkit
-
 from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import load_injector
 from commonrail.files.type_file import load_type
@@ -66,6 +64,8 @@ def write_study(fleet: Fleet, name: str, folder: Path) -> Path:
 
 
 def _text(fleet: Fleet, name: str, files: Mapping[str, Path]) -> str:
+    import tomlkit  # slow to import
+
     template = fleet.template
     base = template.path.parent
     tables = {ALLOW: True} | dict(template.document)  # the paths are absolute, and lead out of the member's folder

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
+import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
-
-import tomlkit
-from tomlkit.items import AoT, Array
 
 from commonrail.calibration.study import Study
 from commonrail.errors import StudyError
@@ -148,9 +146,14 @@ def _places(sources: list[Path], main: str = STUDY, *, apart: bool = False) -> d
 
 def _relocated(content: bytes, source: Path, places: Mapping[Path, Path]) -> bytes:
     """A TOML file whose paths lead to the copies; the same bytes if they do so already."""
-    document = tomlkit.parse(content.decode("utf-8-sig"))
-    changed = _redirect(document, source, places)
-    return tomlkit.dumps(document).encode() if changed else content
+    text = content.decode("utf-8-sig")
+    if not _redirect(tomllib.loads(text), source, places):
+        return content
+    import tomlkit  # slow to import
+
+    document = tomlkit.parse(text)
+    _redirect(document, source, places)
+    return tomlkit.dumps(document).encode()
 
 
 def _redirect(table: Any, source: Path, places: Mapping[Path, Path]) -> bool:
@@ -158,7 +161,7 @@ def _redirect(table: Any, source: Path, places: Mapping[Path, Path]) -> bool:
     for key, value in list(table.items()):
         if isinstance(value, Mapping):
             changed |= _redirect(value, source, places)
-        elif isinstance(value, list | AoT | Array):
+        elif isinstance(value, list):
             changed |= any([_redirect(item, source, places) for item in value if isinstance(item, Mapping)])
         elif key in _NAMES_A_FILE and isinstance(value, str) and (old := _absolute(source, value)) in places:
             new = Path(os.path.relpath(places[old], places[source].parent)).as_posix()
@@ -188,6 +191,8 @@ def set_in_study(text: str, keys: tuple[str, ...], value: int) -> str:
         Way to the number from the top.
     value : int
     """
+    import tomlkit  # slow to import
+
     document = tomlkit.parse(text)
     table: Any = document
     for key in keys[:-1]:
