@@ -283,7 +283,9 @@ def test_the_order_of_the_run_stops_a_slider(page: Browser, subject: Subject) ->
     assert subject.space is not None
     moved = subject.injector.with_values(values).values
     assert subject.space.satisfies([moved[name] for name in subject.space.names])
-    check_against_engine(shown(page), subject.injector.with_values(values), subject.data[0].point.rail_pressure)
+    measured = subject.data[0].point.rail_pressure
+    assert isinstance(measured, cr.Trace)
+    check_against_engine(shown(page), subject.injector.with_values(values), measured)
     slide(page, "plunger_needle.k3", 82.0)  # now below k2: stopped from the other side
     assert page.evaluate("commonrail.state().values")["plunger_needle.k3"] > values["plunger_needle.k2"]
     slide(page, "rail", 120.0)

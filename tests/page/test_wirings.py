@@ -61,7 +61,7 @@ def test_every_choice_of_wiring_has_the_channels_of_the_lanes(wiring: str, tmp_p
     assert solution.injected_mass > 1e-7
     assert np.max(np.abs(injected - solution.injected)) <= ROUNDING * solution.injected_mass
     assert figures["opening"] * STEP == pytest.approx(solution.opening, rel=ROUNDING)
-    assert figures["closing"] * STEP == pytest.approx(solution.closing, rel=ROUNDING)
+    assert figures["closing"] * STEP == pytest.approx(solution.closing, rel=ROUNDING, nan_ok=True)  # NaN: still open
     compared = set(courses) & set(solution.channels)
     assert {"needle_lift", "accumulation_pressure", "sac_pressure", "coil_current", "magnetic_force"} <= compared
     for channel in compared - ({"rail_pressure"} if injector.variant.boundary is Boundary.IDEAL else set()):
