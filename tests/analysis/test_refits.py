@@ -106,7 +106,7 @@ stage_iterations = 1
 
 
 def test_the_mean_of_the_members_is_judged_on_the_same_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(members, "CLOSE", np.inf)  # whatever the objectives of the descents are
+    monkeypatch.setattr(members, "WORST", np.inf)  # whatever the objectives of the descents are
     (tmp_path / "map.csv").write_text(TABLE, encoding="utf-8")
     (tmp_path / "study.toml").write_text(map_study(more=STAGED) + JUDGED.replace("seeds = 1\n", ""), encoding="utf-8")
     (found,) = refits_of(calibrate(load_study(tmp_path / "study.toml"), threads=1), threads=1)["left_out"]

@@ -11,7 +11,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.calibration import members
-from commonrail.calibration.members import members_of
+from commonrail.calibration.members import equal_ends, members_of
 from commonrail.calibration.optimisers import Best
 from commonrail.files.run_folder import write_results
 from commonrail.files.sums import SUMS
@@ -36,14 +36,19 @@ def study(starts: int = 3, generations: int = 2) -> cr.Study:
     # 20 values: within their tolerances the tolerance counts, beyond them a deviation of root 2 tolerances
     [(3.0, 7.0), (40.0, 48.0)],
 )
-def test_members_are_the_optima_within_two_standard_errors_of_the_best(best: float, limit: float) -> None:
+def test_ends_within_two_standard_errors_of_the_best_are_equal(best: float, limit: float) -> None:
     costs = (best, best + 0.5, limit - 0.1, limit + 0.1, 2.0 * limit)
     ends = [Best(np.array([float(i)]), cost) for i, cost in enumerate(costs)]
-    assert [end.cost for end in members_of(ends, 20)] == [best, best + 0.5, limit - 0.1]
+    assert [end.cost for end in equal_ends(ends, 20)] == [best, best + 0.5, limit - 0.1]
+
+
+def test_members_cost_at_most_twice_the_best() -> None:
+    ends = [Best(np.array([0.0]), cost) for cost in (10.0, 19.9, 20.1)]
+    assert [end.cost for end in members_of(ends)] == [10.0, 19.9]
 
 
 def test_the_mean_is_scored_beside_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(members, "CLOSE", np.inf)
+    monkeypatch.setattr(members, "WORST", np.inf)
     found = cr.calibrate(study())
     assert len(found.members) == 3
     assert found.members[0] == found.injector
@@ -62,7 +67,7 @@ def test_one_descent_has_no_mean() -> None:
 
 
 def test_the_run_folder_holds_the_members(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(members, "CLOSE", np.inf)
+    monkeypatch.setattr(members, "WORST", np.inf)
     found = calibrate_into(tmp_path / "run", study())
     for number, injector in enumerate(found.members[1:], 2):
         kept = cr.load_injector(tmp_path / "run" / f"member-{number}.toml")

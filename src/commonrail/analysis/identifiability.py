@@ -15,7 +15,7 @@ from commonrail.analysis.neighbourhood import around
 from commonrail.analysis.prediction.predict import judged_bands
 from commonrail.arguments import instance
 from commonrail.calibration.goal import Goal, Loss
-from commonrail.calibration.members import fitted_values, members_of
+from commonrail.calibration.members import equal_ends, fitted_values
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.prior import Priors
 from commonrail.calibration.run import Calibration
@@ -73,7 +73,7 @@ def _others(calibration: Calibration) -> list[Floats]:
     """Optima [SI] of the search besides the best that explain the data as well."""
     if calibration.study.loss is not Loss.SQUARES:
         return []
-    return [end.x for end in members_of(calibration.ends, fitted_values(calibration.study.data))[1:]]
+    return [end.x for end in equal_ends(calibration.ends, fitted_values(calibration.study.data))[1:]]
 
 
 def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:

@@ -1,4 +1,4 @@
-"""Members of a fit: optima of one search that explain the data about as well, and the mean of what they predict.
+"""Members of a fit: optima of one search that fit alike, and the mean of what they predict.
 
 Where data leave many combinations of parameters open, optima that fit alike differ between the measured points, and
 errors there cancel in part.
@@ -20,15 +20,30 @@ from commonrail.kinds.maps.data import QuantityScore
 from commonrail.kinds.records import MEAN
 from commonrail.observation.quantities import is_of_meter
 
-__all__ = ["CLOSE", "fitted_values", "injector_of", "mean_of", "mean_scores", "members_of"]
+__all__ = ["CLOSE", "WORST", "equal_ends", "fitted_values", "injector_of", "mean_of", "mean_scores", "members_of"]
+
+# Objective of a member relative to the best: its misfit is then 1.4 times as large. The mean needs several members; on
+# the maps of the cases it predicts better than the best of them more often than not (cases/family/README.md).
+WORST = 2.0
 
 # Difference of the sum of squares, in squared standard deviations of a value, up to which another optimum explains the
 # data as well: two standard errors, which noise alone exceeds in one of twenty fits.
 CLOSE = 4.0
 
 
-def members_of(ends: Sequence[Best], values: int) -> list[Best]:
-    """Optima that explain maps as well as the best one does.
+def members_of(ends: Sequence[Best]) -> list[Best]:
+    """Optima whose objective is at most `WORST` times that of the best.
+
+    Parameters
+    ----------
+    ends : sequence of Best
+        The best first.
+    """
+    return [end for end in ends if end.cost <= WORST * ends[0].cost]
+
+
+def equal_ends(ends: Sequence[Best], values: int) -> list[Best]:
+    """Optima that explain the data as well as the best one does, for bands.
 
     The standard deviation of a value is its tolerance, or what the best optimum leaves where that is more.
 
@@ -93,7 +108,7 @@ def mean_scores(
     if study.meters or any(not isinstance(data, QuantityData) for data in study.data):
         return (), {}
     injectors, scores = [calibrated], [best]
-    for number, end in enumerate(members_of(ends, fitted_values(study.data))[1:], 2):
+    for number, end in enumerate(members_of(ends)[1:], 2):
         injectors.append(injector_of(study, dict(zip(study.space.names, end.x.tolist(), strict=True)), number))
         scores.append(score_all(study, injectors[-1], threads))
     mean = mean_of(study.data, scores)

@@ -12,7 +12,7 @@ from commonrail.analysis.identifiability import identify_at
 from commonrail.arguments import function, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.injector_type import InjectorType
-from commonrail.calibration.members import fitted_values, mean_of, members_of
+from commonrail.calibration.members import mean_of, members_of
 from commonrail.calibration.optimisers import Counts
 from commonrail.calibration.run import score_all
 from commonrail.calibration.search import Listeners, Progress, Search
@@ -164,7 +164,7 @@ def fit_family(
                 raise KeyboardInterrupt
             raise SimulationError(f"{family.title}: no candidate could be simulated for all parts; check the bounds.")
         objective.threads = threads  # workers' copies share the simulators
-        ends = members_of(search.ends, sum(fitted_values(study.data) for study in family.parts.values()))
+        ends = members_of(search.ends)
         found = identify_at(family.space, objective, x)
         errors = {name: found[name]["standard_error"] for name in family.space.names}
         joint = dict(zip(family.space.names, x.tolist(), strict=True))
