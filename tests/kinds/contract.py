@@ -20,7 +20,7 @@ from commonrail.injector.definition import Injector
 from commonrail.kinds import DataSet
 from commonrail.kinds.records import LABELS, Plotted, Shown
 from commonrail.kinds.simulator import Simulator
-from commonrail.store.content import _pieces
+from commonrail.store.content import fingerprint_of
 from tests.kinds.samples import SAMPLES, STEP, Sample
 
 Kind = type[DataSet]
@@ -189,7 +189,7 @@ def data_travel_and_tell_themselves_apart(kind: Kind, injector: Injector, folder
     assert there.costs(values).costs.tobytes() == objective.costs(values).costs.tobytes()
     sample = SAMPLES[kind.kind]
     changed = sample.read(kind, injector, folder, 1.01 * np.maximum(data.measured, 1e-12))
-    prints = [b"\0".join(_pieces(one)) for one in (data, replace(data), replace(data, weight=3.0), changed)]
+    prints = [fingerprint_of(one) for one in (data, replace(data), replace(data, weight=3.0), changed)]
     assert prints[0] == prints[1]
     assert len(set(prints)) == 3
 

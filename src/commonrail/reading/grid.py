@@ -136,9 +136,10 @@ def _like_thousands(cells: list[str]) -> bool:
 
 
 def _refuse_thousands(path: Path, cells: Sequence[Sequence[str]], lines: Sequence[int]) -> None:
-    """Refuse a number as 1.200 in a row or column with one as 800: the point then separates thousands.
+    """Refuse a number as 1.200 in a column or an axis with one as 800: the point then separates thousands.
 
-    Numbers written with three decimals would have them in all cells, and others no zero at the end.
+    Numbers written with three decimals would have them in all cells, and others no zero at the end. A row is the axis of
+    a matrix if its first cell, the corner, is no number; cells of other rows are of different quantities.
 
     Parameters
     ----------
@@ -148,7 +149,8 @@ def _refuse_thousands(path: Path, cells: Sequence[Sequence[str]], lines: Sequenc
         For the message.
     """
     columns = zip_longest(*cells, fillvalue="")
-    for group in (*cells, *columns):
+    axes = [row for row in cells if row and not _POINT.fullmatch(row[0])]
+    for group in (*axes, *columns):
         thousands = [cell for cell in group if _THOUSANDS.fullmatch(cell) and cell.endswith("0")]
         whole = [cell for cell in group if _HUNDREDS.fullmatch(cell)]
         if thousands and whole:
