@@ -59,9 +59,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("inputs", type=int)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--first", type=int, default=0, help="number of the first input: to continue an earlier trial"
-    )
+    parser.add_argument("--first", type=int, default=0, help="number of the first input: to continue an earlier trial")
     parser.add_argument("--keep", type=Path, default=Path("fuzz-findings"), help="folder for inputs that fail")
     parser.add_argument("--part", type=int, help=argparse.SUPPRESS)
     return parser.parse_args()

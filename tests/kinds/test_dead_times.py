@@ -106,6 +106,4 @@ def test_the_bytes_of_a_map_without_one_are_those_of_earlier_versions() -> None:
     _add_pieces(a_map(None), words)
     assert words
     assert not any(b"dead_time_tolerance" in word for word in words)
-    assert fingerprint_of(a_map(None)) == fingerprint_of(
-        a_map(4e-6)
-    )  # that of a study adds it
+    assert fingerprint_of(a_map(None)) == fingerprint_of(a_map(4e-6))  # that of a study adds it

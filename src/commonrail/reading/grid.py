@@ -138,8 +138,8 @@ def _like_thousands(cells: list[str]) -> bool:
 def _refuse_thousands(path: Path, cells: Sequence[Sequence[str]], lines: Sequence[int]) -> None:
     """Refuse a number as 1.200 in a column or an axis with one as 800: the point then separates thousands.
 
-    Numbers written with three decimals would have them in all cells, and others no zero at the end. A row is the axis of
-    a matrix if its first cell, the corner, is no number; cells of other rows are of different quantities.
+    Numbers written with three decimals would have them in all cells, and others no zero at the end. A row is the axis
+    of a matrix if its first cell, the corner, is no number; cells of other rows are of different quantities.
 
     Parameters
     ----------
