@@ -20,8 +20,17 @@ def sound() -> dict[str, Any]:
 def test_a_sound_fit_leads_to_its_use() -> None:
     found = verdict(sound(), "runs/a b")
     assert (found.level, found.title) == ("good", "Nothing found against using this result")
-    assert [step.command for step in found.steps] == ["commonrail map 'runs/a b/calibrated.toml' --out map.dcm"]
+    assert [step.command for step in found.steps] == ["commonrail map 'runs/a b' --out map.dcm"]
     assert "The search has converged." in found.reasons
+
+
+def test_the_map_for_the_control_unit_has_the_pressures_of_the_data() -> None:
+    """`commonrail map` has 5 MPa in the cylinder by default; data at 0.5 MPa would lead to other energising times."""
+    record = sound()
+    for row in record["data"][0]["rows"]:
+        row |= {"cylinder_pressure": 0.5e6, "return_pressure": 0.1e6}
+    commands = [step.command for step in verdict(record, "r").steps]
+    assert commands == ["commonrail map r --cylinder-pressure 500kPa --return-pressure 100kPa --out map.dcm"]
 
 
 @pytest.mark.parametrize(
@@ -118,7 +127,8 @@ def test_held_back_data_at_which_the_model_does_not_run_are_no_praise() -> None:
 def test_bands_that_hold_too_few_values_ask_for_care(values: int, covered: int, course: bool, narrow: bool) -> None:
     record = sound()
     band = {"level": 0.9, "values": values, "covered": covered}
-    record["data"][0] |= {"band": band if course else band | {"half_widths": []}}
+    halves = {"half_widths": [None] * len(record["data"][0]["rows"])}
+    record["data"][0] |= {"kind": "rate", "band": band} if course else {"band": band | halves}
     found = verdict(record, "runs/a")
     name = record["data"][0]["name"]
     reason = f"The bands hold too few measured values of {name}: they are too narrow."

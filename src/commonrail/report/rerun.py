@@ -8,21 +8,25 @@ from commonrail.kinds import KINDS
 from commonrail.kinds.records import Record
 from commonrail.units import to_text
 
-__all__ = ["rerun_lines"]
+__all__ = ["point_options", "rerun_lines"]
 
-_POINT = {"rail_pressure": "Pa", "energising_time": "s", "cylinder_pressure": "Pa"}
-_POINT |= {"return_pressure": "Pa"}
+_PRESSURES = {"cylinder_pressure": "Pa", "return_pressure": "Pa"}
+_POINT = {"rail_pressure": "Pa", "energising_time": "s"} | _PRESSURES
+
+
+def point_options(record: Record, boundary: bool = False) -> str:
+    """Options that state the operating point of the first data set, or the pressures at its boundary alone."""
+    data = record["data"][0]
+    point = KINDS[data["kind"]].view.operating_point(data)
+    return " ".join(
+        f"--{key.replace('_', '-')} {to_text(point[key], unit).replace(' ', '')}"
+        for key, unit in (_PRESSURES if boundary else _POINT).items()
+        if key in point
+    )
 
 
 def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
     """Purpose and command line, for the run folder of that name."""
-    data = record["data"][0]
-    point = KINDS[data["kind"]].view.operating_point(data)
-    options = [
-        f"--{key.replace('_', '-')} {to_text(point[key], unit).replace(' ', '')}"
-        for key, unit in _POINT.items()
-        if key in point
-    ]
     folder, injector = shlex.quote(run), shlex.quote(f"{run}/calibrated.toml")
     return [
         ("Calibrate again", f"commonrail calibrate {shlex.quote(f'{run}/study.toml')}"),
@@ -30,7 +34,7 @@ def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
         ("Judge on other data", f"commonrail validate OTHER-STUDY.toml --run {folder}"),
         (
             "Simulate the calibrated injector",
-            f"commonrail simulate {injector} {' '.join(options)}",
+            f"commonrail simulate {injector} {point_options(record)}",
         ),
         (
             "Move the parameters and see the injection change",
