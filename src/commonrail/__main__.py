@@ -1,6 +1,6 @@
 """``python -m commonrail``: the command where no script of that name is on the path."""
 
-from commonrail.cli.app import main
+from commonrail.cli.start import main
 
 if __name__ == "__main__":
     main()

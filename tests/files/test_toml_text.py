@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 
+import numpy as np
 import pytest
 import tomlkit
 from hypothesis import given, settings
@@ -36,3 +37,7 @@ def test_tables_in_tables_read_back() -> None:
 def test_a_key_is_quoted_where_it_must_be() -> None:
     assert [key_text(key) for key in ("a-b_1", "a b", "")] == ["a-b_1", '"a b"', '""']
     assert tomllib.loads(f"x = {inline_table({'a b': 1, 'c': 'd'})}") == {"x": {"a b": 1, "c": "d"}}
+
+
+def test_numbers_of_numpy_and_truth_values_are_written_as_toml() -> None:
+    assert value_text([np.float64(1.5), 2.0, True]) == "[1.5, 2.0, true]"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from zipfile import ZipFile
@@ -92,6 +93,15 @@ def spoilt_book(path: Path, change: Callable[[bytes], bytes]) -> Path:
 
 def test_a_sheet_that_understates_its_size_is_read_whole(tmp_path: Path) -> None:
     check(read_columns(spoilt_book(tmp_path / "a.xlsx", lambda xml: xml.replace(b"A1:B6", b"A1:A3")), WANTED))
+
+
+def test_what_openpyxl_says_of_a_book_is_not_said_to_the_user(tmp_path: Path) -> None:
+    extended = b'<extLst><ext uri="{x}"/></extLst></worksheet>'
+    path = spoilt_book(tmp_path / "a.xlsx", lambda xml: xml.replace(b"</worksheet>", extended))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        check(read_columns(path, WANTED))
+    assert [str(one.message) for one in told] == []
 
 
 @pytest.mark.parametrize(

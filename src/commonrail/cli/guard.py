@@ -13,11 +13,11 @@ from typing import Any, TypeVar
 import typer
 
 from commonrail.cli.console import say
+from commonrail.cli.start import INTERRUPTED, raise_interrupts
 from commonrail.errors import CommonrailError, OutputError
 
 __all__ = ["INTERRUPTED", "guarded", "show_traceback"]
 
-INTERRUPTED = 130  # 128 + SIGINT, what a shell expects
 UNEXPECTED = 1
 UNUSABLE = 2
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
@@ -50,6 +50,7 @@ def guarded(verb: _Verb) -> _Verb:
     @functools.wraps(verb)
     def run(*args: Any, **options: Any) -> Any:
         try:
+            raise_interrupts()
             return verb(*args, **options)
         except (typer.Exit, typer.Abort, typer.BadParameter):
             raise

@@ -14,12 +14,14 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def value_text(value: Any) -> str:
-    """A text, a number or a list of them; numbers as the shortest decimals that are the same floats."""
+    """A text, a number, true or false, or a list of them; numbers as the shortest decimals that are the same floats."""
     if isinstance(value, str):
         return f'"{_ESCAPED.sub(_escape, value)}"'
     if isinstance(value, list):
         return f"[{', '.join(map(value_text, value))}]"
-    return repr(value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(float(value)) if isinstance(value, float) else repr(value)  # a NumPy float writes its type
 
 
 def _escape(found: re.Match[str]) -> str:

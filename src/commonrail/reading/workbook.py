@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -49,7 +52,8 @@ def sheet_names(path: Path) -> list[str]:
     InputError
         If it is no workbook or openpyxl is not installed.
     """
-    return [str(name) for name in _opened(path).sheetnames]
+    with _in_silence():
+        return [str(name) for name in _opened(path).sheetnames]
 
 
 def read_sheet(path: Path, sheet: str | None = None) -> Grid:
@@ -66,6 +70,19 @@ def read_sheet(path: Path, sheet: str | None = None) -> Grid:
     InputError
         If it is no workbook, too large, has no such sheet or nothing in it, or openpyxl is not installed.
     """
+    with _in_silence():
+        return _read_sheet(path, sheet)
+
+
+@contextmanager
+def _in_silence() -> Iterator[None]:
+    """Keep openpyxl's warnings from the terminal: of styles, headers and other things that no cell is read from."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module=r"openpyxl\b")
+        yield
+
+
+def _read_sheet(path: Path, sheet: str | None) -> Grid:
     book = _opened(path)
     if sheet is not None and sheet not in book.sheetnames:
         known = ", ".join(book.sheetnames)
