@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from commonrail import units
 from commonrail.errors import InputError
 from commonrail.unit_table import FACTORS, FAST, NAMES, SHOWN
-from commonrail.units import compatible, convert, parse, to_text
+from commonrail.units import compatible, convert, parse, parse_difference, to_text
 
 # One rounding in the table's factor and a few inside pint.
 ROUNDING = 1e-14
@@ -31,6 +31,14 @@ def registry() -> pint.UnitRegistry:
 
 def in_pint_spelling(name: str) -> str:
     return re.sub(r"(?<=[A-Za-z])(\d+)", r"**\1", name)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "expected"),
+    [("2 degC", "K", 2.0), ("0.5 K", "degC", 0.5), ("2 degC", "degC", 2.0), ("9 degF", "K", 5.0), ("3 mm", "m", 0.003)],
+)
+def test_a_difference_has_no_zero_of_its_scale(text: str, unit: str, expected: float) -> None:
+    assert parse_difference(text, unit) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", FAST)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["compatible", "convert", "parse", "to_text"]
+__all__ = ["compatible", "convert", "parse", "parse_difference", "to_text"]
 
 _NUMBER = re.compile(r"([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?\b|nan\b))(.*)", re.S)
 _LOOKALIKES = str.maketrans({"μ": "u", "Ω": "ohm", "°": "deg", "−": "-", "·": " ", "⋅": " "})
@@ -72,6 +72,35 @@ def parse(text: str | float, unit: str, where: str = "") -> float:
     if not math.isfinite(value):
         raise _error(where, f"{given} is not finite; {wanted}")
     return value
+
+
+def parse_difference(text: str | float, unit: str, where: str = "") -> float:
+    """Read a difference of two values with its unit, such as a tolerance: 3 degC and 3 K are the same.
+
+    Parameters
+    ----------
+    text : str or float
+    unit : str
+        Unit of the result.
+    where : str
+        As in `parse`.
+
+    Raises
+    ------
+    InputError
+        As in `parse`.
+
+    Examples
+    --------
+    >>> parse_difference("2 degC", "K")
+    2.0
+    """
+    value = parse(text, unit, where)
+    number, written = _split(text, unit, where)
+    source, target = _known(written or "1", where), _known(unit, where)
+    if source.offset == target.offset == 0.0:
+        return value
+    return _rescaled(number, source._replace(offset=0.0), target._replace(offset=0.0))
 
 
 @overload

@@ -146,6 +146,11 @@ def test_a_wrong_parameter_is_refused_in_a_sentence(decay_fmu, free, sentence):
         fmu_study(decay_fmu, decay_data(), free=free, step=0.1)
 
 
+def test_a_free_variable_with_a_measured_course_is_refused(decay_fmu):
+    with pytest.raises(ConfigurationError, match="u is free and has a measured course as well"):
+        fmu_study(decay_fmu, forced(), free={"u": (0.0, 1.0)}, step=0.1)
+
+
 def test_what_is_no_fmu_is_refused_in_a_sentence(tmp_path):
     path = tmp_path / "no.fmu"
     path.write_bytes(b"PK nothing")

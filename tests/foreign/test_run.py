@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import zipfile
 
 import pytest
 from typer.testing import CliRunner
@@ -71,6 +72,17 @@ def test_units_of_file_and_study_become_those_of_the_fmu(study):
     (free,) = found.space.parameters
     assert (free.reference, free.lower, free.upper, free.unit) == (1.0, 0.2, 4.0, "1/s")
     assert {path.name for path in found.files} == {"study.toml", "decay.fmu", "decay.csv", "ends.csv"}
+
+
+def test_a_tolerance_in_degrees_celsius_is_a_difference(study, decay_fmu, tmp_path):
+    with zipfile.ZipFile(decay_fmu) as given, zipfile.ZipFile(tmp_path / "decay.fmu", "w") as warm:
+        for name in given.namelist():
+            warm.writestr(name, given.read(name).replace(b'<Real unit="m"/>', b'<Real unit="K"/>'))
+    (tmp_path / "decay.csv").write_text("time [ms],x [degC]\n1,20\n2,30\n")
+    study.write_text(STUDY.replace('"10 mm"', '"2 degC"'))
+    (warmed, _) = load_fmu_study(study).data
+    assert warmed.measured == pytest.approx([293.15, 303.15])
+    assert set(warmed.tolerances) == {2.0}
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,9 @@ class FmuStudy:
             both = [name for name in self.space.names if name in run.start]
             if both:
                 raise ConfigurationError(f"{both[0]} is free and set by the data as well; keep one of both.")
+            driven = [name for name in self.space.names if run.inputs and name in run.inputs.values]
+            if driven:
+                raise ConfigurationError(f"{driven[0]} is free and has a measured course as well; keep one of both.")
 
 
 def _positive(value: object, what: str) -> float:

@@ -31,7 +31,7 @@ from commonrail.reading.reach import Reach
 from commonrail.reading.sheet import Column
 from commonrail.reading.tables import read_columns
 from commonrail.reading.toml_file import read_toml
-from commonrail.units import parse
+from commonrail.units import parse, parse_difference
 
 __all__ = ["FORMAT", "is_fmu_study", "load_fmu_study"]
 
@@ -167,6 +167,11 @@ def _number(item: str | float, variable: FmuVariable) -> float:
     return parse(item, variable.known_unit) if isinstance(item, str) else float(item)
 
 
+def _difference(item: str | float, variable: FmuVariable) -> float:
+    """As `_number`, of a difference: a tolerance of 2 °C is one of 2 K."""
+    return parse_difference(item, variable.known_unit) if isinstance(item, str) else float(item)
+
+
 def _settings(stated: Mapping[str, _Value], fmu: Fmu, at: Place) -> dict[str, Setting]:
     found: dict[str, Setting] = {}
     for name, item in stated.items():
@@ -242,7 +247,7 @@ def _tolerances(model: _DataModel, variables: Mapping[str, FmuVariable], at: Pla
     for i, one in enumerate(model.output):
         if one.tolerance is not None:
             with located((at / "output")[i] / "tolerance"):
-                found[one.variable] = _number(one.tolerance, variables[one.variable])
+                found[one.variable] = _difference(one.tolerance, variables[one.variable])
                 if not found[one.variable] > 0.0:
                     raise InputError("a tolerance must be greater than zero.")
     return found
