@@ -38,3 +38,15 @@ def test_bands_of_normal_draws_are_the_linear_ones() -> None:
 def test_draws_that_all_failed_have_no_band() -> None:
     ((low, high),) = band_from_draws(np.full((3, 2), np.nan), DEVIATIONS, np.inf, [0.9]).values()
     assert np.isnan([low, high]).all()
+
+
+def test_draws_that_fail_at_one_operating_point_still_tell_of_the_others() -> None:
+    random = np.random.default_rng(7)
+    draws = random.normal(0.0, 1.0, (400, 3))
+    whole = band_from_draws(draws, np.zeros(3), np.inf, [0.9])[0.9]
+    draws[10:, 1] = np.nan  # most of them fail here,
+    draws[:40, 2] = np.nan  # and a tenth there
+    low, high = band_from_draws(draws, np.zeros(3), np.inf, [0.9])[0.9]
+    assert (low[0], high[0]) == (whole[0][0], whole[1][0])
+    assert np.isnan([low[1], high[1]]).all()
+    assert (low[2], high[2]) == pytest.approx((-1.645, 1.645), abs=0.35)  # 360 draws: 3 standard errors of a quantile

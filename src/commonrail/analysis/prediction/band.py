@@ -20,6 +20,7 @@ Edges = tuple[Floats, Floats]
 
 DIGITS = 5  # of the edges of courses in result.json
 REPLICATES = 8  # draws of the scatter for each draw of the parameters
+LEAST_SOUND = 0.5  # share of the draws that must give a value for it to have edges
 
 
 class Band(NamedTuple):
@@ -169,7 +170,7 @@ def band_from_draws(
     Parameters
     ----------
     drawn : (m, n)
-        Predictions; NaN where a simulation failed.
+        Predictions; NaN where a simulation failed. A value that fails for half of the draws or more has no edges.
     deviations : (n,)
         Standard deviations of the scatter.
     freedom : float
@@ -184,14 +185,14 @@ def band_from_draws(
     if np.isfinite(freedom):
         normal /= np.sqrt(rng.chisquare(freedom, (*shape[:2], 1)) / freedom)
     wide = (drawn + normal * deviations).reshape(-1, drawn.shape[1])
-    wide = wide[np.isfinite(wide).all(axis=1)]
-    if not len(wide):
-        nothing = np.full(drawn.shape[1], np.nan)
-        return dict.fromkeys(levels, (nothing, nothing))
+    # a draw that fails at one operating point still tells of the others
+    sound = (np.isfinite(drawn).mean(axis=0) > LEAST_SOUND) & np.isfinite(deviations)
     found = {}
     for level in levels:
-        low, high = np.quantile(wide, [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
-        found[level] = (low, high)
+        edges = np.full((2, drawn.shape[1]), np.nan)
+        if sound.any():
+            edges[:, sound] = np.nanquantile(wide[:, sound], [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
+        found[level] = (edges[0], edges[1])
     return found
 
 

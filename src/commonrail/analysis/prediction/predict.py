@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 LEVELS = (0.5, 0.9)
 LEVEL = 0.9  # of the bands that a result keeps
 FAR = 3.0  # standard errors of a parameter, beyond which an optimum is another one
-MOST_FAILED = 0.5  # share of draws that cannot be simulated, from which the linear band is kept
+MOST_FAILED = 0.5  # share of draws that fail at a predicted value, from which the linear band is kept
 PREDICTED = "prediction"  # name of the operating points that were asked for
 
 
@@ -255,7 +255,7 @@ def _local(data: DataSet, fit: _Fit, point: Floats, levels: tuple[float, ...]) -
     if falls_below_zero(values[0], alone):
         draws = drawn_about(fit.estimate.likelihood.space, point, covariance)
         drawn = data.simulated(fit.simulator, draws)
-        if np.isfinite(drawn).any(axis=1).mean() > MOST_FAILED:
+        if np.isfinite(drawn[:, np.isfinite(values[0])]).mean(axis=0).min() > MOST_FAILED:
             edges, alone = (band_from_draws(drawn, d, scatter.freedom, levels) for d in (deviations, 0.0 * deviations))
             return _Local(values[0], edges, alone, True)
     return _Local(values[0], edges, alone, False)
