@@ -152,3 +152,9 @@ def test_the_command_line_calibrates_reports_and_refuses_other_data(study, tmp_p
     refused = CliRunner().invoke(app, ["resume", "run", "--workers", "2"])
     assert refused.exit_code == 2
     assert "--threads" in refused.output
+
+
+def test_an_fmu_with_a_huge_description_is_refused_before_it_is_read(study, monkeypatch):
+    monkeypatch.setattr("commonrail.foreign.fmu.LARGEST_DESCRIPTION", 1000)
+    with pytest.raises(CommonrailError, match=r"unpacked its modelDescription\.xml has"):
+        load_fmu_study(study)

@@ -21,6 +21,8 @@ __all__ = ["INSTALL", "REAL", "Fmu", "FmuVariable", "read_fmu", "unpacked"]
 INSTALL = "FMUs are read with FMPy; install it with: pip install 'commonrail[fmi]'"
 REAL = ("Real", "Float64", "Float32")  # types of numbers that can be calibrated and compared
 LARGEST_CONTENT = 2_000_000_000  # [bytes] of an FMU when it is unpacked
+LARGEST_DESCRIPTION = 200_000_000  # [bytes] of its description, which is held as a tree some ten times as large
+DESCRIPTION = "modelDescription.xml"
 
 
 class FmuVariable(NamedTuple):
@@ -126,8 +128,8 @@ def read_fmu(path: str | Path) -> Fmu:
     content = read_plain(file)
     fmpy = fmpy_or_error()
     try:
+        names = _names(content)  # first: what is too large is not unpacked to be read
         description = fmpy.read_model_description(io.BytesIO(content), validate=False)
-        names = _names(content)
     except Exception as error:  # FMPy and lxml raise of their own what they cannot read
         raise InputError(f"{file}: this is no FMU that can be read ({_short(error)}).") from error
     if not description.fmiVersion.startswith(("2.", "3.")):
@@ -153,6 +155,10 @@ def _names(content: bytes) -> list[str]:
         size = sum(entry.file_size for entry in archive.infolist())
         if size > LARGEST_CONTENT:
             raise ValueError(f"unpacked it has {size / 1e6:.0f} MB, more than {LARGEST_CONTENT / 1e6:g} MB")
+        described = archive.getinfo(DESCRIPTION).file_size
+        if described > LARGEST_DESCRIPTION:
+            limit = LARGEST_DESCRIPTION / 1e6
+            raise ValueError(f"unpacked its {DESCRIPTION} has {described / 1e6:.0f} MB, more than {limit:g} MB")
         return archive.namelist()
 
 
@@ -163,7 +169,8 @@ def _check_binary(file: Path, names: list[str], model: str, fmpy: Any) -> None:
     if not any(name in names for name in wanted):
         held = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
         raise InputError(
-            f"{file}: the FMU has no binary for this machine ({fmpy.platform}), only for {', '.join(held) or 'none'}; "
+            f"{file}: the FMU has no binary {model}{fmpy.sharedLibraryExtension} for this machine ({fmpy.platform}), "
+            f"only folders for {', '.join(held) or 'none'}; "
             "export it for this platform too, or compile its sources with `fmpy compile`."
         )
 
