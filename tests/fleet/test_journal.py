@@ -90,7 +90,7 @@ def test_a_change_of_any_value_is_found(tmp_path: Path) -> None:
         for name in names:
             with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection, connection:
                 first = f"CASE substr({name}, 1, 1) WHEN '7' THEN '8' ELSE '7' END"  # a digest may begin with 7
-                    connection.execute(f"UPDATE {table} SET {name} = {first} || substr({name}, 2)")
+                connection.execute(f"UPDATE {table} SET {name} = {first} || substr({name}, 2)")
             spoilt = (tmp_path / JOURNAL).read_bytes()
             for _ in range(2):
                 with pytest.raises(StudyError, match=r"fleet\.sqlite: the journal is damaged"):
