@@ -77,7 +77,7 @@ def _kernel(folder: Path) -> Path:
     return path
 
 
-@attack(times=2000, few=0)
+@attack(times=2000, few=3)
 def flips(folder: Path, times: int) -> str:
     """A flipped bit in a cached kernel neither crashes nor changes a number."""
     if _use(folder).out.strip() != EXPECTED:
@@ -95,7 +95,7 @@ def flips(folder: Path, times: int) -> str:
     return ""
 
 
-@attack(times=6, few=0)
+@attack(times=6, few=2)
 def open_folder(folder: Path, times: int) -> str:
     """Code from a cache that others may write to is not run."""
     _use(folder)
