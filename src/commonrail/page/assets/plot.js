@@ -1,5 +1,5 @@
-// Line plots: axes with round ticks, lines, points, a cursor that reads values. Two canvases lie upon each other: the
-// one behind has axes and still curves and is seldom drawn anew, the one before it what moves.
+// Line plots: axes with round ticks, lines, points, a cursor that reads values. A canvas has axes and still curves and is
+// seldom drawn anew; what moves are paths of a drawing upon it, which the browser paints beside the page's own thread.
 "use strict";
 
 function niceStep(range, count) {
@@ -21,39 +21,42 @@ class Plot {
   // options: { title, unit, x: axis title, height, zero: include zero }
   constructor(holder, options) {
     this.options = { height: 180, zero: true, ...options };
-    const area = document.createElement("div");
-    area.className = "area";
-    [this.back, this.front] = [0, 1].map(() => document.createElement("canvas"));
+    this.area = document.createElement("div");
+    this.area.className = "area";
+    this.back = document.createElement("canvas");
+    this.front = ofDrawing("svg");
+    this.reader = ofDrawing("line");
+    this.reader.setAttribute("class", "reader");
+    this.lines = [];
     this.front.setAttribute("role", "img");
     this.front.setAttribute("aria-label", options.title);
     this.back.setAttribute("aria-hidden", "true");
     this.readout = document.createElement("output");
     this.readout.className = "readout";
-    area.append(this.back, this.front);
-    holder.append(area, this.readout);
+    this.front.append(this.reader);
+    this.area.append(this.back, this.front);
+    holder.append(this.area, this.readout);
     this.series = [];
     this.range = null;
     this.cursor = null;
     this.drawn = []; // that decides over the canvas behind
-    this.front.addEventListener("pointermove", (event) => this.point(event));
-    this.front.addEventListener("pointerleave", () => { this.cursor = null; this.draw(); });
+    this.area.addEventListener("pointermove", (event) => this.point(event));
+    this.area.addEventListener("pointerleave", () => { this.cursor = null; this.draw(); });
     this.resize();
     new ResizeObserver(() => { this.resize(); this.draw(); }).observe(holder);
   }
 
   resize() {
-    const ratio = window.devicePixelRatio || 1, width = this.front.parentElement.clientWidth;
+    const ratio = window.devicePixelRatio || 1, width = this.area.clientWidth;
     this.width = Math.max(width, 120);
     this.height = this.options.height;
-    this.front.parentElement.style.height = `${this.height}px`;
-    for (const canvas of [this.back, this.front]) {
-      canvas.width = Math.round(this.width * ratio);
-      canvas.height = Math.round(this.height * ratio);
-      canvas.style.height = `${this.height}px`;
-      const context = canvas.getContext("2d");
-      context.setTransform(ratio, 0, 0, ratio, 0, 0);
-      context.lineJoin = "bevel";
-    }
+    this.area.style.height = `${this.height}px`;
+    this.back.width = Math.round(this.width * ratio);
+    this.back.height = Math.round(this.height * ratio);
+    this.back.style.height = `${this.height}px`;
+    const context = this.back.getContext("2d");
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.lineJoin = "bevel";
     this.drawn = [];
   }
 
@@ -96,11 +99,27 @@ class Plot {
       this.curves(this.back.getContext("2d"), still);
       this.drawn = decides;
     }
-    const g = this.front.getContext("2d");
-    g.clearRect(0, 0, this.width, this.height);
-    this.curves(g, this.series.filter((s) => !s.still));
-    if (this.cursor !== null) this.read(g, top, tall, ink);
+    this.move(this.series.filter((s) => !s.still));
+    if (this.cursor !== null) this.read();
     else if (this.readout.textContent) this.readout.textContent = "";
+    this.reader.style.visibility = this.cursor === null ? "hidden" : "visible";
+  }
+
+  // The paths of what moves; their element has the size and place of the plot's area.
+  move(series) {
+    const { px, py, left, top, wide, tall } = this.place;
+    this.front.style.cssText = `left: ${left}px; top: ${top}px; width: ${wide}px; height: ${tall}px`;
+    this.front.setAttribute("viewBox", `0 0 ${wide * FINE} ${tall * FINE}`);
+    while (this.lines.length < series.length) this.lines.push(this.front.insertBefore(ofDrawing("path"), this.reader));
+    while (this.lines.length > series.length) this.lines.pop().remove();
+    series.forEach((s, i) => {
+      const path = new Path();
+      (s.dots ? squares : trace)(path, s, (x) => px(x) - left, (y) => py(y) - top);
+      const colour = s.colour.startsWith("--") ? `var(${s.colour})` : s.colour;
+      const width = s.dots ? 0 : (s.width || 1.8) * FINE, dashes = s.dash ? s.dash.map((one) => one * FINE).join(" ") : "none";
+      this.lines[i].setAttribute("d", path);
+      this.lines[i].style.cssText = `stroke: ${colour}; stroke-width: ${width}; stroke-dasharray: ${dashes}; fill: ${s.dots ? colour : "none"}; opacity: ${s.faint ? 0.45 : 1}`;
+    });
   }
 
   axes(g, ink) {
@@ -147,8 +166,9 @@ class Plot {
     g.globalAlpha = s.faint ? 0.45 : 1;
     if (s.dots) {
       g.fillStyle = colour;
-      const size = s.size || 3;
-      for (let i = 0; i < s.x.length; i++) g.fillRect(px(s.x[i]) - size / 2, py(s.y[i]) - size / 2, size, size);
+      g.beginPath();
+      squares(g, s, px, py);
+      g.fill();
     } else {
       g.strokeStyle = colour;
       g.lineWidth = s.width || 1.8;
@@ -163,24 +183,66 @@ class Plot {
 
   point(event) {
     if (!this.place) return;
-    const at = event.clientX - this.front.getBoundingClientRect().left, { left, wide, x0, x1 } = this.place;
+    const at = event.clientX - this.area.getBoundingClientRect().left, { left, wide, x0, x1 } = this.place;
     this.cursor = at < left || at > left + wide ? null : x0 + ((at - left) / wide) * (x1 - x0);
     this.draw();
   }
 
-  read(g, top, tall, ink) {
-    const { px } = this.place, x = Math.round(px(this.cursor)) + 0.5;
-    g.strokeStyle = ink;
-    g.setLineDash([3, 3]);
-    g.beginPath();
-    g.moveTo(x, top);
-    g.lineTo(x, top + tall);
-    g.stroke();
-    g.setLineDash([]);
+  read() {
+    const { px, left, tall } = this.place, x = Math.round(px(this.cursor) - left) + 0.5;
+    for (const [name, value] of Object.entries({ x1: x, x2: x, y1: 0, y2: tall })) this.reader.setAttribute(name, value * FINE);
     const named = this.series.filter((s) => s.name && s.x.length);
     const texts = named.map((s) => `${s.name} ${(+valueAt(s, this.cursor)).toPrecision(4)}`);
     this.readout.textContent = `${Math.round(this.cursor)} ${this.options.xUnit || ""}: ${texts.join(", ")} ${this.options.unit || ""}`;
   }
+}
+
+function ofDrawing(kind) {
+  return document.createElementNS("http://www.w3.org/2000/svg", kind);
+}
+
+const FINE = 10; // units of a drawing in a pixel: whole numbers are written and read faster
+
+// Text of a path, with the methods of a canvas' path, which pass over points that are no numbers as these do.
+class Path {
+  constructor() {
+    this.text = "";
+    this.x = this.y = 0;
+    this.level = false; // the last line is level, and has not been written
+  }
+
+  moveTo(x, y) {
+    if (!Number.isFinite(x + y)) return;
+    this.x = Math.round(x * FINE);
+    this.y = Math.round(y * FINE);
+    this.text += `M${this.x} ${this.y}`;
+  }
+
+  lineTo(x, y) {
+    if (!this.text) return this.moveTo(x, y);
+    if (!Number.isFinite(x + y)) return;
+    const y0 = this.y;
+    this.y = Math.round(y * FINE);
+    if (this.level && this.y !== y0) this.text += `H${this.x}`;
+    this.x = Math.round(x * FINE);
+    this.level = this.y === y0;
+    if (!this.level) this.text += `L${this.x} ${this.y}`;
+  }
+
+  rect(x, y, width, height) {
+    if (!Number.isFinite(x + y)) return;
+    this.moveTo(x, y);
+    this.text += `h${width * FINE}v${height * FINE}h${-width * FINE}z`;
+  }
+
+  toString() {
+    return this.level ? `${this.text}H${this.x}` : this.text;
+  }
+}
+
+function squares(g, s, px, py) {
+  const size = s.size || 3;
+  for (let i = 0; i < s.x.length; i++) g.rect(px(s.x[i]) - size / 2, py(s.y[i]) - size / 2, size, size);
 }
 
 const CLOSE = 1; // [px] between points of a line: those nearer to each other are drawn as their lowest and highest
