@@ -28,9 +28,9 @@ import numpy as np
 from commonrail.bench.case import POINT, TIME_STEP, candidates, injector
 from commonrail.bench.timing import Effort, time_best
 from commonrail.choices import Precision
-from commonrail.compile import compiler_choices
 from commonrail.engine import lanes, plan
 from commonrail.engine.population import candidate_matrix
+from commonrail.jit import compiler_choices
 from commonrail.reproduction import paper
 
 CHAIN_LATENCY = 6  # cycles of three dependent shifts and exclusive ors
