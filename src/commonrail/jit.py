@@ -25,6 +25,7 @@ from commonrail.jit_cache import KernelCache
 __all__ = [
     "FASTMATH",
     "INLINED",
+    "SINGLE_FASTMATH",
     "by_precision",
     "compiler_choices",
     "exchange_rounding",
@@ -35,9 +36,10 @@ __all__ = [
     "widest_vectors",
 ]
 
-# No "nnan"/"ninf": a candidate that blows up must be seen to be non-finite. No "arcp": a reciprocal of single numbers
-# would be the processor's estimate, and makers differ in it.
-FASTMATH = {"nsz", "contract", "reassoc"}
+# No "nnan"/"ninf": a candidate that blows up must be seen to be non-finite.
+FASTMATH = {"nsz", "arcp", "contract", "reassoc"}
+# Without "arcp": a reciprocal of single numbers would be the processor's estimate, and makers differ in it.
+SINGLE_FASTMATH = FASTMATH - {"arcp"}
 INLINED = {
     "forceinline": True,
     "fastmath": FASTMATH,

@@ -23,7 +23,7 @@ from numba.extending import overload
 from commonrail.compile import in_single
 from commonrail.compile_target import Processor
 from commonrail.fixed_target import cosine, exponential, sine
-from commonrail.jit import INLINED, by_precision, compiler_choices, offer_overloads
+from commonrail.jit import FASTMATH, INLINED, SINGLE_FASTMATH, by_precision, compiler_choices, offer_overloads
 
 __all__ = ["assembly", "compile_object"]
 
@@ -65,21 +65,19 @@ def _built(
     emit: Callable[[Any, Any], _Emitted],
 ) -> _Emitted:
     with _ONE_AT_A_TIME, compiler_choices(processor.is_wide):
-        source = entry if real is np.float64 else in_single(entry)
-        options: dict[str, Any] = {name: value for name, value in INLINED.items() if name != "forceinline"}
-        compiled = numba.njit(source, nogil=True, _nrt=False, _target=_open(processor), **options)
-        compiled.compile(types.int64(types.CPointer(types.int64)))
-        ((_, text),) = compiled.inspect_llvm().items()
+        single = real is not np.float64
+        name, options = _open(processor, single)
+        source = in_single(entry) if single else entry
+        options = {option: value for option, value in options.items() if option != "forceinline"}
+        compiled = numba.njit(source, nogil=True, _nrt=False, _target=name, **options)
+        compiled.compile(types.int64(types.CPointer(types.int64)))  # type: ignore[attr-defined]
         (overloaded,) = compiled.overloads.values()
-        own = overloaded.fndesc.llvm_func_name
-        module = llvm.parse_assembly(text)
+        own, module = overloaded.fndesc.llvm_func_name, overloaded.library._final_module
+        machine = overloaded.library.codegen._tm
         for other in (*module.functions, *module.global_variables):
             if not other.is_declaration:
                 other.linkage = "external" if other.name == own else "internal"
         module.get_function(own).name = symbol
-        machine = llvm.Target.from_triple(module.triple).create_target_machine(
-            cpu=processor.name, features=processor.features, opt=3, reloc="pic", codemodel="default"
-        )
         builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0))
         passes = llvm.create_new_module_pass_manager()
         passes.add_global_dead_code_eliminate_pass()
@@ -92,18 +90,26 @@ _ONE_AT_A_TIME = threading.Lock()
 
 
 @functools.cache
-def _open(processor: Processor) -> str:
-    """Let kernels be compiled for a processor, with all laws; return the target's name for Numba."""
-    name = f"commonrail {processor.name} {processor.features}".strip()
+def _open(processor: Processor, single: bool) -> tuple[str, dict[str, Any]]:
+    """Let kernels be compiled for a processor, with all laws; return the target's name for Numba, and its options.
+
+    Parameters
+    ----------
+    processor : Processor
+    single : bool
+        For kernels that compute in single precision.
+    """
+    name = f"commonrail {'f32' if single else 'f64'} {processor.name} {processor.features}".strip()
     kind = type("LanesCPU", (target_extension.CPU,), {})
     target_extension.target_registry[name] = kind
     target_extension.dispatcher_registry[kind] = _dispatcher(name, processor)
     target_extension.jit_registry[kind] = functools.partial(numba.jit, _target=name)
-    declare = functools.partial(overload, jit_options=INLINED, strict=False, target=name)
+    options = INLINED | {"fastmath": SINGLE_FASTMATH if single else FASTMATH}
+    declare = functools.partial(overload, jit_options=options, strict=False, target=name)
     for function, law in ((math.sin, sine), (sine, sine), (math.cos, cosine), (math.exp, exponential)):
         declare(function)(_by_argument(law))
     offer_overloads(declare)
-    return name
+    return name, options
 
 
 def _by_argument(law: Callable[..., Any]) -> Callable[..., Any]:
@@ -116,15 +122,39 @@ def _by_argument(law: Callable[..., Any]) -> Callable[..., Any]:
     return choose_by
 
 
+class _Unloaded(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """Library whose machine code is not made: of the laws, which are inlined, and of a kernel until it is emitted."""
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Zero, as of a function that the library does not define."""
+        self._ensure_finalized()
+        return 0
+
+    def _finalize_specific(self) -> None:
+        pass
+
+
 def _dispatcher(name: str, processor: Processor) -> type:
     """Class of Numba's dispatchers of a target, with a generator of machine code for its processor."""
 
     class Codegen(codegen.JITCPUCodegen):  # type: ignore[misc]
+        _library_class = _Unloaded
+
         def _get_host_cpu_name(self) -> str:
             return processor.name
 
         def _get_host_cpu_features(self) -> str:
             return processor.features
+
+        def _customize_tm_options(self, options: dict[str, Any]) -> None:
+            super()._customize_tm_options(options)
+            options |= {"reloc": "pic", "codemodel": "default", "jit": False}
+
+        def _add_module(self, module: Any) -> None:
+            pass
+
+        def set_env(self, env_name: str, env: Any) -> None:
+            """Nothing to set: nothing is called from Python."""
 
     class Context(cpu.CPUContext):  # type: ignore[misc]
         def init(self) -> None:

@@ -111,7 +111,7 @@ def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fa
         return
     source = {"library": "a library of this package", "cache": "the kernel cache", "compiled": "the compiler"}
     reason = f"; no library: {objection() or 'this wiring is in none'}" if first["origin"] != "library" else ""
-    yield Fact("machine code", f"from {source[first['origin']]}, for {first['processor']}{reason}")
+    yield Fact("machine code", f"from {source[first['origin']]}, for {first['processor']}{reason}", OK)
     if first["origin"] != "compiled":
         yield Fact("first simulation", f"in {first['seconds']:.1f} s", OK, True)
     else:

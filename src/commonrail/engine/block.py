@@ -8,7 +8,7 @@ which precision, is a choice of the machine: see `Vector`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -295,6 +295,7 @@ def make_blocks(variant: Variant, vector: Vector) -> Law:
     return make_simulate(variant, rows, Machine(vector.real, copy, gather, clocks, keep_if_asked, widest_vectors))
 
 
+@cache
 def shape_of(variant: Variant, vector: Vector) -> Shape:
     """Sizes of the memory of a block.
 

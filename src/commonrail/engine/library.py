@@ -69,9 +69,13 @@ def objection() -> str:
         return "none came with this package"
     if stamp.get("sources") != sources_stamp():
         return "the sources were changed since they were built"
-    if not is_x86() or _level(False) is None:
-        return "they are for x86-64 processors with AVX2 and FMA"
-    return ""
+    if not is_x86():
+        return "they are for x86-64 processors"
+    try:
+        level = _level(False)
+    except OSError as error:
+        return f"they cannot be loaded: {error}"
+    return "" if level else "they are for processors with AVX2 and FMA"
 
 
 @functools.cache

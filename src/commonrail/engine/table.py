@@ -76,34 +76,45 @@ class Given(NamedTuple):
     stride: Any
 
 
-_F, _W, _NUMBER, _REAL = "float64", "int64", "whole", "real"
+_NUMBER: Any = "whole"
+_REAL: Any = "real"
+
+
+def _floats(dimensions: int) -> Any:
+    return Array("float64", dimensions)
+
+
+def _wholes(dimensions: int) -> Any:
+    return Array("int64", dimensions)
+
+
 GIVEN = Given(
     Shape(*[_NUMBER] * 4),
     Job(
-        Array(_F, 2),
+        _floats(2),
         Courses(
-            settings=Array(_F, 2),
-            steps=Array(_W, 1),
-            quiet=Array(_W, 1),
-            times=Array(_F, 2),
-            clock=Array(_W, 1),
-            first=Array(_W, 1),
-            turns=Array(_W, 1),
-            origins=Array(_F, 2),
-            trace=Array(_W, 1),
-            traces=Array(_F, 3),
+            settings=_floats(2),
+            steps=_wholes(1),
+            quiet=_wholes(1),
+            times=_floats(2),
+            clock=_wholes(1),
+            first=_wholes(1),
+            turns=_wholes(1),
+            origins=_floats(2),
+            trace=_wholes(1),
+            traces=_floats(3),
         ),
-        Array(_W, 2),
-        Array(_W, 2),
-        _REAL,  # type: ignore[arg-type]
-        _NUMBER,  # type: ignore[arg-type]
-        _NUMBER,  # type: ignore[arg-type]
-        _NUMBER,  # type: ignore[arg-type]
+        _wholes(2),
+        _wholes(2),
+        _REAL,
+        _NUMBER,
+        _NUMBER,
+        _NUMBER,
     ),
-    Samples(Array(_W, 1), Array(_W, 2), Array(_F, 3), Array(_F, 2)),  # type: ignore[arg-type]
-    Array(_F, 4),
-    Array(_F, 3),
-    Scratch(Array("real", 1), Array("real", 1), Array(_F, 1)),
+    Samples(_wholes(1), _wholes(2), _floats(3), _floats(2)),
+    _floats(4),
+    _floats(3),
+    Scratch(Array("real", 1), Array("real", 1), _floats(1)),
     _NUMBER,
     _NUMBER,
 )

@@ -59,6 +59,7 @@ def write_libraries(
     target = target_named("linux64")
     compiler = compiler_for(target)
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / STAMP).unlink(missing_ok=True)  # without it no library is used, also if this ends halfway
     made = []
     for level in levels:
         with tempfile.TemporaryDirectory() as name:
