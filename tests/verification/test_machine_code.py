@@ -185,8 +185,9 @@ def test_the_step_is_packed_in_its_own_precision(compiled: tuple[Target, str]) -
     loop = innermost_loop(assembly)
     print(target, "packed:", packed(loop, target.own), "of the other precision:", packed(loop, target.other))
     assert packed(loop, target.own) > 300  # some 400 products and sums make a step
-    # The two clocks of each lane are differences of doubles, in f32 too: 16 lanes are four registers of 8.
-    assert packed(loop, target.other) <= (4 if target.precision is Precision.F32 else 0)
+    # The two clocks of each lane are differences of doubles, in f32 too: 16 lanes are four registers of 8. One product
+    # more is of the look at rest, which is not taken in every step.
+    assert packed(loop, target.other) <= (5 if target.precision is Precision.F32 else 0)
     assert scalar(loop) <= 8  # the volume of a sample, once for each lane; the step itself has none
 
 
