@@ -18,7 +18,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
     """Libraries of lane loops in a wheel; without being asked it does nothing, and the wheel is pure Python."""
 
     def dependencies(self) -> list[str]:
-        """What the compiler needs in the environment that the wheel is built in."""
+        """Packages that the compiler needs in the environment that the wheel is built in."""
         return list(self.metadata.core.dependencies) if self._is_asked() else []
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
