@@ -33,6 +33,7 @@ def shown(**environment: str) -> list[str]:
 def test_the_target_is_the_processor_that_lanes_are_compiled_for() -> None:
     import llvmlite.binding as llvm
 
+    describe.cache_clear()
     found = describe()
     assert found.triple == llvm.get_process_triple()
     assert found.cpu == own_processor().name

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import commonrail as cr
 from commonrail import fixed_target
 from commonrail.cli.app import app
+from commonrail.compile_target import describe
 from commonrail.engine import lanes, library
 from tests.store.conftest import write_small
 
@@ -49,7 +50,11 @@ def test_a_study_ends_with_that_sentence_and_status_2(monkeypatch: pytest.Monkey
     monkeypatch.setenv("COMMONRAIL_KERNELS", "off")
     library.objection.cache_clear()
     lanes.compiled.cache_clear()  # no kernel of another test
-    ended = CliRunner().invoke(app, ["calibrate", str(study), "--out", str(tmp_path / "run")])
+    try:
+        ended = CliRunner().invoke(app, ["calibrate", str(study), "--out", str(tmp_path / "run")])
+    finally:
+        for cache in (describe, library.objection):
+            cache.cache_clear()
     assert ended.exit_code == 2
     assert "this machine is of kind arm64; omit same_bits" in " ".join(ended.output.split())
 
