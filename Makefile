@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-generic test-busy test-lowest line-coverage coverage lint style verify fuzz soak attack fleet disk bench clean
+.PHONY: help demo test test-generic test-busy test-lowest line-coverage coverage lint style verify fuzz soak attack fleet disk kernels bench clean
 
 # Two processes; one that has nothing left to do takes over tests of the other, so that fixtures are seldom made twice.
 TESTS := -m pytest -q -n 2 --dist worksteal tests
@@ -77,6 +77,9 @@ fleet: $(VENV)/.runtime ## calibrate a synthetic fleet of 200, killed once and r
 
 disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status 77, without leave to mount)
 	$(BIN)/python tools/no_room.py || test $$? -eq 77
+
+kernels: $(VENV)/.runtime ## compile the simulations of the catalogue into libraries: later starts need no compiler
+	$(BIN)/python -m commonrail.export.lane_library
 
 bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results.json and docs/images/
 	$(BIN)/python -m benchmarks benchmarks/results.json

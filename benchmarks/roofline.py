@@ -11,12 +11,10 @@ from __future__ import annotations
 
 import ctypes
 import json
-import os
 import re
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,11 +23,13 @@ import llvmlite.binding as llvm
 import numba
 import numpy as np
 
+from commonrail import targets
 from commonrail.bench.case import POINT, TIME_STEP, candidates, injector
 from commonrail.bench.timing import Effort, time_best
 from commonrail.choices import Precision
-from commonrail.compile import compiler_choices
+from commonrail.compile_target import own_processor
 from commonrail.engine import lanes, plan
+from commonrail.engine.entry import make_entry
 from commonrail.engine.population import candidate_matrix
 from commonrail.reproduction import paper
 
@@ -209,9 +209,8 @@ def measure(precision: Precision) -> dict[str, Any]:
     lanes.run(job, variant, precision=precision)
     seconds = _best(lambda: lanes.run(job, variant, precision=precision), 30)
     hertz = clock()
-    with compiler_choices():  # the machine code is made once more
-        kernel: Any = lanes.compiled(variant, precision, False)
-        block = step_block(next(iter(kernel.compiled.inspect_asm().values())))
+    text = targets.assembly(make_entry(variant, vector), "kernel", own_processor(), vector.real)
+    block = step_block(text)
     times = Times(seconds, measured_bound(block), hertz)
     return {
         "precision": precision.value,
@@ -223,9 +222,7 @@ def measure(precision: Precision) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, print, and add the figures to a record if one is named."""
-    with tempfile.TemporaryDirectory() as place:
-        os.environ["XDG_CACHE_HOME"] = place  # machine code from a cache cannot be looked at
-        rows = [measure(precision) for precision in Precision]
+    rows = [measure(precision) for precision in Precision]
     for key in rows[0]:
         texts = [f"{row[key]:.4g}" if isinstance(row[key], float) else str(row[key]) for row in rows]
         print(f"{key:34s}", *(f"{text:>14s}" for text in texts))

@@ -203,7 +203,7 @@ def carried() -> Iterator[None]:
 def laws() -> dict[str, Law]:
     """Every `@physics` law of fuel, flow and parts by its dotted name, but for pieces without a name of their own."""
     modules = {module.__name__ for module in physics_modules(ROOMS)}
-    found = [law for law, _ in commonrail.compile._LAWS if law.__module__ in modules and law.__doc__]
+    found = [law for law in commonrail.compile._LAWS if law.__module__ in modules and law.__doc__]
     return {f"{law.__module__.removeprefix('commonrail.')}.{law.__name__}": law for law in found}
 
 

@@ -6,7 +6,7 @@ import llvmlite.binding as llvm
 import numba
 import pytest
 
-from commonrail.compile import has_registers_of_512_bits
+from commonrail.jit import has_registers_of_512_bits
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import os
+import platform
 import subprocess
 import sys
 
 import pytest
 
-from commonrail.compile_target import describe, differences, package_versions
+from commonrail.compile_target import (
+    LEVEL_3,
+    LEVEL_4,
+    OF_LEVEL_3,
+    OF_LEVEL_4,
+    Processor,
+    describe,
+    differences,
+    own_processor,
+    package_versions,
+)
 
 SHOW = "from commonrail.compile_target import describe; print('|'.join(describe().machine.values()))"
 
@@ -19,15 +30,32 @@ def shown(**environment: str) -> list[str]:
     return done.stdout.strip().split("|")
 
 
-def test_the_target_is_the_one_that_numba_compiles_for() -> None:
-    from numba.core.registry import cpu_target
+def test_the_target_is_the_processor_that_lanes_are_compiled_for() -> None:
+    import llvmlite.binding as llvm
 
-    triple, cpu, features = cpu_target.target_context.codegen().magic_tuple()
+    describe.cache_clear()
     found = describe()
-    assert (found.triple, found.cpu) == (triple, cpu)
-    assert set(found.features.split(",")) == set(features.split(","))
+    assert found.triple == llvm.get_process_triple()
+    assert found.cpu == own_processor().name
     assert dict(found.versions) == package_versions()
     assert set(found.record) == {*dict(found.versions), *found.machine}
+
+
+@pytest.mark.parametrize(
+    ("lacking", "level"), [((), LEVEL_4), (("avx512bw",), LEVEL_3), (("avx512bw", "fma"), None)], ids=str
+)
+def test_the_highest_level_that_the_processor_has_is_compiled_for(
+    monkeypatch: pytest.MonkeyPatch, lacking: tuple[str, ...], level: Processor | None
+) -> None:
+    import llvmlite.binding as llvm
+
+    has = llvm.FeatureMap(dict.fromkeys(OF_LEVEL_3 + OF_LEVEL_4, True) | dict.fromkeys(lacking, False))
+    monkeypatch.setattr(platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(llvm, "get_host_cpu_features", lambda: has)
+    for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"):
+        monkeypatch.delenv(name, raising=False)
+    found = own_processor()
+    assert found == level if level else found.name == llvm.get_host_cpu_name()
 
 
 @pytest.mark.process

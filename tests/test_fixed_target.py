@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 import commonrail as cr
 from commonrail import fixed_target
 from commonrail.cli.app import app
-from commonrail.engine import lanes
+from commonrail.compile_target import describe
+from commonrail.engine import lanes, library
 from tests.store.conftest import write_small
 
 POINT = cr.OperatingPoint(160e6, 300e-6)
@@ -39,15 +40,21 @@ def test_a_processor_without_a_feature_is_told_so(monkeypatch: pytest.MonkeyPatc
     assert fixed_target.missing() is None
     monkeypatch.setattr(llvm, "get_host_cpu_features", lambda: has | {lacking: False})
     with pytest.raises(cr.ConfigurationError, match=f"this one lacks {lacking}; omit same_bits"):
-        fixed_target.open_target()
+        fixed_target.fixed_processor()
 
 
 def test_a_study_ends_with_that_sentence_and_status_2(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     study = write_small(tmp_path / "small")
     study.write_text(study.read_text(encoding="utf-8").replace("seed = 1", "same_bits = true\nseed = 1", 1), "utf-8")
     monkeypatch.setattr(platform, "machine", lambda: "arm64")
+    monkeypatch.setenv("COMMONRAIL_KERNELS", "off")
+    library.objection.cache_clear()
     lanes.compiled.cache_clear()  # no kernel of another test
-    ended = CliRunner().invoke(app, ["calibrate", str(study), "--out", str(tmp_path / "run")])
+    try:
+        ended = CliRunner().invoke(app, ["calibrate", str(study), "--out", str(tmp_path / "run")])
+    finally:
+        for cache in (describe, library.objection):
+            cache.cache_clear()
     assert ended.exit_code == 2
     assert "this machine is of kind arm64; omit same_bits" in " ".join(ended.output.split())
 

@@ -18,7 +18,7 @@ from commonrail import kernel_cache
 POSIX = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes of files are POSIX's")
 
 PLAIN = """
-from commonrail.compile import kernel
+from commonrail.jit import kernel
 
 def double(x):
     return 2.0 * x
@@ -62,32 +62,32 @@ def test_a_kernel_compiled_with_other_settings_is_not_taken(tmp_path: Path) -> N
 
 def test_no_flipped_bit_and_no_lost_end_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a.kernel"
-    kernel_cache._write(path, bytes(range(256)) * 4)
-    assert kernel_cache._read(path) == (bytes(range(256)) * 4, "")
+    kernel_cache.write(path, bytes(range(256)) * 4)
+    assert kernel_cache.read(path) == (bytes(range(256)) * 4, "")
     whole = path.read_bytes()
     rng = np.random.default_rng(1)
     for position in rng.integers(0, 8 * len(whole), 2000).tolist():
         spoilt = bytearray(whole)
         spoilt[position // 8] ^= 1 << position % 8
         path.write_bytes(spoilt)
-        assert kernel_cache._read(path) == (None, "is damaged")
+        assert kernel_cache.read(path) == (None, "is damaged")
     for length in range(len(whole)):
         path.write_bytes(whole[:length])
-        assert kernel_cache._read(path)[0] is None
+        assert kernel_cache.read(path)[0] is None
     assert kernel_cache.damaged(tmp_path) == [path]
 
 
 @POSIX
 def test_neither_a_link_nor_a_pipe_nor_a_file_that_others_may_write_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a.kernel"
-    kernel_cache._write(path, b"payload")
+    kernel_cache.write(path, b"payload")
     link = tmp_path / "b.kernel"
     link.symlink_to(path)
-    assert kernel_cache._read(link)[0] is None
+    assert kernel_cache.read(link)[0] is None
     os.mkfifo(tmp_path / "c.kernel")
-    assert kernel_cache._read(tmp_path / "c.kernel") == (None, "is not a file")
+    assert kernel_cache.read(tmp_path / "c.kernel") == (None, "is not a file")
     path.chmod(0o646)
-    assert kernel_cache._read(path)[1].startswith("may be written by others")
+    assert kernel_cache.read(path)[1].startswith("may be written by others")
 
 
 @POSIX
@@ -133,7 +133,7 @@ def test_a_folder_that_somebody_else_could_write_to_is_left_with_a_note(tmp_path
 OVERTAKEN = """
 import os, subprocess, sys
 from contextlib import contextmanager
-from commonrail.compile import kernel
+from commonrail.jit import kernel
 from commonrail.notice import tell_of_compiling
 
 @contextmanager
@@ -163,11 +163,11 @@ def test_a_kernel_that_another_process_has_just_compiled_is_taken_from_it(tmp_pa
 
 def test_one_process_has_the_turn_and_who_cannot_wait_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "kernel.lock"
-    with kernel_cache._turn(path), closing(sqlite3.connect(path, isolation_level=None, timeout=0.0)) as other:
+    with kernel_cache.turn(path), closing(sqlite3.connect(path, isolation_level=None, timeout=0.0)) as other:
         with pytest.raises(sqlite3.OperationalError, match="locked"):
             other.execute("BEGIN EXCLUSIVE")
         monkeypatch.setattr(kernel_cache, "LONGEST_WAIT", 0.0)
-        with kernel_cache._turn(path):
+        with kernel_cache.turn(path):
             pass
     with closing(sqlite3.connect(path, isolation_level=None, timeout=0.0)) as other:
         other.execute("BEGIN EXCLUSIVE")

@@ -12,7 +12,7 @@ from commonrail.notice import note, quiet, tell_notes
 
 CODE = """
 from contextlib import contextmanager
-from commonrail.compile import kernel
+from commonrail.jit import kernel
 from commonrail.notice import tell_of_compiling
 
 @contextmanager

@@ -1,12 +1,14 @@
 """Target of the compiler: the processor that kernels are compiled for, and the versions of all that computes.
 
-Equal targets give equal bits. The name of the processor alone does not tell: two generations share the name
-"AMD EPYC", and Numba compiles for another processor than this one where ``NUMBA_CPU_NAME`` says so.
+The kernels of the lanes are compiled for a level of x86-64, v4 (AVX-512) or v3 (AVX2 and FMA), the highest that this
+machine has: libraries that were compiled elsewhere hold the same code. Other processors are compiled for by their name,
+and so is the one that ``NUMBA_CPU_NAME`` names. Equal targets give equal bits.
 """
 
 from __future__ import annotations
 
 import functools
+import os
 import platform
 from collections.abc import Mapping
 from contextlib import suppress
@@ -14,7 +16,22 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
-__all__ = ["CompileTarget", "compiler_settings", "describe", "differences", "package_versions", "processor"]
+__all__ = [
+    "LEVEL_3",
+    "LEVEL_4",
+    "CompileTarget",
+    "Processor",
+    "compiler_settings",
+    "describe",
+    "differences",
+    "is_x86",
+    "lane_settings",
+    "may_compile",
+    "own_processor",
+    "package_version",
+    "package_versions",
+    "processor",
+]
 
 PACKAGES = ("commonrail", "numpy", "scipy", "numba", "llvmlite")
 MOST = 6  # features that a sentence names
@@ -32,7 +49,7 @@ class CompileTarget(NamedTuple):
     features : str
         Instruction sets that LLVM may (+) or must not (-) use, by name.
     settings : str
-        Numba's settings that change machine code: optimisation level, vectorisers, Intel's vector functions, JIT.
+        Numba's settings that change machine code: optimisation level, vectorisers, JIT.
     processor : str
         Architecture and model of this machine's processor, as the system names it: NumPy, SciPy's linear algebra and
         the C library choose their code by it.
@@ -58,24 +75,95 @@ class CompileTarget(NamedTuple):
         return dict(self.versions) | self.machine
 
 
+class Processor(NamedTuple):
+    """Processor that is compiled for: LLVM's name, and instruction sets that it may (+) or must not (-) use beside."""
+
+    name: str
+    features: str = ""
+
+    @property
+    def is_wide(self) -> bool:
+        """True with 32 vector registers of 512 bits."""
+        return self == LEVEL_4 or "+avx512vl" in self.features.split(",")
+
+
+LEVEL_3, LEVEL_4 = Processor("x86-64-v3"), Processor("x86-64-v4")
+OF_LEVEL_3 = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
+OF_LEVEL_4 = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
+
+
+def own_processor() -> Processor:
+    """Processor that this process compiles for; loads llvmlite."""
+    import llvmlite.binding as llvm
+
+    named, features = numba_setting("CPU_NAME"), numba_setting("CPU_FEATURES")
+    has: Mapping[str, bool] = llvm.get_host_cpu_features()
+    if named is None and features is None:
+        for level, needed in ((LEVEL_4, OF_LEVEL_3 + OF_LEVEL_4), (LEVEL_3, OF_LEVEL_3)):
+            if is_x86() and all(has.get(name, False) for name in needed):
+                return level
+    if features is None:
+        features = "" if named == "generic" else ",".join(f"{'+' if on else '-'}{name}" for name, on in has.items())
+    return Processor(named or llvm.get_host_cpu_name(), features)
+
+
+def is_x86() -> bool:
+    """True on 64-bit processors of Intel's and AMD's kind."""
+    return platform.machine() in ("x86_64", "AMD64")
+
+
 @functools.cache
 def describe() -> CompileTarget:
-    """Target of this process; loads Numba."""
-    from numba.core.registry import cpu_target
+    """Target of this process; loads llvmlite."""
+    import llvmlite.binding as llvm
 
-    triple, cpu, features = cpu_target.target_context.codegen().magic_tuple()
+    name, features = own_processor()
     return CompileTarget(
-        str(triple),
-        str(cpu),
-        ",".join(sorted(str(features).split(","), key=lambda feature: feature[1:])),
-        compiler_settings(),
+        str(llvm.get_process_triple()),
+        name,
+        ",".join(sorted(features.split(","), key=lambda feature: feature[1:])),
+        lane_settings(),
         f"{platform.machine()} {processor()}".strip(),
         tuple(package_versions().items()),
     )
 
 
+def lane_settings() -> str:
+    """Numba's settings that change the machine code of the lanes, as text."""
+    settings = {
+        "opt": numba_setting("OPT") or "3",
+        "loop vectorizer": numba_setting("LOOP_VECTORIZE") or "1",
+        "slp vectorizer": numba_setting("SLP_VECTORIZE") or "0",
+        "jit": "1" if may_compile() else "0",
+    }
+    return ", ".join(f"{name} {value}" for name, value in settings.items())
+
+
+def may_compile() -> bool:
+    """False where ``NUMBA_DISABLE_JIT`` forbids it."""
+    return (numba_setting("DISABLE_JIT") or "0") == "0"
+
+
+def numba_setting(name: str) -> str | None:
+    """One of Numba's settings as text, None where it has its default; Numba is loaded where a file may hold it.
+
+    Parameters
+    ----------
+    name : str
+        As in the environment, without ``NUMBA_``.
+    """
+    if not Path(".numba_config.yaml").exists():
+        return os.environ.get(f"NUMBA_{name}")
+    from numba import config
+
+    value = getattr(config, name)
+    return (
+        None if value is None else str(int(value) if isinstance(value, bool) else getattr(value, "_raw_value", value))
+    )
+
+
 def compiler_settings() -> str:
-    """Numba's settings that change machine code, as text."""
+    """Numba's settings that change machine code of any kernel, as text; loads Numba."""
     from numba import config
 
     settings = {
@@ -90,11 +178,12 @@ def compiler_settings() -> str:
 
 def package_versions() -> dict[str, str]:
     """Versions of commonrail, Python and the packages that compute; "" for one that is not installed."""
-    found = {name: _version(name) for name in PACKAGES}
+    found = {name: package_version(name) for name in PACKAGES}
     return {"commonrail": found.pop("commonrail"), "python": platform.python_version(), **found}
 
 
-def _version(package: str) -> str:
+def package_version(package: str) -> str:
+    """Version of an installed package; "" for one that is not."""
     with suppress(PackageNotFoundError):
         return version(package)
     return ""

@@ -1,36 +1,21 @@
-"""One fixed processor for kernels whose bits shall not depend on the machine: x86-64 with AVX2 and FMA.
+"""One fixed processor for kernels whose bits shall not depend on the machine, and elementary functions for all kernels.
 
 The machine code of a kernel is a function of its source, of LLVM and of the processor that it is compiled for. Here
-that processor is x86-64-v3 on every machine, in place of the machine's own: vectors of 256 bits, the same choice of
-fused multiply-adds, the same instruction order. The elementary functions of the C library, which has several versions
-of each and takes one by processor, are replaced by those of this module, which the kernels inline.
-
-Import it only where such a kernel is wanted: see `commonrail.compile.kernel`.
+that processor is x86-64-v3 (AVX2 and FMA) on every machine, in place of the machine's own: vectors of 256 bits, the
+same choice of fused multiply-adds, the same instruction order. The elementary functions of the C library, which has
+several versions of each and takes one by processor, are replaced by those of this module in every kernel of the lanes.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 import platform
-import threading
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Mapping
 
-import llvmlite.binding as llvm
-import numba
-from numba.core import codegen, cpu, target_extension
-from numba.core.registry import CPUDispatcher, CPUTarget
-from numba.extending import overload
-
-from commonrail.compile import INLINED, in_single, is_single, offer_laws
+from commonrail.compile_target import LEVEL_3, OF_LEVEL_3, Processor, is_x86
 from commonrail.errors import ConfigurationError
 
-__all__ = ["PROCESSOR", "TARGET", "cosine", "exponential", "missing", "open_target", "sine"]
-
-TARGET = "commonrail-x86-64-v3"
-PROCESSOR, FEATURES = "x86-64-v3", ""  # the features are those of this level, and nothing is added
-_NEEDED = ("avx2", "fma", "bmi", "bmi2", "lzcnt", "f16c", "movbe")
+__all__ = ["cosine", "exponential", "fixed_processor", "missing", "sine"]
 
 # ln 2 in two parts; the first has so few digits that its product with a whole number of a kernel's range is exact
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
@@ -39,15 +24,24 @@ _EXPONENTIAL = tuple(1.0 / math.factorial(k) for k in range(14))  # to 0.35 exac
 _SMALLEST = -708.0  # the exponential below is no normal number: zero
 
 
-def missing() -> str | None:
-    """Sentence on the feature that this processor lacks; None if kernels of the fixed target run here."""
-    if platform.machine() not in ("x86_64", "AMD64"):
+def missing(has: Mapping[str, bool] | None = None) -> str | None:
+    """Sentence on the feature that this processor lacks; None if kernels of the fixed target run here.
+
+    Parameters
+    ----------
+    has : mapping of str to bool, optional
+        Features of the processor; by default LLVM is asked, which loads llvmlite.
+    """
+    if not is_x86():
         return (
             f"The same bits are promised for x86-64 processors with AVX2, and this machine is of kind "
             f"{platform.machine()}; omit same_bits."
         )
-    has = llvm.get_host_cpu_features()
-    lacking = [name for name in _NEEDED if not has.get(name, False)]
+    if has is None:
+        import llvmlite.binding as llvm
+
+        has = llvm.get_host_cpu_features()
+    lacking = [name for name in OF_LEVEL_3 if not has.get(name, False)]
     if lacking:
         return (
             f"The same bits are promised for x86-64 processors with AVX2 and FMA, and this one lacks "
@@ -56,8 +50,8 @@ def missing() -> str | None:
     return None
 
 
-def open_target() -> str:
-    """Let kernels be compiled for the fixed processor, with all laws; return the target's name for Numba.
+def fixed_processor() -> Processor:
+    """Processor of kernels whose bits shall not depend on the machine.
 
     Raises
     ------
@@ -67,29 +61,7 @@ def open_target() -> str:
     fault = missing()
     if fault is not None:
         raise ConfigurationError(fault)
-    with _OPENING:
-        _register()
-    return TARGET
-
-
-@functools.cache
-def _register() -> None:
-    target_extension.target_registry[TARGET] = _Fixed
-    target_extension.dispatcher_registry[_Fixed] = _FixedDispatcher
-    target_extension.jit_registry[_Fixed] = functools.partial(numba.jit, _target=TARGET)
-    offer = functools.partial(overload, jit_options=INLINED, strict=False, target=TARGET)
-    for function, law in ((math.sin, sine), (sine, sine), (math.cos, cosine), (math.exp, exponential)):
-        offer(function)(_by_precision(law))
-    offer_laws(offer)
-
-
-def _by_precision(law: Callable[..., Any]) -> Callable[..., Any]:
-    """Function that chooses a law, or its twin in single precision, by the type of its argument `x`."""
-
-    def choose(x: Any) -> Callable[..., Any]:
-        return in_single(law) if is_single(x) else law
-
-    return choose
+    return LEVEL_3
 
 
 def sine(x: float) -> float:
@@ -135,43 +107,3 @@ def exponential(x: float) -> float:
         factor *= factor
         halvings >>= 1
     return total
-
-
-_OPENING = threading.Lock()
-
-
-class _Fixed(target_extension.CPU):  # type: ignore[misc]
-    """Numba's name for the fixed processor: all that a processor can do, and overloads of its own first."""
-
-
-class _FixedCodegen(codegen.JITCPUCodegen):  # type: ignore[misc]
-    """Machine code for the fixed processor, whatever this machine or Numba's settings say."""
-
-    def _get_host_cpu_name(self) -> str:
-        return PROCESSOR
-
-    def _get_host_cpu_features(self) -> str:
-        return FEATURES
-
-
-class _FixedContext(cpu.CPUContext):  # type: ignore[misc]
-    """As Numba's own context, with the generator of machine code above."""
-
-    def init(self) -> None:
-        super().init()
-        self._internal_codegen = _FixedCodegen("commonrail.fixed")
-
-
-class _FixedTarget(CPUTarget):  # type: ignore[misc]
-    @functools.cached_property
-    def _toplevel_target_context(self) -> _FixedContext:
-        return _FixedContext(self.typing_context, self._target_name)
-
-
-class _FixedDispatcher(CPUDispatcher):  # type: ignore[misc]
-    targetdescr = _FixedTarget(TARGET)
-
-    def compile(self, sig: Any) -> Any:
-        """Compile for one signature, with the overloads of the fixed target."""
-        with target_extension.target_override(TARGET):
-            return super().compile(sig)

@@ -1,7 +1,7 @@
 """Cache of compiled kernels on disk: files of this user alone, each with a digest that is compared before it is loaded.
 
 A kernel is kept under a stamp of all physics sources: editing any law recompiles, which Numba's own cache (one file at
-a time) would miss. What Numba makes of a kernel is pickled, so nobody else may be able to write here.
+a time) would miss. A kernel is machine code, so nobody else may be able to write here.
 """
 
 from __future__ import annotations
@@ -9,27 +9,29 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
-import inspect
 import os
-import pickle
 import platform
 import sqlite3
 import stat
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
-import llvmlite
-import numba
-from numba.core.caching import _Cache
-from numba.core.compiler import CompileResult
-from numba.core.serialize import dumps
-
-from commonrail.compile_target import compiler_settings
+from commonrail.compile_target import package_version
 from commonrail.notice import compiling, note
 
-__all__ = ["KernelCache", "cache_folder", "damaged", "kept_or_made", "objection", "places"]
+__all__ = [
+    "cache_folder",
+    "damaged",
+    "kept_or_made",
+    "objection",
+    "physics_stamp",
+    "places",
+    "read",
+    "sources_stamp",
+    "turn",
+    "write",
+]
 
 LONGEST_WAIT = 120.0  # for another process that compiles the same kernel [s]
 ENDING = ".kernel"
@@ -37,82 +39,11 @@ _HEADER = b"commonrail kernel 1\n"
 _DIGEST = hashlib.sha256().digest_size  # [bytes]
 # A link is not followed and a pipe not waited for; flags that a system lacks are 0.
 _GUARDED = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+_COMPILERS = ("compile", "fixed_target", "jit", "targets")
 _PHYSICS_ROOMS = ("fuel", "flow", "parts", "injector", "engine")
 
 
-class KernelCache(_Cache):  # type: ignore[misc]
-    """Cache of one kernel, in the form that Numba's dispatchers use.
-
-    Parameters
-    ----------
-    name : str
-        Distinguishes this kernel from others of the same source line: its dispatchers have no stable hash.
-    laws : tuple of functions
-        Functions from outside the package that the kernel calls: their source joins the stamp.
-
-    Attributes
-    ----------
-    waiting : ExitStack
-        Holds, until the kernel is compiled, what shall last so long.
-    """
-
-    def __init__(self, name: str, laws: tuple[Callable[..., Any], ...] = ()) -> None:
-        self._key = (name, _physics_stamp(), *map(_source, laws))
-        self._folder = cache_folder()
-        self.waiting = contextlib.ExitStack()
-
-    @property
-    def cache_path(self) -> str:
-        """Folder of the cache, as Numba asks for it."""
-        return str(self._folder)
-
-    def enable(self) -> None:
-        """Nothing to do: the cache is always used."""
-
-    def disable(self) -> None:
-        """Nothing to do: the cache is always used."""
-
-    def flush(self) -> None:
-        """Nothing to do: an edited law has a stamp of its own."""
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the kernel for these argument types, or None where it has to be compiled."""
-        target_context.refresh()
-        path = self._path(sig, target_context.codegen())
-        found = _load(path, target_context)
-        if found is None:
-            self.waiting.enter_context(compiling())
-            if path is not None:
-                self.waiting.enter_context(_turn(path.with_suffix(".lock")))
-                found = _load(path, target_context)
-        return found
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel; without room for it the next process compiles anew."""
-        path = self._path(sig, data.codegen)
-        if path is not None:
-            with contextlib.suppress(OSError, pickle.PicklingError):
-                _write(path, dumps(data._reduce()))
-
-    def _path(self, sig: Any, codegen: Any) -> Path | None:
-        if self._folder is None:
-            return None
-        key = repr((self._key, str(sig), codegen.magic_tuple(), compiler_settings()))
-        return self._folder / (hashlib.sha256(key.encode()).hexdigest()[:24] + ENDING)
-
-
-def _load(path: Path | None, target_context: Any) -> Any:
-    payload, fault = (None, "") if path is None else _read(path)
-    if fault:
-        note(f"{path}: {fault}; this simulation is compiled anew.")
-    if payload is None:
-        return None
-    with contextlib.suppress(Exception):  # Numba of another build: compile anew and write over it
-        return CompileResult._rebuild(target_context, *pickle.loads(payload))
-    return None
-
-
-def _read(path: Path) -> tuple[bytes | None, str]:
+def read(path: Path) -> tuple[bytes | None, str]:
     """Payload of a file, None where there is none or it must not be loaded, and what is wrong with it."""
     try:
         handle = os.open(path, os.O_RDONLY | _GUARDED)
@@ -135,7 +66,8 @@ def _sealed(payload: bytes) -> bytes:
     return _HEADER + hashlib.sha256(payload).digest() + payload
 
 
-def _write(path: Path, payload: bytes) -> None:
+def write(path: Path, payload: bytes) -> None:
+    """Keep a payload with its digest; a process that reads meanwhile finds the file before or the one after."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".")
     try:
         with open(handle, "wb") as file:
@@ -148,7 +80,7 @@ def _write(path: Path, payload: bytes) -> None:
 
 def damaged(folder: Path) -> list[Path]:
     """Return the kernels of a folder that would not be loaded."""
-    return [path for path in sorted(folder.glob(f"*{ENDING}")) if _read(path)[0] is None]
+    return [path for path in sorted(folder.glob(f"*{ENDING}")) if read(path)[0] is None]
 
 
 def kept_or_made(name: str, make: Callable[[], bytes]) -> bytes:
@@ -166,22 +98,22 @@ def kept_or_made(name: str, make: Callable[[], bytes]) -> bytes:
         with compiling():
             return make()
     path = folder / name
-    found, _ = _read(path)
+    found, _ = read(path)
     if found is None:
-        with compiling(), _turn(path.with_suffix(".lock")):
-            found, fault = _read(path)
+        with compiling(), turn(path.with_suffix(".lock")):
+            found, fault = read(path)
             if fault:
                 note(f"{path}: {fault}; it is made anew.")
             if found is None:
                 found = make()
                 with contextlib.suppress(OSError):
-                    _write(path, found)
+                    write(path, found)
     return found
 
 
 @contextlib.contextmanager
-def _turn(path: Path) -> Iterator[None]:
-    """A turn at compiling one kernel: processes that start together compile it once, and the others wait for it.
+def turn(path: Path) -> Iterator[None]:
+    """Turn at compiling one kernel: processes that start together compile it once, and the others wait for it.
 
     The lock is the operating system's, by way of SQLite, and ends with its process. A process that cannot get it
     compiles too.
@@ -202,7 +134,7 @@ def cache_folder() -> Path | None:
     A place that others can write to is refused with a note: who can write a kernel can run code here.
     """
     for place in places():
-        folder = place / f"kernels-{_physics_stamp()[:20]}"
+        folder = place / f"kernels-{physics_stamp()[:20]}"
         try:
             place.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             for level in (place, folder):
@@ -274,16 +206,17 @@ def _objection(found: os.stat_result, is_kind: Callable[[int], bool], kind: str)
 
 
 @functools.cache
-def _physics_stamp() -> str:
-    root = Path(__file__).parent
-    digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {platform.python_version()}".encode())
-    sources = [root / "compile.py", root / "fixed_target.py"] + [
-        p for r in _PHYSICS_ROOMS for p in sorted((root / r).glob("*.py"))
-    ]
-    for source in sources:
+def physics_stamp() -> str:
+    """Digest of all that decides over machine code beside the processor: the physics, Python, Numba and llvmlite."""
+    versions = " ".join((package_version("numba"), package_version("llvmlite"), platform.python_version()))
+    return hashlib.sha256(f"{versions} {sources_stamp()}".encode()).hexdigest()
+
+
+@functools.cache
+def sources_stamp() -> str:
+    """Digest of the sources that kernels are compiled from."""
+    root, digest = Path(__file__).parent, hashlib.sha256()
+    rooms = (path for room in _PHYSICS_ROOMS for path in sorted((root / room).glob("*.py")))
+    for source in (*(root / f"{name}.py" for name in _COMPILERS), *rooms):
         digest.update(source.name.encode() + source.read_bytes())
     return digest.hexdigest()
-
-
-def _source(law: Callable[..., Any]) -> str:
-    return hashlib.sha256(inspect.getsource(getattr(law, "py_func", law)).encode()).hexdigest()

@@ -15,8 +15,8 @@ from commonrail.bench.doctor import OK, Fact, cache_facts, extra_facts, kernel_f
 
 SOUND: dict[str, Any] = {
     "seconds": 0.5,
-    "from_cache": True,
-    "compiled": True,
+    "origin": "cache",
+    "processor": "x86-64-v4",
     "status": "OK",
     "volume": 53.8e-9,
     "balance": 1e-14,
@@ -32,8 +32,8 @@ def facts_of(*answers: dict[str, Any]) -> list[Fact]:
 @pytest.mark.skipif(kernel_cache.cache_folder() is None, reason="no place for compiled simulations can be used here")
 def test_a_second_process_loads_what_the_first_has_compiled() -> None:
     first, second = (json.loads(run_child("commonrail.bench.kernel_probe", [], 300.0).stdout) for _ in range(2))
-    assert first["compiled"]
-    assert second["from_cache"]
+    assert first["origin"] in ("compiled", "cache", "library")
+    assert second["origin"] in ("cache", "library")
 
 
 def test_a_cache_that_cannot_be_written_is_told() -> None:
@@ -69,14 +69,21 @@ def test_kernels_are_counted(tmp_path: Path) -> None:
 
 def test_a_kernel_from_the_cache_is_well() -> None:
     facts = facts_of(SOUND)
-    assert [fact.verdict for fact in facts] == [OK, OK]
+    assert [fact.verdict for fact in facts] == [OK, OK, OK]
+    assert facts[0].value.startswith("from the kernel cache, for x86-64-v4; no library: ")
     assert usable(facts)
 
 
+def test_a_kernel_from_a_library_is_well() -> None:
+    facts = facts_of(SOUND | {"origin": "library"})
+    assert facts[0].value == "from a library of this package, for x86-64-v4"
+    assert [fact.verdict for fact in facts] == [OK, OK, OK]
+
+
 def test_a_kernel_that_is_never_kept_is_told() -> None:
-    compiled = SOUND | {"from_cache": False}
-    assert "not kept" in facts_of(compiled, compiled)[0].verdict
-    assert facts_of(compiled, SOUND)[0].verdict == OK
+    compiled = SOUND | {"origin": "compiled"}
+    assert "not kept" in facts_of(compiled, compiled)[1].verdict
+    assert facts_of(compiled, SOUND)[1].verdict == OK
 
 
 def test_a_process_that_dies_makes_it_unusable() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from commonrail import compile as laws
+from commonrail import jit
 from commonrail.analysis.verification import difference
 from commonrail.choices import Precision
 from commonrail.engine.operating_point import OperatingPoint
@@ -119,9 +120,9 @@ def test_the_flush_of_tiny_numbers_can_be_seen_and_undone() -> None:
 
     @numba.njit
     def flushed(a: float, b: float) -> tuple[float, int, int]:
-        mode = laws.exchange_rounding(laws.FLUSH_TINY, laws.KEEP_ALL)
+        mode = jit.exchange_rounding(laws.FLUSH_TINY, laws.KEEP_ALL)
         c = product(a, b)
-        return c, mode, laws.exchange_rounding(mode, laws.KEEP_NONE)
+        return c, mode, jit.exchange_rounding(mode, laws.KEEP_NONE)
 
     c, before, inside = flushed(1e-300, 1e-10)
     if inside == 0:
@@ -191,10 +192,10 @@ def test_a_law_from_outside_the_package_works_in_single_too() -> None:
     def loop(x):  # type: ignore[no-untyped-def]
         return users_law(x)
 
-    single = laws.kernel(loop, "a user's law, f32", (users_law,), real=np.float32)
+    single = jit.kernel(loop, "a user's law, f32", (users_law,), real=np.float32)
     x = np.float32(0.7)
     single(x)
     (signature,) = single.compiled.signatures
     assert str(single.compiled.overloads[signature].signature.return_type) == "float32"
     assert single(x) == np.float32(RATIO) + np.float32(0.3) * x or abs(single(x) - 0.31) < 1e-7  # fused or not
-    assert laws.kernel(loop, "a user's law, f64", (users_law,))(0.7) == pytest.approx(users_law(0.7), rel=1e-15)
+    assert jit.kernel(loop, "a user's law, f64", (users_law,))(0.7) == pytest.approx(users_law(0.7), rel=1e-15)

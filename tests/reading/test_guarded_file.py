@@ -29,6 +29,7 @@ ALLOWED = {
     "files/catalogue.py": "files of the installed package",
     "files/scaffold.py": "files of the installed package",
     "kernel_cache.py": "guards its own folder: files of this user alone",
+    "engine/library.py": "a file of the installed package",
     "compile_target.py": "/proc",
     "store/lock.py": "SQLite, after `check_target`",
     "store/schema.py": "SQLite in memory",

@@ -15,16 +15,16 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-import llvmlite.binding as llvm
-import numba
 import pytest
 
 from commonrail.choices import Precision
-from commonrail.compile import compiler_choices
-from commonrail.engine import lanes
+from commonrail.compile_target import LEVEL_3, may_compile, own_processor
+from commonrail.engine.lanes import VECTORS
+from commonrail.engine.machine_code import object_of
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.injector.definition import Injector
+from tests.verification.disassembly import MISSING, disassembled
 
 ROOT = Path(__file__).resolve().parents[2]
 X86_64 = platform.machine() in ("x86_64", "AMD64")
@@ -63,17 +63,12 @@ class Case(NamedTuple):
     own: bool
 
 
-def compiles_for(feature: str) -> bool:
-    """Return whether kernels here are compiled for a processor with a feature: this one, or what Numba is told."""
-    named = numba.config.CPU_FEATURES
-    return bool(llvm.get_host_cpu_features().get(feature)) if named is None else f"+{feature}" in named.split(",")
-
-
 def is_here(target: Target) -> bool:
     """Return whether this machine's own kernels have what is asserted of a target's."""
-    wide = compiles_for("avx512vl")
-    own = {WIDE, SINGLE} if wide else {NARROW} if compiles_for("avx2") else set()
-    return target in own and not numba.config.DISABLE_JIT
+    processor = own_processor()
+    narrow = processor == LEVEL_3 or "+avx2" in processor.features.split(",")
+    own = {WIDE, SINGLE} if processor.is_wide else {NARROW} if narrow else set()
+    return target in own and may_compile() and not MISSING
 
 
 @pytest.fixture(scope="module")
@@ -90,12 +85,9 @@ def compiled(
 
 
 def own_assembly(injector: Injector, target: Target) -> str:
-    """Assembly text of the kernel that this machine runs, from its optimised form, which the cache keeps too."""
+    """Assembly text of the kernel that this machine runs, from its object file, which the cache keeps."""
     simulate_batch(injector, [OperatingPoint(160e6, 1e-4, horizon=1e-5)], precision=target.precision)
-    kernel = lanes.compiled(injector.variant, target.precision, False).compiled  # type: ignore[attr-defined]
-    library = next(iter(kernel.overloads.values())).library
-    with compiler_choices():
-        return str(library.codegen._tm.emit_assembly(library._get_module_for_linking()))
+    return disassembled(object_of(injector.wired(), VECTORS[target.precision], own_processor())[0])
 
 
 def cross_compile(target: Target, path: Path, *options: str) -> None:
@@ -115,7 +107,7 @@ def for_each(*targets: Target) -> pytest.MarkDecorator:
     cases = [pytest.param(case, id=f"own-{case.target.precision.value}") for case in own]
     if not own:
         names = " or ".join(sorted({t.features.lstrip("+") for t in targets}))
-        cases = [pytest.param(None, id="own", marks=pytest.mark.skip(f"kernels here are not compiled for {names}"))]
+        cases = [pytest.param(None, id="own", marks=pytest.mark.skip(MISSING or f"kernels here are not for {names}"))]
     for t in targets:
         cases.append(pytest.param(Case(t, False), id=f"{t.processor}-{t.precision.value}", marks=pytest.mark.slow))
     return pytest.mark.parametrize("compiled", cases, indirect=True, scope="module")
@@ -183,7 +175,7 @@ def test_the_widest_registers_are_used(compiled: tuple[Target, str]) -> None:
 def test_the_stack_is_aligned_to_cache_lines(compiled: tuple[Target, str]) -> None:
     """Unaligned, half of the vectors that are kept on the stack straddle two lines, as the caller's stack has it."""
     _, assembly = compiled
-    assert re.search(r"\band[lq]?\s+\$-64, %rsp", assembly)
+    assert re.search(r"\band[lq]?\s+\$(-64|0xf+c0), ?%rsp", assembly)
 
 
 @for_each(WIDE, SINGLE, NARROW)
@@ -193,13 +185,14 @@ def test_the_step_is_packed_in_its_own_precision(compiled: tuple[Target, str]) -
     loop = innermost_loop(assembly)
     print(target, "packed:", packed(loop, target.own), "of the other precision:", packed(loop, target.other))
     assert packed(loop, target.own) > 300  # some 400 products and sums make a step
-    # The two clocks of each lane are differences of doubles, in f32 too: 16 lanes are four registers of 8.
-    assert packed(loop, target.other) <= (4 if target.precision is Precision.F32 else 0)
+    # The two clocks of each lane are differences of doubles, in f32 too: 16 lanes are four registers of 8. One product
+    # more is of the look at rest, which is not taken in every step.
+    assert packed(loop, target.other) <= (5 if target.precision is Precision.F32 else 0)
     assert scalar(loop) <= 8  # the volume of a sample, once for each lane; the step itself has none
 
 
 def instructions(assembly: str) -> list[str]:
-    """Instructions and constants, without the names of functions, which hold the target that Numba was told of."""
+    """Instructions and constants, without the names of functions and of Numba's own constants."""
     lines = [re.sub(r"_ZN\w+|\.const\.[^,]*", "name", line) for line in assembly.splitlines()]
     return [line for line in lines if re.match(r"\s+[a-z]|\s+\.(quad|long|byte)\b", line)]
 
@@ -218,6 +211,5 @@ def test_the_fixed_target_is_one_machine_code(tmp_path: Path) -> None:
     assert count(text, "vsqrtpd", "y") >= 4
     assert "zmm" not in text
     assert not re.search(r"\bv(rsqrt|rcp)", text)  # estimates differ between makers
-    called = set(re.findall(r"\$(\w+), %r\w+", found[0]))
-    assert not called & {"sin", "cos", "exp", "pow", "log", "tanh", "fma", "ldexp", "__powidf2"}
-    assert "NRT_decref" in called  # the pattern finds what is called
+    assert not re.findall(r"\bcallq?\s+(\S+)", found[0])  # neither the C library nor another function
+    assert re.findall(r"\bj\w+\s+(\S+)", found[0])  # the pattern finds where the code goes

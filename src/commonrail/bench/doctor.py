@@ -13,6 +13,7 @@ from commonrail import kernel_cache
 from commonrail.bench.child import ask_child
 from commonrail.bench.machine import busy, instruction_sets, load, processor, version
 from commonrail.engine.lanes import VECTORS
+from commonrail.engine.library import objection
 from commonrail.engine.simulate import usable_threads
 
 __all__ = ["OK", "Fact", "cache_facts", "examine", "extra_facts", "kernel_facts", "machine_facts", "usable"]
@@ -108,14 +109,15 @@ def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fa
     if "failed" in first:
         yield Fact("first simulation", "failed", f"Nothing can be simulated: {first['failed']}.", True)
         return
-    if not first["compiled"]:
-        yield Fact("first simulation", "not compiled", "The compiler is off: unset NUMBA_DISABLE_JIT.")
-    elif first["from_cache"]:
-        yield Fact("first simulation", f"from the cache in {first['seconds']:.1f} s", OK, True)
+    source = {"library": "a library of this package", "cache": "the kernel cache", "compiled": "the compiler"}
+    reason = f"; no library: {objection() or 'this wiring is in none'}" if first["origin"] != "library" else ""
+    yield Fact("machine code", f"from {source[first['origin']]}, for {first['processor']}{reason}", OK)
+    if first["origin"] != "compiled":
+        yield Fact("first simulation", f"in {first['seconds']:.1f} s", OK, True)
     else:
         again = probe()
         value = f"compiled in {first['seconds']:.1f} s"
-        if again.get("from_cache"):
+        if again.get("origin") == "cache":
             yield Fact("first simulation", f"{value}, from the cache from now on ({again['seconds']:.1f} s)", OK, True)
         else:
             cure = "It was not kept, so every run compiles anew: see to the kernel cache above."

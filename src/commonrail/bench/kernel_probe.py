@@ -18,16 +18,16 @@ __all__ = ["first_simulation"]
 
 
 def first_simulation() -> dict[str, Any]:
-    """Seconds to the first result, whether its kernel came from the cache, and the result's figures [SI]."""
+    """Seconds to the first result, where its kernel came from, and the result's figures [SI]."""
     case = injector()
     begin = time.perf_counter()
     found = simulate(case, POINT)
     seconds = time.perf_counter() - begin
-    dispatcher = getattr(compiled(case.wired(), Precision.F64, False), "compiled", None)  # none where the JIT is off
+    code = compiled(case.wired(), Precision.F64, False)
     return {
         "seconds": seconds,
-        "from_cache": dispatcher is not None and sum(dispatcher.stats.cache_hits.values()) > 0,
-        "compiled": dispatcher is not None,
+        "origin": code.origin,
+        "processor": code.processor,
         "status": found.status.name,
         "volume": found.injected_volume if found.injected_volume == found.injected_volume else None,
         "balance": found.balance if found.balance == found.balance else None,

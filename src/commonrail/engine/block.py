@@ -1,4 +1,4 @@
-"""The loop over blocks, steps and lanes that `lanes` compiles.
+"""The loop over blocks, steps and lanes that the lanes run.
 
 Travelling waves wait in three ring buffers behind one pointer, the other rows of `rows.Working` behind another.
 Parameters are read once, through the rings' memory, before the first wave is written. How many lanes there are, and in
@@ -8,22 +8,13 @@ which precision, is a choice of the machine: see `Vector`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.compile import (
-    CACHE_LINE,
-    FLUSH_TINY,
-    KEEP_ALL,
-    KEEP_NONE,
-    exchange_rounding,
-    physics,
-    widest_vectors,
-)
+from commonrail.compile import physics
 from commonrail.engine.feed import (
-    ClockedMemory,
     Inlets,
     Memory,
     arrived,
@@ -47,8 +38,8 @@ from commonrail.engine.notes import (
     set_densities,
     set_ends,
 )
-from commonrail.engine.registers import clock_reader, row_copier, row_gatherer
 from commonrail.engine.rows import at, make_rows
+from commonrail.engine.table import Shape
 from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.injector.layout import layout_of
 from commonrail.injector.model import Inputs, Setting, Waves
@@ -65,8 +56,9 @@ __all__ = [
     "make_advance",
     "make_begin",
     "make_ferry",
-    "make_loop",
+    "make_blocks",
     "make_simulate",
+    "shape_of",
 ]
 
 Law = Callable[..., Any]
@@ -90,7 +82,7 @@ class Machine(NamedTuple):
     keep : law
         Function (work, rows, trace, block, k) that copies a state into a trace.
     vectors : law
-        `compile.widest_vectors` where lanes are vectors.
+        `jit.widest_vectors` where lanes are vectors.
     """
 
     real: Any
@@ -99,19 +91,6 @@ class Machine(NamedTuple):
     inlets: Callable[[Any], Inlets]
     keep: Law
     vectors: Law
-
-
-def make_memory(vector: Vector) -> Law:
-    """Function that allocates numbers from the start of a cache line: a vector as long as one would straddle two."""
-    real, spare = vector.real, CACHE_LINE // np.dtype(vector.real).itemsize
-
-    @physics
-    def memory(count):  # type: ignore[no-untyped-def]
-        whole = np.empty(count + spare, real)
-        first = (-(whole.ctypes.data // whole.itemsize)) % spare
-        return whole[first : first + count]
-
-    return memory
 
 
 @physics
@@ -184,7 +163,7 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting) -> La
 
 @physics
 def any_vectors():  # type: ignore[no-untyped-def]
-    """In place of `compile.widest_vectors` where there are none."""
+    """In place of `jit.widest_vectors` where there are none."""
 
 
 @physics
@@ -207,7 +186,7 @@ def make_advance(variant: Variant, rows: Any, vectors: Law = any_vectors, inputs
     variant : Variant
     rows : Rows
     vectors : function
-        `compile.widest_vectors` where lanes are vectors.
+        `jit.widest_vectors` where lanes are vectors.
     inputs_of : law
         Function (inputs, work, rows, lane) that gives the `Inputs` of a lane.
     """
@@ -259,7 +238,7 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
     begin = make_begin(variant, rows, make_settings(real))
     advance = make_advance(variant, rows, vectors, own_inputs)
     arrive, leave = make_ferry(rows, machine.copy, machine.gather)
-    table_of, set_inputs, turn, follow, is_traced, first = machine.inlets(rows)
+    row_of, set_inputs, turn, follow, is_traced, first = machine.inlets(rows)
 
     @physics
     def simulate(memory, job, samples, block, trace, out):  # type: ignore[no-untyped-def]
@@ -273,10 +252,10 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
         horizon = 0
         for lane in range(rows.lanes):
             horizon = max(horizon, job.courses.steps[points[lane]])
-        table, traced = table_of(job.courses, points), is_traced(job.courses, points)
+        row, traced = row_of(job.courses, points), is_traced(job.courses, points)
         over, due, bound = next_over(work, rows, real(0)), first, 0
         for k in range(horizon):
-            set_inputs(memory, table, k)
+            set_inputs(memory, job.courses, row, k)
             if k == due:
                 due = turn(memory, job.courses, points, k)
             if traced:
@@ -299,22 +278,31 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
     return simulate  # type: ignore[no-any-return]
 
 
-def make_loop(variant: Variant, vector: Vector) -> Law:
-    """The loop over every `stride`th block from one on: function (job, samples, trace, out, first, stride)."""
+def make_blocks(variant: Variant, vector: Vector) -> Law:
+    """Function (memory, job, samples, block, trace, out) of `make_simulate` for lanes that are vectors.
+
+    Parameters
+    ----------
+    variant : Variant
+    vector : Vector
+    """
+    from commonrail.engine.registers import clock_reader, row_copier, row_gatherer
+    from commonrail.jit import widest_vectors
+
     rows, lanes = make_rows(variant, vector.lanes), vector.lanes
-    allocate, allocate_times = make_memory(vector), make_memory(Vector(lanes, np.float64))
     clocks = partial(make_clocks, read=clock_reader(lanes))
     copy, gather = row_copier(lanes), row_gatherer(lanes)
-    simulate = make_simulate(variant, rows, Machine(vector.real, copy, gather, clocks, keep_if_asked, widest_vectors))
-    parameters = len(wiring(variant).parameters.paths) + len(FUEL.paths)
+    return make_simulate(variant, rows, Machine(vector.real, copy, gather, clocks, keep_if_asked, widest_vectors))
 
-    def loop(job, samples, trace, out, first, stride):  # type: ignore[no-untyped-def]
-        widest_vectors()
-        mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
-        work, waves = allocate(rows.end * lanes), allocate(max(3 * job.ring, parameters) * lanes)
-        memory = ClockedMemory(work, waves, job.ring, allocate_times(2 * lanes))
-        for block in range(first, job.points.shape[0], stride):
-            simulate(memory, job, samples, block, trace, out[block])
-        exchange_rounding(mode, KEEP_NONE)
 
-    return loop
+@cache
+def shape_of(variant: Variant, vector: Vector) -> Shape:
+    """Sizes of the memory of a block.
+
+    Parameters
+    ----------
+    variant : Variant
+    vector : Vector
+    """
+    columns = len(wiring(variant).parameters.paths) + len(FUEL.paths)
+    return Shape(make_rows(variant, vector.lanes).end, vector.lanes, columns, np.dtype(vector.real).itemsize)

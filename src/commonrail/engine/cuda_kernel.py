@@ -20,7 +20,7 @@ import numpy as np
 from numba import cuda
 
 from commonrail.choices import Precision
-from commonrail.compile import offer_laws, physics
+from commonrail.compile import physics
 from commonrail.engine.block import INPUTS, Machine, any_vectors, make_simulate
 from commonrail.engine.feed import Inlets, Memory, copy_number, gather_number
 from commonrail.engine.job import Job, Samples
@@ -29,6 +29,7 @@ from commonrail.engine.notes import record
 from commonrail.engine.rows import at, make_rows
 from commonrail.injector.model import Inputs
 from commonrail.injector.variants import Variant
+from commonrail.jit import offer_overloads
 
 
 class Table(NamedTuple):
@@ -62,7 +63,7 @@ def open_device() -> None:
     """Let CUDA kernels inline the laws; fast-math stays off: of its parts the compiler uses "contract" by itself."""
     from numba.cuda.extending import overload
 
-    offer_laws(functools.partial(overload, jit_options={"forceinline": True}, strict=False))
+    offer_overloads(functools.partial(overload, jit_options={"forceinline": True}, strict=False))
 
 
 def signature(precision: Precision) -> Any:
@@ -80,12 +81,12 @@ def make_table_reader(rows: Any) -> Inlets:
     store = INPUTS.store
 
     @physics
-    def inputs_of(courses, points):  # type: ignore[no-untyped-def]
-        return courses.inputs[points[0]]
+    def point_of(courses, points):  # type: ignore[no-untyped-def]
+        return points[0]
 
     @physics
-    def read(memory, inputs, k):  # type: ignore[no-untyped-def]
-        x = inputs[k]
+    def read(memory, courses, row, k):  # type: ignore[no-untyped-def]
+        x = courses.inputs[row, k]
         store(memory.work, at(rows, rows.inputs, 0), rows.lanes, Inputs(x[0], x[1], x[2], x[3], x[4], x[5]))
 
     @physics
@@ -100,7 +101,7 @@ def make_table_reader(rows: Any) -> Inlets:
     def is_traced(courses, points):  # type: ignore[no-untyped-def]
         return False
 
-    return Inlets(inputs_of, read, turn_nothing, follow_nothing, is_traced, -1)
+    return Inlets(point_of, read, turn_nothing, follow_nothing, is_traced, -1)
 
 
 @physics

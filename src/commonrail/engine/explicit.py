@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.choices import Drive
-from commonrail.compile import kernel, physics
+from commonrail.compile import physics
 from commonrail.engine.instant import AT, past_limit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.rates import make_rates, make_sac_rate
@@ -149,6 +149,8 @@ def _plan(problem: Problem, time: Floats) -> _Plan:
 @functools.cache
 def compiled_march(variant: Variant) -> Callable[..., bool]:
     """The loop of a variant, compiled: function (plan, fixed, step, start, states, noted)."""
+    from commonrail.jit import kernel
+
     return kernel(_make_march(variant), f"march: {variant.label}")  # type: ignore[no-any-return]
 
 

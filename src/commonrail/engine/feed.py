@@ -130,15 +130,12 @@ def make_ferry(rows: Any, copy: Law, gather: Law = gather_number) -> tuple[Law, 
 class Inlets(NamedTuple):
     """Laws that set the inputs of a block, rows of `work`; in a step only `every_step` is called as a rule.
 
-    What is called rarely stands apart: Numba counts references to the arrays of a tuple that a function is given, and
-    where a loop or a branch follows it does not find out that it need not.
-
     Attributes
     ----------
-    table : law
-        Function (courses, points) that gives the table which `every_step` reads.
+    row : law
+        Function (courses, points) that gives the row of the table which `every_step` reads.
     every_step : law
-        Function (memory, table, k) that sets the inputs of step k.
+        Function (memory, courses, row, k) that sets the inputs of step k.
     turn : law
         Function (memory, courses, points, k) that turns clocks, and returns the step of the next turn of any lane.
     follow : law
@@ -149,7 +146,7 @@ class Inlets(NamedTuple):
         Step of the first turn; negative where there is none.
     """
 
-    table: Law
+    row: Law
     every_step: Law
     turn: Law
     follow: Law
@@ -168,13 +165,14 @@ def make_clocks(rows: Any, read: Law) -> Inlets:
     """
 
     @physics
-    def times_of(courses, points):  # type: ignore[no-untyped-def]
-        return courses.times[courses.clock[points[0]]]
+    def clock_of(courses, points):  # type: ignore[no-untyped-def]
+        return courses.clock[points[0]]
 
     @physics
-    def tell_time(memory, times, k):  # type: ignore[no-untyped-def]
-        read(memory.work, at(rows, rows.since_start, 0), memory.origins, 0, times[k])
-        read(memory.work, at(rows, rows.since_end, 0), memory.origins, rows.lanes, times[k])
+    def tell_time(memory, courses, row, k):  # type: ignore[no-untyped-def]
+        now = courses.times[row, k]
+        read(memory.work, at(rows, rows.since_start, 0), memory.origins, 0, now)
+        read(memory.work, at(rows, rows.since_end, 0), memory.origins, rows.lanes, now)
 
     @physics
     def turn(memory, courses, points, k):  # type: ignore[no-untyped-def]
@@ -206,4 +204,4 @@ def make_clocks(rows: Any, read: Law) -> Inlets:
             found = found or courses.trace[points[lane]] >= 0
         return found
 
-    return Inlets(times_of, tell_time, turn, follow, traced, 0)
+    return Inlets(clock_of, tell_time, turn, follow, traced, 0)

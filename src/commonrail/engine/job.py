@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.choices import Precision
 from commonrail.injector.model import Inputs
 
 __all__ = ["Courses", "Job", "Samples", "Vector"]
@@ -19,6 +20,11 @@ class Vector(NamedTuple):
 
     lanes: int
     real: Any
+
+    @property
+    def precision(self) -> Precision:
+        """Name of the type."""
+        return Precision.F64 if self.real is np.float64 else Precision.F32
 
 
 class Courses(NamedTuple):

@@ -10,19 +10,20 @@ neighbours and any number of threads.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from typing import NamedTuple
+import threading
+from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.choices import Precision
-from commonrail.compile import kernel
-from commonrail.engine.block import make_loop
+from commonrail.engine.block import shape_of
 from commonrail.engine.job import Job, Samples, Vector
+from commonrail.engine.machine_code import MachineCode, machine_code
 from commonrail.engine.notes import Outcome
+from commonrail.engine.table import Given, address, fill, scratch_for
 from commonrail.engine.threads import side_by_side
+from commonrail.errors import SimulationError
 from commonrail.injector.model import Waves
 from commonrail.injector.variants import Variant, wiring
 
@@ -34,6 +35,9 @@ VECTORS = {
     Precision.F64: Vector(8, np.float64),
     Precision.F32: Vector(16, np.float32),
 }
+
+
+_FIRST_CALL = threading.Lock()
 
 
 class Misfit(NamedTuple):
@@ -88,29 +92,23 @@ class Misfit(NamedTuple):
 
 
 @functools.cache
-def compiled(variant: Variant, precision: Precision, same_bits: bool) -> Callable[..., None]:
-    """The block loop of a variant, compiled (or loaded from the cache) at its first call.
+def compiled(variant: Variant, precision: Precision, same_bits: bool) -> MachineCode:
+    """The block loop of a variant.
 
     Parameters
     ----------
     variant : Variant
     precision : Precision
     same_bits : bool
-        Compile for the fixed processor of `fixed_target` in place of this machine's.
+        For the fixed processor of `fixed_target` in place of this machine's.
 
     Raises
     ------
     ConfigurationError
-        If this machine cannot run what is compiled for the fixed processor.
+        If this machine cannot run what is compiled for the fixed processor, or may not compile.
     """
-    vector = VECTORS[precision]
-    name = f"{vector.lanes} lanes {precision.value}: {variant.label}"
-    loop = make_loop(variant, vector)
-    if not same_bits or numba.config.DISABLE_JIT:
-        return kernel(loop, name, real=vector.real)  # type: ignore[no-any-return]
-    from commonrail.fixed_target import open_target
-
-    return kernel(loop, name, real=vector.real, target=open_target())  # type: ignore[no-any-return]
+    with _FIRST_CALL:
+        return machine_code(variant, VECTORS[precision], same_bits)
 
 
 def trace_paths(variant: Variant) -> tuple[str, ...]:
@@ -154,15 +152,26 @@ def run(
         Of a block that there are not enough simulations for, only their lanes are kept.
     """
     n, lanes = job.points.shape
-    loop, steps = compiled(variant, precision, same_bits), job.courses.steps
+    loop, vector, steps = compiled(variant, precision, same_bits), VECTORS[precision], job.courses.steps
     samples = (misfit or Misfit.none(len(steps))).samples(job.dt, steps)
     out = np.empty((n, lanes, len(Outcome._fields)))
     rows = 1 if injected_only else len(trace_paths(variant))
     kept = (int(steps.max()) + 1, rows, min(lanes, len(job.theta) * len(steps)))
     trace = np.full((n, *kept) if traced else (0, 0, 0, 0), np.nan)
     threads = min(threads, n)
-    side_by_side(lambda first: loop(job, samples, trace, out, first, threads), range(threads))
+    given = Given(shape_of(variant, vector), job, samples, trace, out, (), 0, threads)
+    side_by_side(lambda first: _call(loop, given._replace(first=first), vector.real), range(threads))
     return Outcome(*np.moveaxis(tabled(out, job), 2, 0)), trace
+
+
+def _call(loop: MachineCode, given: Given, real: Any) -> None:
+    """Run the loop of one thread, without Python's lock."""
+    table, kept = fill(given._replace(scratch=scratch_for(given.shape, given.job.ring, real)), real)
+    ended = np.zeros(2, np.int64)  # what the loop returns, and room for an exception that it never has
+    result = address(ended)
+    if loop.call(result, result + 8, address(table)) or ended[0]:
+        raise SimulationError("The machine code of the fast engine was made for another injector; report this.")
+    del kept
 
 
 def tabled(figures: Floats, job: Job) -> Floats:

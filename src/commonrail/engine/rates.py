@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from commonrail.choices import Body
-from commonrail.compile import kernel, physics
+from commonrail.compile import physics
 from commonrail.engine.instant import (
     OUTSIDE,
     Inlet,
@@ -107,6 +107,8 @@ def return_rates(y: Any, dy: Any, place: tuple[int, int], c: Coefficients, inflo
 @functools.cache
 def compiled_rates(variant: Variant) -> Callable[..., None]:
     """Function (y, outside, constants, cells, friction, dy) of a variant, compiled."""
+    from commonrail.jit import kernel
+
     return kernel(make_rates(variant), f"rates: {variant.label}")  # type: ignore[no-any-return]
 
 

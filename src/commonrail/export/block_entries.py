@@ -17,13 +17,13 @@ from typing import Any
 
 from numba import types
 
-from commonrail.compile import widest_vectors
 from commonrail.engine.block import INPUTS, Law, Memory, make_advance, make_ferry, own_inputs
 from commonrail.engine.notes import Outcome, report_rest
 from commonrail.engine.registers import row_copier, row_gatherer
 from commonrail.engine.rows import make_rows
 from commonrail.export.entries import view
 from commonrail.injector.variants import Variant
+from commonrail.jit import widest_vectors
 
 __all__ = ["LANES", "make_block_entries"]
 

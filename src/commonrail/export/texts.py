@@ -118,9 +118,9 @@ def _optimised(variant: Variant, which: str) -> dict[str, str]:
     import llvmlite.binding as llvm
     import numba
 
-    from commonrail.compile import INLINED
     from commonrail.export.block_entries import make_block_entries
     from commonrail.export.entries import make_entries
+    from commonrail.jit import INLINED
 
     make = make_block_entries if which == _BLOCK else make_entries
     # without Numba's runtime: nothing is allocated

@@ -8,7 +8,7 @@ from commonrail.compile import physics
 from commonrail.fuel import kernel as fuel
 from commonrail.injector.direct_model import Coefficients, Delays, Parameters, State
 from commonrail.injector.model import Books, Setting
-from commonrail.injector.setup import ambient
+from commonrail.injector.setup import ambient, made_up
 from commonrail.parts import (
     accumulation,
     armature,
@@ -52,20 +52,6 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         cylinder=ambient(f, at.cylinder),
         delays=Delays(feed.travel_time / at.dt, made_up(p.solenoid.eddy_lag, at.dt), made_up(p.flux_decay.lag, at.dt)),
     )
-
-
-@physics
-def made_up(lag: float, dt: float) -> float:
-    """Share of a first-order lag that a step makes up [1].
-
-    Parameters
-    ----------
-    lag : float
-        τ [s], ≥ 0; zero for no lag.
-    dt : float
-        Step [s].
-    """
-    return 1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0
 
 
 @physics

@@ -42,8 +42,6 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
     low_density = fuel.density(f, at.low)
     feed = feed_pipe.coefficients(p.feed_pipe, density, speed)
     back = return_line.coefficients(p.return_line, fuel.sound_speed(f, low_density))
-    lag = p.solenoid.eddy_lag
-    share = 1.0 - math.exp(-at.dt / lag) if lag > 0.0 else 1.0
     return Coefficients(
         fuel=f,
         rail=rail.coefficients(p.rail),
@@ -60,8 +58,22 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         nozzle=nozzle.coefficients(p.nozzle, at.rail, viscosity),
         source=ambient(f, at.rail),
         cylinder=ambient(f, at.cylinder),
-        delays=Delays(feed.travel_time / at.dt, back.round_trip / at.dt, share),
+        delays=Delays(feed.travel_time / at.dt, back.round_trip / at.dt, made_up(p.solenoid.eddy_lag, at.dt)),
     )
+
+
+@physics
+def made_up(lag: float, dt: float) -> float:
+    """Share of a first-order lag that a step makes up [1].
+
+    Parameters
+    ----------
+    lag : float
+        τ [s], ≥ 0; zero for no lag.
+    dt : float
+        Step [s].
+    """
+    return 1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0
 
 
 @physics

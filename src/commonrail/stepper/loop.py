@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.compile import FLUSH_TINY, KEEP_ALL, KEEP_NONE, exchange_rounding, kernel
+from commonrail.compile import FLUSH_TINY, KEEP_ALL, KEEP_NONE
 from commonrail.engine.block import (
     FUEL,
     Memory,
@@ -57,6 +57,8 @@ class Loop(NamedTuple):
 def make_loop(variant: Variant) -> Loop:
     """`Loop` of a variant, compiled (or loaded from the cache) at its first call."""
     wired, rows = wiring(variant), make_rows(variant, 1)
+    from commonrail.jit import kernel
+
     march = kernel(make_march(variant, rows), f"stepper: {variant.label}")
     return Loop(march, rows, wired.state.paths, len(wired.parameters.paths) + len(FUEL.paths))
 
@@ -70,6 +72,8 @@ def make_march(variant: Variant, rows: Any) -> Callable[..., None]:
     rows : Rows
         Of one lane.
     """
+    from commonrail.jit import exchange_rounding
+
     begin, advance = make_begin(variant, rows), make_advance(variant, rows, any_vectors)
     arrive, leave = make_ferry(rows, copy_number)
     size, order = rows.end, (0, 0)  # point and candidate of the one lane

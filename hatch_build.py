@@ -1,0 +1,41 @@
+"""Build hook: with COMMONRAIL_BUILD_KERNELS=1 a wheel carries libraries of the compiled simulation."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+ASKED = "COMMONRAIL_BUILD_KERNELS"
+TAG = "COMMONRAIL_WHEEL_TAG"  # such as py3-none-manylinux_2_28_x86_64
+
+
+class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
+    """Libraries of lane loops in a wheel; without being asked it does nothing, and the wheel is pure Python."""
+
+    def dependencies(self) -> list[str]:
+        """Packages that the compiler needs in the environment that the wheel is built in."""
+        return list(self.metadata.core.dependencies) if self._is_asked() else []
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile and link the libraries, and put them into the wheel."""
+        if not self._is_asked():
+            return
+        root = Path(self.root)
+        folder = Path(self.directory) / "kernels"
+        environment = os.environ | {"PYTHONPATH": str(root / "src")}
+        subprocess.run(
+            [sys.executable, "-m", "commonrail.export.lane_library", str(folder)], env=environment, check=True
+        )
+        for path in sorted(folder.iterdir()):
+            build_data["force_include"][str(path)] = f"commonrail/kernels/{path.name}"
+        build_data["pure_python"] = False
+        build_data["tag"] = os.environ.get(TAG, "py3-none-linux_x86_64")
+
+    @staticmethod
+    def _is_asked() -> bool:
+        return os.environ.get(ASKED) == "1"

@@ -1,0 +1,105 @@
+"""Libraries of lane loops that came with the package, compiled for levels of x86-64 where the package was built.
+
+A library is used if it was made from the sources that are here, for a level that this processor has. A file beside the
+libraries, `STAMP`, tells from which sources and by which compiler they were made.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import json
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from commonrail.compile_target import LEVEL_3, LEVEL_4, is_x86
+from commonrail.kernel_cache import sources_stamp
+
+__all__ = ["FOLDER", "STAMP", "Shared", "file_of", "find", "objection"]
+
+FOLDER = Path(__file__).resolve().parents[1] / "kernels"
+STAMP = "stamp.json"
+SWITCH = "COMMONRAIL_KERNELS"
+
+
+class Shared(NamedTuple):
+    """Address of a function, processor that it was compiled for, and library that holds it."""
+
+    address: int
+    processor: str
+    holder: Any
+
+
+def file_of(processor: str) -> Path:
+    """Library of a level."""
+    return FOLDER / f"lanes-{processor.rpartition('-')[2]}.so"
+
+
+def find(symbol: str, same_bits: bool = False) -> Shared | None:
+    """Function of a library by its name; None where there is none that may be used.
+
+    Parameters
+    ----------
+    symbol : str
+    same_bits : bool
+        Take the library of the fixed processor alone.
+    """
+    level = None if objection() else _level(same_bits)
+    if level is None:
+        return None
+    holder = _opened(file_of(level))
+    try:
+        function = getattr(holder, symbol)
+    except AttributeError:
+        return None
+    return Shared(int(ctypes.cast(function, ctypes.c_void_p).value or 0), level, holder)
+
+
+@functools.cache
+def objection() -> str:
+    """Reason why no library is used; "" where they are."""
+    if os.environ.get(SWITCH) == "off":
+        return f"{SWITCH}=off"
+    named = [name for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES") if name in os.environ]
+    if named:
+        return f"{named[0]} names another processor"
+    stamp = made_by()
+    if stamp is None:
+        return "none came with this package"
+    if stamp.get("sources") != sources_stamp():
+        return "the sources were changed since they were built"
+    if not is_x86():
+        return "they are for x86-64 processors"
+    try:
+        level = _level(False)
+    except OSError as error:
+        return f"they cannot be loaded: {error}"
+    return "" if level else "they are for processors with AVX2 and FMA"
+
+
+@functools.cache
+def made_by() -> dict[str, str] | None:
+    """Stamp of the libraries: sources, versions of compilers; None where there are no libraries."""
+    try:
+        found = json.loads((FOLDER / STAMP).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+@functools.cache
+def _level(same_bits: bool) -> str | None:
+    """Level whose library is used here: the highest that this processor has, unless `SWITCH` names one."""
+    lowest = file_of(LEVEL_3.name)
+    if not lowest.exists():
+        return None
+    has = int(_opened(lowest).cr_level())
+    wanted = 3 if same_bits or os.environ.get(SWITCH) == "v3" else 4
+    level = {4: LEVEL_4, 3: LEVEL_3}.get(min(has, wanted))
+    return level.name if level is not None and file_of(level.name).exists() else None
+
+
+@functools.cache
+def _opened(path: Path) -> Any:
+    return ctypes.CDLL(str(path))

@@ -1,0 +1,177 @@
+"""Targets of Numba's for the kernels of the lanes: one processor each, position-independent code, no C library.
+
+Numba compiles for the machine that it runs on. Here it compiles for a processor that is named, so that the code is the
+same whether it is compiled now or was put into a library elsewhere, and inlines the elementary functions of
+`fixed_target`. What comes out is an object file.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import llvmlite.binding as llvm
+import numba
+import numpy as np
+from numba.core import codegen, cpu, target_extension, types
+from numba.core.registry import CPUDispatcher, CPUTarget
+from numba.extending import overload
+
+from commonrail.compile import in_single
+from commonrail.compile_target import Processor
+from commonrail.fixed_target import cosine, exponential, sine
+from commonrail.jit import FASTMATH, INLINED, SINGLE_FASTMATH, by_precision, compiler_choices, offer_overloads
+
+__all__ = ["assembly", "compile_object"]
+
+
+def compile_object(entry: Callable[..., Any], symbol: str, processor: Processor, real: type = np.float64) -> bytes:
+    """Object file of a function of a table: ``int32_t symbol(int64_t *result, void **exception, int64_t *table)``.
+
+    It returns 0 and does not write `exception`; `result` receives what the function returns.
+
+    Parameters
+    ----------
+    entry : function (table) -> int
+        It allocates nothing.
+    symbol : str
+        Name of the function in the object.
+    processor : Processor
+    real : type
+        `numpy.float32` for a function that computes in single precision.
+    """
+    return _built(entry, symbol, processor, real, lambda machine, module: bytes(machine.emit_object(module)))
+
+
+def assembly(entry: Callable[..., Any], symbol: str, processor: Processor, real: type = np.float64) -> str:
+    """Assembly text of what `compile_object` makes of the same arguments.
+
+    Parameters
+    ----------
+    entry, symbol, processor, real
+        As of `compile_object`.
+    """
+    return _built(entry, symbol, processor, real, lambda machine, module: str(machine.emit_assembly(module)))
+
+
+def _built(
+    entry: Callable[..., Any],
+    symbol: str,
+    processor: Processor,
+    real: type,
+    emit: Callable[[Any, Any], _Emitted],
+) -> _Emitted:
+    with _ONE_AT_A_TIME, compiler_choices(processor.is_wide):
+        single = real is not np.float64
+        name, options = _open(processor, single)
+        source = in_single(entry) if single else entry
+        options = {option: value for option, value in options.items() if option != "forceinline"}
+        compiled = numba.njit(source, nogil=True, _nrt=False, _target=name, **options)
+        compiled.compile(types.int64(types.CPointer(types.int64)))  # type: ignore[attr-defined]
+        (overloaded,) = compiled.overloads.values()
+        own, module = overloaded.fndesc.llvm_func_name, overloaded.library._final_module
+        machine = overloaded.library.codegen._tm
+        for other in (*module.functions, *module.global_variables):
+            if not other.is_declaration:
+                other.linkage = "external" if other.name == own else "internal"
+        module.get_function(own).name = symbol
+        builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0))
+        passes = llvm.create_new_module_pass_manager()
+        passes.add_global_dead_code_eliminate_pass()
+        passes.run(module, builder)
+        return emit(machine, module)
+
+
+_Emitted = TypeVar("_Emitted")
+_ONE_AT_A_TIME = threading.Lock()
+
+
+@functools.cache
+def _open(processor: Processor, single: bool) -> tuple[str, dict[str, Any]]:
+    """Let kernels be compiled for a processor, with all laws; return the target's name for Numba, and its options.
+
+    Parameters
+    ----------
+    processor : Processor
+    single : bool
+        For kernels that compute in single precision.
+    """
+    name = f"commonrail {'f32' if single else 'f64'} {processor.name} {processor.features}".strip()
+    kind = type("LanesCPU", (target_extension.CPU,), {})
+    target_extension.target_registry[name] = kind
+    target_extension.dispatcher_registry[kind] = _dispatcher(name, processor)
+    target_extension.jit_registry[kind] = functools.partial(numba.jit, _target=name)
+    options = INLINED | {"fastmath": SINGLE_FASTMATH if single else FASTMATH}
+    declare = functools.partial(overload, jit_options=options, strict=False, target=name)
+    for function, law in ((math.sin, sine), (sine, sine), (math.cos, cosine), (math.exp, exponential)):
+        declare(function)(_by_argument(law))
+    offer_overloads(declare)
+    return name, options
+
+
+def _by_argument(law: Callable[..., Any]) -> Callable[..., Any]:
+    """As `by_precision`, of a law of one argument `x`: Numba compares the names of arguments."""
+    choose = by_precision(law)
+
+    def choose_by(x: Any) -> Callable[..., Any]:
+        return choose(x)
+
+    return choose_by
+
+
+class _Unloaded(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """Library whose machine code is not made: of the laws, which are inlined, and of a kernel until it is emitted."""
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Zero, as of a function that the library does not define."""
+        self._ensure_finalized()
+        return 0
+
+    def _finalize_specific(self) -> None:
+        pass
+
+
+def _dispatcher(name: str, processor: Processor) -> type:
+    """Class of Numba's dispatchers of a target, with a generator of machine code for its processor."""
+
+    class Codegen(codegen.JITCPUCodegen):  # type: ignore[misc]
+        _library_class = _Unloaded
+
+        def _get_host_cpu_name(self) -> str:
+            return processor.name
+
+        def _get_host_cpu_features(self) -> str:
+            return processor.features
+
+        def _customize_tm_options(self, options: dict[str, Any]) -> None:
+            super()._customize_tm_options(options)
+            options |= {"reloc": "pic", "codemodel": "default", "jit": False}
+
+        def _add_module(self, module: Any) -> None:
+            pass
+
+        def set_env(self, env_name: str, env: Any) -> None:
+            """Nothing to set: nothing is called from Python."""
+
+    class Context(cpu.CPUContext):  # type: ignore[misc]
+        def init(self) -> None:
+            super().init()
+            self._internal_codegen = Codegen("commonrail.targets")
+
+    class Target(CPUTarget):  # type: ignore[misc]
+        @functools.cached_property
+        def _toplevel_target_context(self) -> Context:
+            return Context(self.typing_context, self._target_name)
+
+    class Dispatcher(CPUDispatcher):  # type: ignore[misc]
+        targetdescr = Target(name)
+
+        def compile(self, sig: Any) -> Any:
+            """Compile for one signature, with the overloads of the target."""
+            with target_extension.target_override(name):
+                return super().compile(sig)
+
+    return Dispatcher

@@ -1,0 +1,166 @@
+"""Loops from a library give the bits of those that are compiled, and a library that does not fit is not used."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import commonrail as cr
+from commonrail.choices import Precision
+from commonrail.compile_target import LEVEL_3, LEVEL_4, own_processor
+from commonrail.engine import lanes, library
+from commonrail.engine.machine_code import symbol_of
+from commonrail.errors import SimulationError
+from commonrail.export.lane_library import ALL, CATALOGUE, write_libraries
+from commonrail.files.injector_file import injector_catalogue, load_injector
+from commonrail.fixed_target import missing
+
+POINT = cr.OperatingPoint(160e6, 300e-6, horizon=6e-4)
+NAMES, VALUES = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
+CACHES = (lanes.compiled, library.objection, library.made_by, library._level)
+REASON = missing() or ("" if shutil.which("cc") else "no C compiler, cc, is on this machine")
+pytestmark = pytest.mark.skipif(
+    bool(REASON) or platform.system() != "Linux", reason=REASON or "libraries are made for Linux"
+)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, rigid: cr.Injector) -> Path:
+    """Libraries of the rigid body in double precision, of kernels that other tests have compiled too."""
+    folder = tmp_path_factory.mktemp("kernels")
+    levels = [LEVEL_3, LEVEL_4] if own_processor() == LEVEL_4 else [LEVEL_3]
+    write_libraries(folder, [rigid.wired()], [Precision.F64], levels)
+    return folder
+
+
+@pytest.fixture
+def use(monkeypatch: pytest.MonkeyPatch, made: Path) -> Iterator[pytest.MonkeyPatch]:
+    """Let this process find those libraries in place of the package's own."""
+    monkeypatch.setattr(library, "FOLDER", made)
+    monkeypatch.delenv("COMMONRAIL_KERNELS", raising=False)
+    forget()
+    yield monkeypatch
+    monkeypatch.undo()
+    forget()
+
+
+def forget() -> None:
+    """Let libraries be looked for anew."""
+    for cache in CACHES:
+        cache.cache_clear()
+
+
+def figures(injector: cr.Injector, threads: int = 1) -> np.ndarray:
+    """Figures of a batch and a trace of one injection, in a row."""
+    batch = cr.simulate_batch(injector, [POINT], NAMES, VALUES, threads=threads)
+    one = cr.simulate(injector, POINT)
+    of_batch = (batch.injected_mass, batch.returned_mass, batch.opening, batch.closing, batch.greatest_lift)
+    return np.concatenate([np.ravel(array) for array in (*of_batch, one.injected, *one.channels.values())])
+
+
+def origins(injector: cr.Injector) -> tuple[str, str]:
+    code = lanes.compiled(injector.wired(), Precision.F64, False)
+    return code.origin, code.processor
+
+
+def test_a_library_gives_the_bits_of_the_compiler(use: pytest.MonkeyPatch, rigid: cr.Injector) -> None:
+    found = {}
+    for switch in ("off", "v3", "v4"):
+        use.setenv("COMMONRAIL_KERNELS", switch)
+        forget()
+        found[switch] = figures(rigid)
+        origin, processor = origins(rigid)
+        assert (origin == "library") == (switch != "off")
+        assert processor == (LEVEL_3.name if switch == "v3" else own_processor().name)
+    assert found["off"].tobytes() == found["v4"].tobytes()
+    assert figures(rigid, threads=2).tobytes() == found["v4"].tobytes()
+    # Levels differ in a last digit, where one has a fused product that the other has not; channels pass through zero.
+    np.testing.assert_allclose(found["v3"], found["v4"], rtol=1e-9, atol=1e-12)
+
+
+def test_sources_that_were_changed_are_compiled(use: pytest.MonkeyPatch, rigid: cr.Injector) -> None:
+    assert library.find(symbol_of(rigid.wired(), Precision.F64)) is not None
+    use.setattr(library, "sources_stamp", lambda: "another")
+    forget()
+    assert library.find(symbol_of(rigid.wired(), Precision.F64)) is None
+    assert library.objection() == "the sources were changed since they were built"
+
+
+def test_a_wiring_that_a_library_lacks_is_not_found(use: pytest.MonkeyPatch, pwm: cr.Injector) -> None:
+    assert library.find(symbol_of(pwm.wired(), Precision.F64)) is None
+    assert library.objection() == ""
+
+
+def test_a_library_that_cannot_be_loaded_is_not_used(use: pytest.MonkeyPatch, made: Path, tmp_path: Path) -> None:
+    shutil.copy(made / library.STAMP, tmp_path)
+    (tmp_path / "lanes-v3.so").write_bytes(b"cut")
+    use.setattr(library, "FOLDER", tmp_path)
+    forget()
+    assert library.find("cr_any") is None
+    assert library.objection().startswith("they cannot be loaded: ")
+
+
+def test_a_damaged_stamp_is_none(use: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    use.setattr(library, "FOLDER", tmp_path)
+    (tmp_path / library.STAMP).write_text("[", encoding="utf-8")
+    assert library.made_by() is None
+    assert library.objection() == "none came with this package"
+
+
+@pytest.mark.parametrize("wrong", ["rows", "lanes", "columns", "size"])
+def test_a_loop_refuses_a_table_that_was_made_for_another(
+    use: pytest.MonkeyPatch, rigid: cr.Injector, wrong: str
+) -> None:
+    """It writes nothing then: a loop of the wrong wiring would write past the end of its memory."""
+    shape = lanes.shape_of(rigid.wired(), lanes.VECTORS[Precision.F64])
+    other = shape._replace(**{wrong: getattr(shape, wrong) - 1})
+    use.setattr(lanes, "shape_of", lambda variant, vector: other)
+    with pytest.raises(SimulationError, match="made for another injector"):
+        cr.simulate(rigid, POINT)
+
+
+def test_a_library_needs_no_other(use: pytest.MonkeyPatch, made: Path) -> None:
+    """Not the C library's sine, whose versions differ, and nothing of Python's."""
+    for path in made.glob("*.so"):
+        done = subprocess.run(["nm", "-D", "-u", str(path)], capture_output=True, text=True, check=True)
+        needed = {line.split()[-1] for line in done.stdout.splitlines()}
+        weak = {"__cxa_finalize", "__gmon_start__", "_ITM_deregisterTMCloneTable", "_ITM_registerTMCloneTable"}
+        assert {name.partition("@")[0] for name in needed} <= weak
+        assert ctypes.CDLL(str(path)).cr_level() in (3, 4)
+
+
+CODE = """
+import json, pathlib, sys
+from commonrail.engine import library
+library.FOLDER = pathlib.Path(sys.argv[1])
+import commonrail as cr
+from commonrail.choices import Body, Drive
+from commonrail.injector.variants import Variant
+from dataclasses import replace
+injector = replace(cr.load_injector("virtual-lino-2016"), variant=Variant(Body.RIGID, drive=Drive.PWM))
+found = cr.simulate(injector, cr.OperatingPoint(160e6, 300e-6, horizon=6e-4))
+heavy = ("numba", "llvmlite", "scipy", "plotly", "matplotlib", "pint", "pandas")
+print(json.dumps([float(found.injected_mass), [name for name in heavy if name in sys.modules]]))
+"""
+
+
+def test_a_simulation_by_a_library_loads_no_compiler(made: Path, rigid: cr.Injector) -> None:
+    done = subprocess.run([sys.executable, "-c", CODE, str(made)], capture_output=True, text=True, check=True)
+    mass, loaded = json.loads(done.stdout)
+    assert loaded == []
+    assert mass == float(cr.simulate(rigid, POINT).injected_mass)
+
+
+def test_the_libraries_hold_what_the_catalogue_needs() -> None:
+    assert {load_injector(name).wired() for name in injector_catalogue()} <= set(CATALOGUE) <= set(ALL)
+    symbols = [symbol_of(variant, precision) for variant in ALL for precision in Precision]
+    assert len(set(symbols)) == len(symbols)
