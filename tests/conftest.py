@@ -88,8 +88,8 @@ def regulated() -> Injector:
 
 @pytest.fixture(scope="session")
 def rigid() -> Injector:
-    """Plunger and needle as one mass, PWM."""
-    return wired(Variant(Body.RIGID, drive=Drive.PWM))
+    """Plunger and needle as one mass; the wiring of the reproduction and of comparisons, too."""
+    return wired(Variant(Body.RIGID))
 
 
 @pytest.fixture(scope="session")
