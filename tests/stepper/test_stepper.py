@@ -154,9 +154,7 @@ def test_a_state_of_another_injector_is_refused(pwm: Injector) -> None:
         {"held": None},
     ],
 )
-def test_a_damaged_state_is_refused_and_the_stepper_keeps_its_own(
-    pwm: Injector, change: dict[str, object]
-) -> None:
+def test_a_damaged_state_is_refused_and_the_stepper_keeps_its_own(pwm: Injector, change: dict[str, object]) -> None:
     stepper = cr.Stepper(pwm, POINT)
     stepper.step("50 us")
     kept, before = stepper.save(), stepper.states
