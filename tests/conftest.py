@@ -34,7 +34,6 @@ DOUBLE = (
     "verification/test_conservation.py",
     "engine/test_simulate.py",
     "verification/test_extended_laws.py::test_a_varying_law",
-    "calibration/test_spread.py::test_a_candidate_does_not_know",
     "verification/test_direct_acting.py::test_what_the_rail",
     "verification/test_magnet.py",
 )
@@ -108,8 +107,8 @@ def regulated() -> Injector:
 
 @pytest.fixture(scope="session")
 def rigid() -> Injector:
-    """Plunger and needle as one mass; the wiring of the reproduction and of comparisons, too."""
-    return wired(Variant(Body.RIGID))
+    """Plunger and needle as one mass, PWM."""
+    return wired(Variant(Body.RIGID, drive=Drive.PWM))
 
 
 @pytest.fixture(scope="session")

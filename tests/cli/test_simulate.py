@@ -12,7 +12,6 @@ import pytest
 
 import commonrail as cr
 from commonrail.engine.status import Status
-from commonrail.injector.definition import Injector
 from tests.cli.conftest import Command
 
 POINT = ("--rail-pressure", "160MPa", "--energising-time", "700us")
@@ -51,11 +50,10 @@ def test_a_parameter_can_be_changed(command: Command) -> None:
     assert record["injected_volume"] == own.injected_volume
 
 
-def test_the_body_can_be_rigid(command: Command, regulated: Injector, tmp_path: Path) -> None:
-    cr.dump_injector(regulated, tmp_path / "own.toml")
-    record = command("simulate", tmp_path / "own.toml", *POINT, "--variant", "rigid", "--json").record
+def test_the_body_can_be_rigid(command: Command) -> None:
+    record = command(*SIMULATE, "--variant", "rigid", "--json").record
     assert record["injector"]["variant"].startswith("rigid body")
-    assert record["injected_volume"] < 0.9 * cr.simulate(regulated, cr.OperatingPoint(160e6, 700e-6)).injected_volume
+    assert record["injected_volume"] < 0.9 * solution().injected_volume
 
 
 def test_a_pilot_and_a_main_injection_inject_more_than_the_main_one(command: Command) -> None:

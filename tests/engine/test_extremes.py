@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from commonrail.choices import Drive
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import Status
@@ -33,7 +32,7 @@ def status(injector: Injector, point: OperatingPoint, step: float) -> int:
 @pytest.mark.parametrize("name", ["virtual-lino-2016", "cri2-16"])
 def test_pwm_whose_voltage_crosses_its_band_in_a_step(name: str) -> None:
     """Quench of 500 V: the current fell by several bands in one step, 2.6 and 15 % of the volume were missing."""
-    injector = replace(load_injector(name), variant=Variant(drive=Drive.PWM))
+    injector = replace(load_injector(name), variant=Variant("rigid", "ideal", "pwm"))
     fast = injector.with_values({"drive.quench_voltage": 500.0})
     point = OperatingPoint(80e6, 300e-6)
     assert injected(fast, point, 1e-6) == pytest.approx(injected(fast, point, 0.125e-6), rel=NEAR)

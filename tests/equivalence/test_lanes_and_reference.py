@@ -20,7 +20,8 @@ from commonrail.files.outside_figures import load_outside
 from commonrail.injector.definition import Injector
 
 QUICK = range(16)  # two stiffnesses × two pressures, rigid body, rail volume, four random, four traces, two short
-ALONE = (4, 12, 13)  # rigid body with PWM, measured current: kernels that no other test needs
+# Kernels that no other test needs: rigid body with PWM, measured current, the explicit method with regulated drive.
+ALONE = (4, 12, 13, 15)
 KEPT = 0.25  # margin that every check leaves to its limit
 
 Found = Callable[[int], tuple[Task, Compared]]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from commonrail.choices import Body
+from commonrail.choices import Body, Drive
 from commonrail.errors import StudyError
 from commonrail.files.injector_file import dump_injector
 from commonrail.files.study_file import load_study
@@ -28,7 +28,7 @@ pytestmark = [pytest.mark.process, runs_here]
 def rigid_fleet(folder: Path, same_bits: bool) -> Path:
     """Two injectors with the rigid body, whose kernels other tests compile too; returns the fleet's file."""
     file = make_fleet(folder, 2, **SEARCH)
-    dump_injector(wired(Variant(Body.RIGID)), folder / "rigid.toml")
+    dump_injector(wired(Variant(Body.RIGID, drive=Drive.PWM)), folder / "rigid.toml")
     chosen = f'injector = "rigid.toml"\nsame_bits = {str(same_bits).lower()}'
     edited(folder / "study.toml", 'injector = "virtual-lino-2016"', chosen)
     return file

@@ -24,7 +24,6 @@ from commonrail.errors import StudyError
 from commonrail.files.study_file import load_study
 from commonrail.store.content import content_of
 from commonrail.store.run import calibrate_into, resume
-from tests.fleet.conftest import edited
 from tests.store.conftest import Whole, stopped_run, timeless, write_small
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -95,7 +94,7 @@ def with_same_bits(study: Path) -> None:
 
 @pytest.fixture(scope="module")
 def exact(tmp_path_factory: pytest.TempPathFactory) -> Whole:
-    """The small study with a rigid body, whose kernel another test compiles, and its run on this machine."""
+    """The small study with a rigid body and PWM, so that one kernel is compiled, and its run on this machine."""
     folder = tmp_path_factory.mktemp("exact")
     study = write_small(folder / "small")
     with_same_bits(study)
@@ -106,7 +105,11 @@ def exact(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     order = '[constraints]\norder = ["control_chamber.z_hole_diameter < control_chamber.a_hole_diameter"]\n'
     study.write_text(text.replace(parameter, bent).replace("[optimiser]", order + "\n[optimiser]"), encoding="utf-8")
     injector = study.with_name("injector.toml")
-    edited(injector, 'variant = "flexible"', 'variant = "rigid"')
+    text = injector.read_text(encoding="utf-8")
+    for old, new in (('variant = "flexible"', 'variant = "rigid"'), ('drive_kind = "regulated"', 'drive_kind = "pwm"')):
+        assert old in text
+        text = text.replace(old, new)
+    injector.write_text(text, encoding="utf-8")
     calibrate_into(folder / "run", load_study(study), threads=1)
     return Whole(study, folder / "run")
 
