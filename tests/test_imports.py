@@ -48,7 +48,7 @@ OFFENDERS = [
 
 @pytest.fixture(scope="module")
 def objected(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """What is said of a package with all of them."""
+    """Output of the linter about a package with all of them."""
     folder = tmp_path_factory.mktemp("offended")
     copy = folder / "commonrail"
     shutil.copytree(SOURCE, copy, ignore=shutil.ignore_patterns("__pycache__", "*.html"))
