@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-generic test-busy test-lowest line-coverage coverage lint style verify fuzz soak attack fleet disk kernels bench clean
+.PHONY: help demo test test-generic test-busy test-lowest line-coverage coverage lint style format verify fuzz soak attack fleet disk kernels bench clean
 
 # Two processes; one that has nothing left to do takes over tests of the other, so that fixtures are seldom made twice.
 TESTS := -m pytest -q -n 2 --dist worksteal tests
@@ -25,8 +25,9 @@ help: ## show this list
 demo: $(VENV)/.runtime ## calibrate the cases paper and cri2-16, repeat the paper's study, write three reports to demo/
 	$(BIN)/python -m commonrail.cli.demo --out demo
 
-# The types are checked beside the tests: alone it would leave a processor idle. What it finds is told after them.
-test: $(VENV)/.dev style ## lint, check types and imports, run the tests
+# The types are checked beside the tests: alone it would leave a processor idle. What it finds is told after them. The
+# direction of imports is one of the tests.
+test: $(VENV)/.dev format ## lint, check types and imports, run the tests
 	@echo "$(BIN)/mypy &"; $(BIN)/mypy > $(VENV)/types.txt 2>&1 & types=$$!; \
 	    $(BIN)/python $(TESTS); tests=$$?; \
 	    wait $$types || { echo "$(BIN)/mypy:"; cat $(VENV)/types.txt; exit 1; }; \
@@ -54,10 +55,12 @@ coverage: $(VENV)/.dev ## fit 400 virtual benches of each kind and count the sta
 lint: style ## format, lint, types, direction of imports
 	$(BIN)/mypy
 
-style: $(VENV)/.dev ## format, lint, direction of imports
+style: format ## format, lint, direction of imports
+	$(BIN)/lint-imports --no-logo
+
+format: $(VENV)/.dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/lint-imports --no-logo
 
 verify: $(VENV)/.dev line-coverage fuzz soak attack fleet disk ## check the claims: the verification study, the slow tests and all trials below
 	$(BIN)/commonrail verify

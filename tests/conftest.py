@@ -24,32 +24,51 @@ settings.load_profile("commonrail")
 
 DRAWN = "virtual-lino-2016"
 
-# Of the kernels in single precision, and of those of the reference, the first in a process takes twice to three times
-# the time of the others, because they share their laws. The process that is given the first half of the tests begins
-# with the ones, the other with the others, in the order of these lists and with a wiring that the other does not begin
-# with; whoever is done takes over from the end of a half.
-SINGLE = ("engine/test_precision", "engine/test_streaming", "bench/test_throughput", "store/test_precision")
-REFERENCE = (
-    *(f"engine/test_{name}" for name in ("closings", "reference", "explicit", "validity")),
-    "analysis/test_outside",
-    "analysis/test_virtual_bench",
-    "benchmarks/test_solvers",
-    "equivalence/test_lanes_and_reference",
-    "parts/test_feed_pipe",
+# Kernels share their laws: of each kind (double precision, single precision, the reference, another processor) the
+# first in a process takes twice to three times the time of the others. The process that is given the first half of the
+# tests begins with tests of all wirings in double precision, the other with the other kinds, by tests that need no
+# kernel in double precision while those are compiled; then with those that compare the kinds. Whoever is done takes
+# over from the end of a half.
+DOUBLE = (
+    "engine/test_closings.py::test_closings_are_those_of_the_lift",
+    "verification/test_conservation.py",
+    "engine/test_simulate.py",
+    "verification/test_extended_laws.py::test_a_varying_law",
+    "verification/test_direct_acting.py::test_what_the_rail",
+    "verification/test_magnet.py",
+)
+OTHERS = (
+    "engine/test_precision.py::test_mass_is_kept",
+    "engine/test_explicit.py",
+    "analysis/test_virtual_bench.py",
+    "store/test_same_bits.py",
+    "engine/test_reference.py",
+    *(f"engine/test_{name}.py" for name in ("precision", "streaming", "closings", "validity")),
+    "equivalence/test_lanes_and_reference.py",
+    "benchmarks/test_solvers.py",
+    "bench/test_throughput.py",
+    "store/test_precision.py",
+    "analysis/test_outside.py",
+    "parts/test_feed_pipe.py",
     "reproduction/",
-    "cli/test_reproduce",
+    "cli/test_reproduce.py",
 )
 
 
 @pytest.hookimpl(trylast=True)  # when those that are left out are gone
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put tests of the same kind of kernel into the same process."""
+    rest = list(items)
 
-    def begin(item: pytest.Item, names: tuple[str, ...]) -> bool:
-        return item.nodeid.removeprefix("tests/").startswith(names)
+    def taken(names: tuple[str, ...]) -> list[pytest.Item]:
+        found = []
+        for name in names:
+            of_name = [i for i in rest if i.nodeid.removeprefix("tests/").startswith(name)]
+            found += of_name
+            rest[:] = [i for i in rest if i not in set(of_name)]
+        return found
 
-    first, second = ([i for name in names for i in items if begin(i, (name,))] for names in (SINGLE, REFERENCE))
-    rest = [i for i in items if not begin(i, SINGLE + REFERENCE)]
+    first, second = taken(DOUBLE), taken(OTHERS)
     half = max(0, len(items) // 2 - len(first))
     items[:] = [*first, *rest[:half], *second, *rest[half:]]
 

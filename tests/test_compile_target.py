@@ -60,7 +60,7 @@ def test_the_highest_level_that_the_processor_has_is_compiled_for(
 
 @pytest.mark.process
 def test_another_target_on_the_same_processor_is_seen() -> None:
-    own, generic, slow = shown(), shown(NUMBA_CPU_NAME="generic"), shown(NUMBA_OPT="1")
+    own, generic, slow = list(describe().machine.values()), shown(NUMBA_CPU_NAME="generic"), shown(NUMBA_OPT="1")
     assert generic[1:3] == ["generic", ""]
     assert own[1] != "generic"
     assert own[4] == generic[4] == slow[4]

@@ -29,6 +29,7 @@ def facts_of(*answers: dict[str, Any]) -> list[Fact]:
     return list(kernel_facts(lambda: next(given)))
 
 
+@pytest.mark.slow  # tests/cli/test_doctor.py reads the same of the command
 @pytest.mark.skipif(kernel_cache.cache_folder() is None, reason="no place for compiled simulations can be used here")
 def test_a_second_process_loads_what_the_first_has_compiled() -> None:
     first, second = (json.loads(run_child("commonrail.bench.kernel_probe", [], 300.0).stdout) for _ in range(2))

@@ -4,14 +4,33 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.bench import throughput
+from commonrail.bench import accuracy, throughput
 from commonrail.bench.accuracy import lane_errors
 from commonrail.bench.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
 from commonrail.bench.timing import Effort
 from commonrail.choices import Precision
+from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.population import candidate_matrix
+from commonrail.engine.reference import Resolution, simulate_reference
+from commonrail.engine.solution import Solution
 from commonrail.engine.stability import medium_of, too_long
+from commonrail.injector.definition import Injector
 from commonrail.reproduction import paper
+
+_JUDGES: dict[tuple[object, ...], Solution] = {}
+
+
+@pytest.fixture(autouse=True)
+def judged_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows of both precisions, step counts and numbers of threads are judged by the same references, made once."""
+
+    def once(injector: Injector, point: OperatingPoint, interval: float, resolution: Resolution) -> Solution:
+        key = (tuple(injector.values.values()), point, interval, resolution)
+        if key not in _JUDGES:
+            _JUDGES[key] = simulate_reference(injector, point, interval, resolution)
+        return _JUDGES[key]
+
+    monkeypatch.setattr(accuracy, "simulate_reference", once)
 
 
 def test_there_is_a_row_for_each_precision_step_count_and_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -117,24 +117,23 @@ def the_seed_decides(case: Case) -> None:
 
 def it_goes_on_from_any_step(case: Case) -> None:
     """Kept and restored after any step, and in the midst of the next one, it asks for what it would have asked for."""
-    whole = case.make(1, STEPS)
-    run(whole)
+    whole, asked = case.make(1, STEPS), []
+    while not whole.finished:
+        asked.append(run(whole, steps=1))
+    assert len(asked) == whole.total
+    walker = case.make(1, STEPS)
     for done in range(whole.total):
+        counted = (walker.steps, walker.counts)
         for midway in (False, True):
-            first, second = case.make(1, STEPS), case.make(2, STEPS)
-            run(first, steps=done)
             if midway:
-                first.ask()
-                state = first.state()
-                first = case.make(1, STEPS)
-                run(first, steps=done)
-            else:
-                state = first.state()
-            second.restore(kept(state))
-            assert (second.steps, second.counts) == (first.steps, first.counts)
-            assert run(second) == run(first)
+                walker.ask()
+            second = case.make(2, STEPS)
+            second.restore(kept(walker.state()))
+            assert (second.steps, second.counts) == counted
+            assert run(second) == [question for step in asked[done:] for question in step]
             assert second.best.x.tobytes() == whole.best.x.tobytes()
             assert second.best.cost == whole.best.cost
+        assert run(walker, steps=1) == asked[done]
 
 
 def it_survives_failures(case: Case) -> None:

@@ -153,7 +153,7 @@ def test_two_objectives_can_take_turns(two: Workers, objective: Objective, popul
         assert second.costs(population).costs.tobytes() == other.costs(population).costs.tobytes()
 
 
-@pytest.mark.parametrize("case", ["paper", "cri2-16"])
+@pytest.mark.parametrize("case", ["paper", pytest.param("cri2-16", marks=pytest.mark.slow)])  # a kernel of its own
 def test_a_candidate_does_not_know_its_neighbours(case: str) -> None:
     # lengths and temperature set the delays of the waves: lanes that differ in them take another path in the kernel
     study = load_study(CASES / case / "study.toml")

@@ -213,6 +213,7 @@ def test_report_refuses_what_is_no_run_folder(command: Command, tmp_path: Path) 
     assert "not a run folder" in done.sentence
 
 
+@pytest.mark.slow  # tests/cli/test_resume.py resumes with workers, tests/store/test_workers.py compares all bytes
 def test_workers_give_the_same_result(command: Command, finished: dict[str, Any], tmp_path: Path) -> None:
     options = ("--out", tmp_path / "run", "--seed", "3", "--workers", "2", "--json")
     found = command("calibrate", finished["study"], *options).record["result"]

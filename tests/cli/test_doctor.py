@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from commonrail import kernel_cache
 from commonrail.bench import doctor as bench_doctor
 from commonrail.bench.doctor import Fact
 from tests.cli.conftest import Command
@@ -14,8 +15,10 @@ def test_this_machine_is_usable_and_said_in_json(command: Command) -> None:
     assert done.status == 0
     record = done.record
     assert record["usable"] is True
-    names = {fact["name"] for fact in record["facts"]}
-    assert {"Python", "numba", "processor", "instruction sets", "threads", "kernel cache", "self-check"} <= names
+    facts = {fact["name"]: fact for fact in record["facts"]}
+    assert {"Python", "numba", "processor", "instruction sets", "threads", "kernel cache", "self-check"} <= set(facts)
+    if kernel_cache.cache_folder() is not None:  # there is a place for compiled simulations
+        assert "from the cache" in facts["first simulation"]["value"]
 
 
 def test_a_machine_that_cannot_be_used_ends_with_2(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:

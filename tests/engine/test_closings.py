@@ -57,7 +57,7 @@ def closing_times(s: Solution) -> list[float]:
     return [s.opening, s.first_closing, s.closing]
 
 
-@pytest.mark.parametrize("method", ["lsoda", "explicit"])
+@pytest.mark.parametrize("method", ["lsoda", pytest.param("explicit", marks=pytest.mark.slow)])
 def test_the_reference_notes_the_same(regulated: Injector, method: str) -> None:
     """A pilot whose needle bounces open by 4 um and injects 0.3 % anew, and two injections."""
     for point in (OperatingPoint(56e6, 441e-6, horizon=1.3e-3), TWICE):

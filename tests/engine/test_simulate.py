@@ -81,6 +81,7 @@ def test_a_falling_rail_pressure_injects_less(regulated: Injector) -> None:
     assert least < simulate(regulated, falling).injected_mass < simulate(regulated, POINT).injected_mass
 
 
+@pytest.mark.slow  # no other test compiles this wiring
 def test_replaying_its_own_current_gives_its_own_rate(regulated: Injector, by_current: Injector) -> None:
     own = simulate(regulated, POINT)
     trace = Trace.of(own.time, own.channels["coil_current"])

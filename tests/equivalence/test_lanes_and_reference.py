@@ -20,6 +20,8 @@ from commonrail.files.outside_figures import load_outside
 from commonrail.injector.definition import Injector
 
 QUICK = range(16)  # two stiffnesses × two pressures, rigid body, rail volume, four random, four traces, two short
+# Kernels that no other test needs: rigid body with PWM, measured current, the explicit method with regulated drive.
+ALONE = (4, 12, 13, 15)
 KEPT = 0.25  # margin that every check leaves to its limit
 
 Found = Callable[[int], tuple[Task, Compared]]
@@ -33,7 +35,7 @@ def found(pwm: Injector) -> Found:
     return functools.cache(lambda index: (tasks[index], compare(tasks[index])))
 
 
-@pytest.mark.parametrize("index", QUICK)
+@pytest.mark.parametrize("index", [pytest.param(i, marks=pytest.mark.slow) if i in ALONE else i for i in QUICK])
 def test_engines_agree(found: Found, index: int) -> None:
     task, one = found(index)
     checks = judged([task], [one])

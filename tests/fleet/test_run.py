@@ -23,10 +23,12 @@ from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.journal import FAILED, JOURNAL, Journal
 from commonrail.fleet.run import FleetProgress, FleetRun, run_fleet
 from commonrail.workers.interrupt import _ask
+from tests.cli.conftest import run_command
 from tests.fleet.conftest import COUNT, edited, results
 from tests.waiting import wait_until
 from tests.workers.crews import gone
 
+ROOT = Path(__file__).resolve().parents[2]
 pytestmark = [pytest.mark.process, pytest.mark.usefixtures("forked_workers")]
 
 
@@ -76,25 +78,29 @@ def run_fleet(*arguments, progress, **how):
     return usual(*arguments, progress=stop, **how)
 module.run_fleet = run_fleet
 from commonrail.cli.app import main
-main()
+from tests.workers.forked import forked
+with forked():
+    main()
 """
 
 
 def test_a_killed_fleet_goes_on_without_doing_anything_twice(fleet_file: Path, whole: FleetRun, tmp_path: Path) -> None:
     out = tmp_path / "run"
     command = ["fleet", str(fleet_file), "--out", str(out), "--workers", "2"]
-    killed = subprocess.run([sys.executable, "-c", KILLED, *command], capture_output=True, text=True, check=False)
+    killed = subprocess.run(
+        [sys.executable, "-c", KILLED, *command], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     workers = [int(pid) for pid in killed.stdout.split()]
     assert len(workers) == 2
     before = ended(out)
     assert 2 <= len(before) < COUNT
     wait_until(lambda: all(map(gone, workers)), "the workers end with their caller")
-    again = [sys.executable, "-m", "commonrail", *command, "--json"]
-    done = subprocess.run(again, capture_output=True, text=True, check=True)
+    done = run_command(*command, "--json")
+    assert done.status == 0, done.err
     after = ended(out)
     assert {name: after[name] for name in before} == before
-    assert f'"calibrated_now": {COUNT - len(before)}' in done.stdout
+    assert f'"calibrated_now": {COUNT - len(before)}' in done.out
     assert results(out) == results(whole.folder)
 
 

@@ -93,6 +93,7 @@ def test_a_model_has_usual_sliders_and_those_that_are_asked_for() -> None:
     assert subject.synthetic == (subject.injector.synthetic,)
 
 
+@pytest.mark.slow  # no other test compiles this wiring
 def test_a_direct_acting_injector_has_a_page_too(tmp_path: Path) -> None:
     traced = cr.load_injector("direct-acting-kr")
     regulated = replace(traced, variant=traced.variant._replace(drive=Drive.REGULATED))

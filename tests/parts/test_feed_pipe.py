@@ -28,9 +28,9 @@ def test_a_steady_flow_loses_the_whole_friction_and_nothing_else(flow: float) ->
 
 
 @pytest.mark.parametrize(("length", "limit"), [(0.12, 1e-4), (1.0, 2e-4), (3.0, 1e-3)])
-def test_a_long_pipe_agrees_with_cells(regulated: Injector, length: float, limit: float) -> None:
+def test_a_long_pipe_agrees_with_cells(pwm: Injector, length: float, limit: float) -> None:
     """Friction converges with the step as long as the wave comes back during the injection, and nearly so beyond."""
-    injector = regulated.with_values({"feed_pipe.length": length})
+    injector = pwm.with_values({"feed_pipe.length": length})
     point = OperatingPoint(160e6, 700e-6, horizon=2.4e-3)
     cells = simulate_reference(injector, point, resolution=Resolution((240, 60), method="explicit"))
     lanes = simulate(injector, point, time_step=0.25e-6)

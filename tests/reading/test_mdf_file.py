@@ -59,6 +59,7 @@ def test_a_channel_comes_with_the_times_of_its_own_group(tmp_path: Path, compres
     assert MdfFile(path).names == ["ROI", "p"]
 
 
+@pytest.mark.usefixtures("in_process")
 def test_two_libraries_write_records_that_are_read_alike(tmp_path: Path) -> None:
     mdfreader = pytest.importorskip("mdfreader", reason="mdfreader is not installed")
     other = mdfreader.Mdf()
@@ -90,6 +91,7 @@ def test_linear_rules_are_applied_and_formulas_are_not_evaluated(tmp_path: Path)
         read(formula)
 
 
+@pytest.mark.usefixtures("in_process")
 def test_what_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mf4", ("g", [signal(RATE), signal(RATE, "TRIG", "V")]))
     with pytest.raises(InputError, match=r'there is no column "RIO" \(did you mean "ROI"\?\); the header has'):

@@ -58,7 +58,9 @@ def run(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_without_matplotlib_a_sentence_names_the_extra(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_matplotlib_a_sentence_names_the_extra(
+    run: Path, plates: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
     with monkeypatch.context() as without:
         without.setitem(sys.modules, "matplotlib", None)
         sentence = draw_plates(run)
@@ -67,6 +69,7 @@ def test_without_matplotlib_a_sentence_names_the_extra(run: Path, monkeypatch: p
     assert f"`commonrail report {run}` draws them" in sentence
     assert not (run / "figures").exists()
     assert "For print" not in page
+    monkeypatch.setattr("commonrail.report.plates.make_plates", lambda *read: plates)
     assert draw_plates(run) == ""
     assert len(list((run / "figures").iterdir())) == 6
     assert "figures/fig6.pdf" in write_report(run).read_text(encoding="utf-8")
@@ -80,6 +83,7 @@ def test_a_broken_record_has_no_plates_and_says_so(run: Path) -> None:
         draw_plates(run)
 
 
+@pytest.mark.slow  # a contract of tests/test_imports.py holds that nothing else names it
 def test_nothing_but_the_plates_needs_matplotlib() -> None:
     code = """
 import importlib, pkgutil, sys

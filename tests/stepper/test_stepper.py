@@ -17,8 +17,8 @@ INTERVAL = 10  # time steps between two looks
 
 
 @pytest.fixture(scope="module")
-def whole(regulated: Injector) -> cr.Solution:
-    return cr.simulate(regulated, POINT)
+def whole(pwm: Injector) -> cr.Solution:
+    return cr.simulate(pwm, POINT)
 
 
 def stepped(stepper: cr.Stepper, count: int) -> dict[str, np.ndarray]:
@@ -27,8 +27,8 @@ def stepped(stepper: cr.Stepper, count: int) -> dict[str, np.ndarray]:
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-def test_stepping_gives_what_simulating_in_one_piece_gives(regulated: Injector, whole: cr.Solution) -> None:
-    found = stepped(cr.Stepper(regulated, POINT), 120)
+def test_stepping_gives_what_simulating_in_one_piece_gives(pwm: Injector, whole: cr.Solution) -> None:
+    found = stepped(cr.Stepper(pwm, POINT), 120)
     assert set(found) == {"time", "mass_rate", "injected_mass", "returned_mass", *whole.channels}
     assert found["time"] == pytest.approx(whole.time[INTERVAL::INTERVAL], abs=1e-15)
     expected = {name: values[INTERVAL::INTERVAL] for name, values in whole.channels.items()}
@@ -39,16 +39,16 @@ def test_stepping_gives_what_simulating_in_one_piece_gives(regulated: Injector, 
     assert found["returned_mass"][-1] == pytest.approx(whole.returned_mass, rel=ROUNDING)
 
 
-def test_the_length_of_a_step_does_not_change_a_bit(regulated: Injector) -> None:
-    fine, coarse = cr.Stepper(regulated, POINT), cr.Stepper(regulated, POINT)
+def test_the_length_of_a_step_does_not_change_a_bit(pwm: Injector) -> None:
+    fine, coarse = cr.Stepper(pwm, POINT), cr.Stepper(pwm, POINT)
     for _ in range(300):
         fine.step("1 us")
     coarse.step("300 us")
     assert fine.states == coarse.states
 
 
-def test_a_command_is_the_energising_that_it_repeats(regulated: Injector) -> None:
-    planned, commanded = cr.Stepper(regulated, POINT), cr.Stepper(regulated, POINT)
+def test_a_command_is_the_energising_that_it_repeats(pwm: Injector) -> None:
+    planned, commanded = cr.Stepper(pwm, POINT), cr.Stepper(pwm, POINT)
     commanded.step("700 us", command=True)
     commanded.step("400 us", command=False)
     planned.step("700 us")
@@ -56,8 +56,8 @@ def test_a_command_is_the_energising_that_it_repeats(regulated: Injector) -> Non
     assert commanded.states == planned.states
 
 
-def test_a_command_takes_over_an_energising_that_has_begun(regulated: Injector) -> None:
-    planned, commanded = cr.Stepper(regulated, POINT), cr.Stepper(regulated, POINT)
+def test_a_command_takes_over_an_energising_that_has_begun(pwm: Injector) -> None:
+    planned, commanded = cr.Stepper(pwm, POINT), cr.Stepper(pwm, POINT)
     for stepper in (planned, commanded):
         stepper.step("300 us")
     commanded.step("400 us", command=True)
@@ -67,46 +67,46 @@ def test_a_command_takes_over_an_energising_that_has_begun(regulated: Injector) 
     assert commanded.states == planned.states
 
 
-def test_an_energising_that_is_ended_early_injects_less(regulated: Injector) -> None:
-    stepper = cr.Stepper(regulated, POINT)
+def test_an_energising_that_is_ended_early_injects_less(pwm: Injector) -> None:
+    stepper = cr.Stepper(pwm, POINT)
     stepper.step("450 us")
     early = stepper.step("750 us", command=False)["injected_mass"]
-    shorter = cr.simulate(regulated, cr.OperatingPoint("160 MPa", "450 us", horizon="1.2 ms")).injected_mass
+    shorter = cr.simulate(pwm, cr.OperatingPoint("160 MPa", "450 us", horizon="1.2 ms")).injected_mass
     assert early == pytest.approx(shorter, rel=ROUNDING)
 
 
-def test_a_restored_state_continues_with_the_same_bits(regulated: Injector) -> None:
-    stepper = cr.Stepper(regulated, POINT)
+def test_a_restored_state_continues_with_the_same_bits(pwm: Injector) -> None:
+    stepper = cr.Stepper(pwm, POINT)
     stepper.step("350 us", rail_pressure="150 MPa")
     kept = stepper.save()
     first = stepper.step("400 us", command=False)
     stepper.restore(kept)
     assert stepper.time == pytest.approx(350e-6)
     assert stepper.step("400 us", command=False) == first
-    other = cr.Stepper(regulated, POINT)
+    other = cr.Stepper(pwm, POINT)
     other.restore(kept)
     assert other.step("400 us", command=False) == first
 
 
-def test_a_held_pressure_is_that_of_a_trace_with_a_step(regulated: Injector) -> None:
-    held = cr.Stepper(regulated, POINT)
+def test_a_held_pressure_is_that_of_a_trace_with_a_step(pwm: Injector) -> None:
+    held = cr.Stepper(pwm, POINT)
     held.step("300 us")
     found = held.step("500 us", rail_pressure="140 MPa")
     # the trace falls within a billionth of a step: its mean over the steps is the same
     fallen = cr.Trace((0.0, 300e-6, 300e-6 + 1e-15), (160e6, 160e6, 140e6))
-    followed = cr.Stepper(regulated, cr.OperatingPoint(fallen, "700 us", horizon="1.2 ms"))
+    followed = cr.Stepper(pwm, cr.OperatingPoint(fallen, "700 us", horizon="1.2 ms"))
     assert followed.step("800 us")["injected_mass"] == pytest.approx(found["injected_mass"], rel=1e-8)
     assert found["rail_pressure"] == 140e6
 
 
-def test_the_plan_holds_beyond_its_horizon(regulated: Injector) -> None:
-    short = cr.Stepper(regulated, cr.OperatingPoint("160 MPa", "700 us", horizon="300 us"))
-    long = cr.Stepper(regulated, POINT)
+def test_the_plan_holds_beyond_its_horizon(pwm: Injector) -> None:
+    short = cr.Stepper(pwm, cr.OperatingPoint("160 MPa", "700 us", horizon="300 us"))
+    long = cr.Stepper(pwm, POINT)
     assert short.step("1.1 ms") == long.step("1.1 ms")
 
 
-def test_a_failed_step_leaves_the_state_as_it_was(regulated: Injector) -> None:
-    stepper = cr.Stepper(regulated, POINT)
+def test_a_failed_step_leaves_the_state_as_it_was(pwm: Injector) -> None:
+    stepper = cr.Stepper(pwm, POINT)
     stepper.step("100 us")
     before = stepper.states
     with pytest.raises(cr.ConfigurationError, match="cylinder pressure must stay below the rail pressure"):
@@ -123,26 +123,26 @@ def test_a_failed_step_leaves_the_state_as_it_was(regulated: Injector) -> None:
         ({"duration": "1.5 us"}, "whole number of time steps of 1 us, and 1.5 us is 1.5 of them"),
         ({"duration": 0.0}, "whole number of time steps"),
         ({"duration": 1e300}, "must be at most 1 s"),
-        ({"duration": "10 us", "current": "10 A"}, "regulated drive, which takes no current; give command"),
+        ({"duration": "10 us", "current": "10 A"}, "pwm drive, which takes no current; give command"),
         ({"duration": "10 us", "command": 1}, "command must be True or False"),
         ({"duration": "10 us", "rail_pressure": "1 m"}, "rail pressure"),
     ],
 )
-def test_what_cannot_be_used_is_a_sentence(regulated: Injector, given: dict[str, object], sentence: str) -> None:
+def test_what_cannot_be_used_is_a_sentence(pwm: Injector, given: dict[str, object], sentence: str) -> None:
     with pytest.raises(cr.ConfigurationError, match=sentence):
-        cr.Stepper(regulated, POINT).step(**given)  # type: ignore[arg-type]
+        cr.Stepper(pwm, POINT).step(**given)  # type: ignore[arg-type]
 
 
-def test_a_step_that_is_too_long_for_the_injector_is_refused(regulated: Injector) -> None:
+def test_a_step_that_is_too_long_for_the_injector_is_refused(pwm: Injector) -> None:
     with pytest.raises(cr.SimulationError, match="time step is too long"):
-        cr.Stepper(regulated, POINT, "50 us")
+        cr.Stepper(pwm, POINT, "50 us")
 
 
-def test_a_state_of_another_injector_is_refused(regulated: Injector) -> None:
-    longer = regulated.with_values({"feed_pipe.length": "2 m"})
+def test_a_state_of_another_injector_is_refused(pwm: Injector) -> None:
+    longer = pwm.with_values({"feed_pipe.length": "2 m"})
     kept = cr.Stepper(longer, POINT).save()
     with pytest.raises(cr.ConfigurationError, match="another wiring, pipe or time step"):
-        cr.Stepper(regulated, POINT).restore(kept)
+        cr.Stepper(pwm, POINT).restore(kept)
 
 
 @pytest.mark.parametrize(
@@ -154,10 +154,8 @@ def test_a_state_of_another_injector_is_refused(regulated: Injector) -> None:
         {"held": None},
     ],
 )
-def test_a_damaged_state_is_refused_and_the_stepper_keeps_its_own(
-    regulated: Injector, change: dict[str, object]
-) -> None:
-    stepper = cr.Stepper(regulated, POINT)
+def test_a_damaged_state_is_refused_and_the_stepper_keeps_its_own(pwm: Injector, change: dict[str, object]) -> None:
+    stepper = cr.Stepper(pwm, POINT)
     stepper.step("50 us")
     kept, before = stepper.save(), stepper.states
     if "memory" in change:
@@ -176,9 +174,9 @@ OUTPUTS = ("mass_rate", "needle_lift", "accumulation_pressure")
 
 
 @pytest.fixture(scope="module")
-def open_needle(regulated: Injector) -> cr.Stepper:
+def open_needle(pwm: Injector) -> cr.Stepper:
     """In mid-flight: the needle is rising, between seat and stop."""
-    stepper = cr.Stepper(regulated, POINT)
+    stepper = cr.Stepper(pwm, POINT)
     stepper.step("420 us")
     return stepper
 
@@ -188,8 +186,8 @@ def linear(open_needle: cr.Stepper) -> cr.LinearModel:
     return open_needle.linearise("5 us", ("rail_pressure", "cylinder_pressure"), OUTPUTS)
 
 
-def test_linearising_leaves_the_state_as_it_was(regulated: Injector, open_needle: cr.Stepper) -> None:
-    untouched = cr.Stepper(regulated, POINT)
+def test_linearising_leaves_the_state_as_it_was(pwm: Injector, open_needle: cr.Stepper) -> None:
+    untouched = cr.Stepper(pwm, POINT)
     untouched.step("420 us")
     assert untouched.states == open_needle.states
 
@@ -251,9 +249,9 @@ def test_the_stated_errors_are_small_and_of_the_matrices_shape(linear: cr.Linear
     assert np.max(linear.errors["d"][0]) < 1e-6 * np.max(np.abs(linear.d[0]))
 
 
-def test_the_stated_error_of_a_kink_is_as_large_as_the_element(regulated: Injector) -> None:
+def test_the_stated_error_of_a_kink_is_as_large_as_the_element(pwm: Injector) -> None:
     """At rest the slopes to both sides of the density in the SAC differ; central differences agree on their mean."""
-    closed = cr.Stepper(regulated, POINT).linearise("5 us")
+    closed = cr.Stepper(pwm, POINT).linearise("5 us")
     assert "sac.density" in closed.kinks
     column = closed.states.index("sac.density")
     row = int(np.argmax(closed.errors["a"][:, column] * np.array([s.startswith("waves.") for s in closed.states])))

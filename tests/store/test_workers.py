@@ -61,7 +61,10 @@ def killer(pids: Callable[[], list[int]]) -> tuple[Listener, list[int]]:
     return Listener(progress), killed
 
 
-@pytest.mark.parametrize(("crew", "count"), [(processes, 1), (processes, 2), (processes, 4), (cluster, 2)])
+@pytest.mark.parametrize(
+    ("crew", "count"),
+    [(processes, 2), (cluster, 2), *(pytest.param(processes, n, marks=pytest.mark.slow) for n in (1, 4))],
+)
 def test_the_same_bytes_though_a_worker_is_killed(
     study: Study, alone: bytes, tmp_path: Path, crew: Crew, count: int
 ) -> None:

@@ -35,7 +35,12 @@ def test_a_worker_that_dies_while_idle_is_replaced(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("number", "wait_until_up"),
-    [(signal.SIGINT, False), (signal.SIGINT, True), (signal.SIGTERM, True), (signal.SIGHUP, False)],
+    [
+        (signal.SIGINT, False),
+        pytest.param(signal.SIGINT, True, marks=pytest.mark.slow),
+        (signal.SIGTERM, True),
+        pytest.param(signal.SIGHUP, False, marks=pytest.mark.slow),
+    ],
 )
 def test_a_stop_signal_to_the_group_leaves_the_workers_alone(
     tmp_path: Path, number: signal.Signals, wait_until_up: bool
@@ -90,9 +95,18 @@ def run_script(
     )
 
 
-@pytest.mark.parametrize("wait_until_up", [True, False])
+# Each end with workers that are up, or that are starting, and all pairs of them among the slow tests.
 @pytest.mark.parametrize(
-    "then", ["os.kill(os.getpid(), 9)", "return", "raise ValueError"], ids=["killed", "not closed", "fails"]
+    ("then", "wait_until_up"),
+    [
+        ("os.kill(os.getpid(), 9)", True),
+        ("return", False),
+        pytest.param("raise ValueError", True, marks=pytest.mark.slow),
+        pytest.param("os.kill(os.getpid(), 9)", False, marks=pytest.mark.slow),
+        pytest.param("return", True, marks=pytest.mark.slow),
+        ("raise ValueError", False),
+    ],
+    ids=["killed", "not closed-starting", "fails", "killed-starting", "not closed", "fails-starting"],
 )
 def test_workers_end_with_their_caller(tmp_path: Path, then: str, wait_until_up: bool) -> None:
     out, _ = run_script(tmp_path, then, wait_until_up=wait_until_up).communicate(timeout=PATIENCE)

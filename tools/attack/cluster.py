@@ -99,7 +99,7 @@ def entered(folder: Path, times: int) -> str:
     return ", ".join(found)
 
 
-@attack()
+@attack(few=0)
 def silent(folder: Path, times: int) -> str:
     """A cluster whose scheduler accepts and says nothing ends a command in time, with a sentence and status 2."""
     with silent_listener() as port:

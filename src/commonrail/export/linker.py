@@ -162,8 +162,9 @@ def run(command: Sequence[str], folder: Path) -> None:
 
 
 def _built(command: Sequence[str], cache: Path) -> Path | None:
-    """Folder that says that zig has linked for the command's target; None for other compilers."""
-    return cache / "targets" / command[command.index("-target") + 1] if "-target" in command else None
+    """Folder that says that zig has linked for the command's target; None for other compilers or no C library."""
+    target = command[command.index("-target") + 1] if "-target" in command else "freestanding"
+    return None if target.endswith("freestanding") else cache / "targets" / target
 
 
 def zig_cache() -> Path:

@@ -22,7 +22,9 @@ TARGET = "wasm32"
 MOST_STEPS, MOST_ROWS, MOST_SLOTS = 60_000, 20_000, 16_384  # of one simulation: its memory is in the module
 _SHIM = Path(__file__).with_name("page.c")
 _FEATURES = "-mcpu=generic+simd128+bulk_memory+nontrapping_fptoint+sign_ext"
-_LINK = ("-mexec-model=reactor", "-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=65536")
+_LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=65536")
+# Without a C library: exp, sin and cos are of zig's own run-time library, which it builds in some seconds.
+_BARE = "wasm32-freestanding"
 
 
 def wasm_module(variant: Variant) -> bytes:
@@ -73,12 +75,12 @@ def _defines(variant: Variant) -> dict[str, int]:
 
 
 def _linked(variant: Variant) -> bytes:
-    compiler = compiler_for(target_named(TARGET))  # refuses before the physics is compiled
+    compiler = compiler_for(target_named(TARGET)._replace(zig=_BARE))  # refuses before the physics is compiled
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         physics, out = folder / "physics.o", folder / "page.wasm"
         physics.write_bytes(emit(variant, TARGET))
         defines = [f"-D{name}={value}" for name, value in _defines(variant).items()]
-        inputs = [str(_SHIM), str(physics), "-lm", "-o", str(out)]
+        inputs = [str(_SHIM), str(physics), "-o", str(out)]
         run([*compiler.command, "-O2", "-g0", _FEATURES, *_LINK, *defines, *inputs], folder)
         return out.read_bytes()
