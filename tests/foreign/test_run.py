@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
@@ -117,17 +118,19 @@ def figures(folder):
 
 @pytest.mark.process
 def test_a_run_that_was_stopped_resumes_to_the_same_result(study, tmp_path):
-    whole = calibrate_fmu_into(tmp_path / "whole", load_fmu_study(study), processes=1)
+    seeded = replace(load_fmu_study(study), seed=7)  # as by --seed: the file in the run folder has another
+    whole = calibrate_fmu_into(tmp_path / "whole", seeded, processes=1)
     assert whole.best["k"] == pytest.approx(TRUTH, rel=1e-4)
 
     def stop(p):
         if p.generation == 3:
             raise KeyboardInterrupt
 
-    half = calibrate_fmu_into(tmp_path / "half", load_fmu_study(study), processes=1, listener=Listener(stop))
+    half = calibrate_fmu_into(tmp_path / "half", seeded, processes=1, listener=Listener(stop))
     assert half.status == "interrupted"
     resume_fmu(tmp_path / "half", processes=1)
     assert figures(tmp_path / "half") == figures(tmp_path / "whole")
+    assert figures(tmp_path / "half")["seed"] == 7
     # the validation data, rows of another file, were simulated and not fitted
     data = figures(tmp_path / "whole")["data"]
     assert [one["role"] for one in data] == ["fit", "validation"]
