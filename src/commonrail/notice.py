@@ -1,4 +1,4 @@
-"""Listeners to what happens far below: a simulation that is compiled, some ten seconds once on a machine, and notes."""
+"""Listeners to what happens far below: a simulation that is compiled, which takes its time once, and notes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,17 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
-__all__ = ["Listener", "compiling", "note", "quiet", "tell_notes", "tell_of_compiling"]
+__all__ = [
+    "ALL_ENTRIES",
+    "Listener",
+    "compiling",
+    "duration",
+    "lasting",
+    "note",
+    "quiet",
+    "tell_notes",
+    "tell_of_compiling",
+]
 
 Listener = Callable[[], AbstractContextManager[Any]]
 
@@ -18,6 +28,8 @@ def _warn(text: str) -> None:
 
 _listener: Listener = nullcontext
 _note: Callable[[str], None] = _warn
+_duration = "some ten seconds"
+ALL_ENTRIES = "about a minute"  # of an export, which has more to compile than one kernel
 
 
 def tell_of_compiling(listener: Listener) -> Listener:
@@ -30,6 +42,25 @@ def tell_of_compiling(listener: Listener) -> Listener:
 def compiling() -> AbstractContextManager[Any]:
     """The context to compile in."""
     return _listener()
+
+
+@contextmanager
+def lasting(words: str) -> Iterator[None]:
+    """State inside the block, or in the decorated function, that compilations take longer than one kernel does.
+
+    `words` are such as "about a minute".
+    """
+    global _duration
+    before, _duration = _duration, words
+    try:
+        yield
+    finally:
+        _duration = before
+
+
+def duration() -> str:
+    """Words for the time that a compilation takes."""
+    return _duration
 
 
 def tell_notes(listener: Callable[[str], None]) -> None:

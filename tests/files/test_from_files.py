@@ -101,6 +101,17 @@ def test_what_no_file_tells_is_named_and_not_invented(bench: Path, tmp_path: Pat
         cr.load_study(tmp_path / "s" / "study.toml")
 
 
+def test_the_offset_of_a_trigger_is_to_be_stated(bench: Path, tmp_path: Path) -> None:
+    """Zero would be a guess: a trigger 35 us ahead would make every injection 35 us late."""
+    words = ("--from", bench / "raw" / "shots.mf4", "--cylinder-pressure", "5MPa", "--return-pressure", "0.5MPa")
+    done = run_command("new", tmp_path / "s", "--injector", "virtual-lino-2016", *words)
+    assert done.status == 0, done.err
+    assert done.out.splitlines()[-2].endswith("study.toml: data[1].shots.offset")
+    assert "# STATE IT: offset, from the trigger" in (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
+    with pytest.raises(cr.InputError, match=r'data\[1\]\.shots\.offset: "\?" does not start with a number'):
+        cr.load_study(tmp_path / "s" / "study.toml")
+
+
 def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:
     raw = bench / "raw" / "rates.csv"
     assert "Give --injector and one or more files" in run_command("new", tmp_path / "s", "--from", raw).sentence

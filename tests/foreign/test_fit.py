@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import zipfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -129,6 +132,68 @@ def test_the_number_of_processes_does_not_change_the_result(decay_fmu):
             simulated = simulator.simulate([data], np.linspace(0.5, 3.0, 9)[:, None])
         found.append((simulated.values.tobytes(), simulated.statuses.tobytes()))
     assert found[0] == found[1]
+
+
+def changed(fmu: Path, folder: Path, old: bytes, new: bytes) -> Path:
+    """The FMU with another text in its description."""
+    path = folder / "changed.fmu"
+    with zipfile.ZipFile(fmu) as given, zipfile.ZipFile(path, "w") as written:
+        for name in given.namelist():
+            content = given.read(name)
+            assert name != "modelDescription.xml" or old in content
+            written.writestr(name, content.replace(old, new) if name == "modelDescription.xml" else content)
+    return path
+
+
+K = b'<Real unit="1/s" start="1"/>'
+LIMITED = b'<Real unit="1/s" start="1" min="0.2" max="4"/>'
+
+
+def test_values_outside_the_limits_of_the_fmu_are_refused(decay_fmu, tmp_path):
+    fmu = read_fmu(changed(decay_fmu, tmp_path, K, LIMITED))
+    fmu_study(fmu, decay_data(), free={"k": (0.2, 4.0)}, step=0.1)
+    with pytest.raises(
+        InputError, match=r"the upper bound of k, 4\.5 1/s, lies above the max that the FMU states, 4 1/s"
+    ):
+        fmu_study(fmu, decay_data(), free={"k": (0.2, 4.5)}, step=0.1)
+    with pytest.raises(InputError, match=r"the lower bound of k, 0\.1 1/s, lies below the min"):
+        fmu_study(fmu, decay_data(), free={"k": (0.1, 4.0)}, step=0.1)
+    setting = fmu_curve("set", TIMES, {"x": TIMES}, start={"k": 5.0})
+    with pytest.raises(InputError, match="the value of k, 5 1/s, lies above"):
+        fmu_study(fmu, setting, free={"x0": (0.5, 2.0)}, step=0.1)
+
+
+def test_limits_of_a_declared_type_count_where_the_variable_states_none(decay_fmu, tmp_path):
+    types = b'<TypeDefinitions><SimpleType name="Rate"><Real unit="1/s" max="4"/></SimpleType></TypeDefinitions>'
+    typed = K.replace(b" start", b' declaredType="Rate" start')
+    path = changed(decay_fmu, tmp_path, b"<ModelVariables>", types + b"<ModelVariables>")
+    fmu = read_fmu(changed(path.rename(tmp_path / "given.fmu"), tmp_path, K, typed))
+    assert (fmu.variables["k"].lower, fmu.variables["k"].upper) == (-np.inf, 4.0)
+
+
+def test_an_input_beyond_its_limits_is_told_and_not_refused(decay_fmu, tmp_path):
+    """A measured course has noise: a pressure that is never negative can be."""
+    limited = changed(decay_fmu, tmp_path, b'<Real unit="m/s" start="0"/>', b'<Real unit="m/s" start="0" min="0"/>')
+    inputs = FmuInputs(TIMES, {"u": np.where(TIMES < 1.0, -0.01, 0.0)})
+    data = fmu_curve("forced", TIMES, {"x": TIMES}, inputs=inputs)
+    (sentence,) = fmu_study(limited, data, free=FREE, step=0.1).notes
+    assert sentence == "forced: the smallest value of u, -0.01 m/s, lies below the min that the FMU states, 0 m/s."
+
+
+def test_two_variables_of_one_name_are_refused(decay_fmu, tmp_path):
+    path = changed(decay_fmu, tmp_path, b'name="mu"', b'name="x0"')
+    with pytest.raises(InputError, match="x0 is the name of more than one variable"):
+        read_fmu(path)
+
+
+def test_a_communication_step_coarser_than_the_data_is_told(decay_fmu):
+    """Samples every 100 ms: a step of 100 ms has a communication point for each, rounding of the times included."""
+    assert fmu_study(decay_fmu, decay_data(), free=FREE, step=0.1).notes == ()
+    (sentence,) = fmu_study(decay_fmu, decay_data(), free=FREE, step=0.25).notes
+    assert sentence.startswith("The samples of decay are 100 ms apart, and the communication points 250 ms")
+    fine = FmuInputs(np.linspace(0.0, 2.0, 201), {"u": np.zeros(201)})
+    (sentence,) = fmu_study(decay_fmu, fmu_curve("forced", TIMES, {"x": TIMES}, inputs=fine), free=FREE, step=0.1).notes
+    assert sentence.startswith("The inputs of forced are 10 ms apart")
 
 
 @pytest.mark.parametrize(

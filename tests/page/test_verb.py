@@ -9,9 +9,11 @@ from typing import Any
 import pytest
 
 from commonrail.cli import console
-from commonrail.export import linker
+from commonrail.errors import InputError
+from commonrail.export import fmu, library, linker
 from commonrail.injector.variants import Variant
-from commonrail.page import module
+from commonrail.notice import duration
+from commonrail.page import build, module
 from tests.cli.conftest import run_command
 
 needs_zig = pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="ziglang is not installed")
@@ -65,6 +67,26 @@ def test_what_is_compiled_for_a_page_is_said_once(
     with console.compiling():  # and the fits near the best one their kernel
         pass
     assert capsys.readouterr().err.count(console.COMPILING) == 1
+
+
+def test_a_page_and_an_export_say_that_they_compile_for_a_minute(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """They compile more than the one kernel of a simulation, and zig the C library of the browser's platform."""
+
+    def compiled(*_: Any) -> Any:
+        with console.compiling():
+            raise InputError("enough is said")
+
+    monkeypatch.setattr(build, "wasm_module", compiled)
+    monkeypatch.setattr(library, "model_of", compiled)
+    monkeypatch.setattr(fmu, "model_of", compiled)
+    calls = (("page", "cri2-16", "--out", "b.html"), ("export", "library", "cri2-16"), ("export", "fmu", "cri2-16"))
+    monkeypatch.chdir(tmp_path)
+    for words in calls:
+        monkeypatch.setattr(console, "_said", False)
+        assert f"{console.COMPILING} (about a minute)" in run_command(*words).err
+    assert duration() == "some ten seconds"
 
 
 def test_a_report_makes_the_page_of_its_run_alone(tmp_path: Path) -> None:

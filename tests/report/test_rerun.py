@@ -10,7 +10,7 @@ def test_the_run_s_own_study_and_an_operating_point_of_the_data_are_in_the_lines
     commands = [command for _, command in rerun_lines(rate_record(), "run-1")]
     assert commands[:2] == ["commonrail calibrate run-1/study.toml", "commonrail resume run-1 --generations 50"]
     simulate = "commonrail simulate run-1/calibrated.toml"
-    assert f"{simulate} --rail-pressure 160MPa --energising-time 700us" in commands
+    assert f"{simulate} --rail-pressure 160MPa --energising-time 700us --time-step 1us" in commands
 
 
 def test_a_map_gives_its_last_quantity_not_a_dead_time() -> None:

@@ -20,7 +20,7 @@ def sound() -> dict[str, Any]:
 def test_a_sound_fit_leads_to_its_use() -> None:
     found = verdict(sound(), "runs/a b")
     assert (found.level, found.title) == ("good", "Nothing found against using this result")
-    assert [step.command for step in found.steps] == ["commonrail map 'runs/a b' --out map.dcm"]
+    assert [step.command for step in found.steps] == ["commonrail map 'runs/a b' --time-step 1us --out map.dcm"]
     assert "The search has converged." in found.reasons
 
 
@@ -30,7 +30,30 @@ def test_the_map_for_the_control_unit_has_the_pressures_of_the_data() -> None:
     for row in record["data"][0]["rows"]:
         row |= {"cylinder_pressure": 0.5e6, "return_pressure": 0.1e6}
     commands = [step.command for step in verdict(record, "r").steps]
-    assert commands == ["commonrail map r --cylinder-pressure 500kPa --return-pressure 100kPa --out map.dcm"]
+    assert commands == [
+        "commonrail map r --cylinder-pressure 500kPa --return-pressure 100kPa --time-step 1us --out map.dcm"
+    ]
+
+
+def test_the_map_has_the_time_step_of_the_calibration() -> None:
+    commands = [step.command for step in verdict(sound() | {"time_step": 5e-7}, "r").steps]
+    assert commands == ["commonrail map r --time-step 500ns --out map.dcm"]
+
+
+def test_of_several_pressures_the_map_takes_the_most_frequent_and_says_so() -> None:
+    """The first data set may be one curve at a pressure that all others do not have."""
+    record = sound()
+    assert len(record["data"]) > 1
+    for data, cylinder in zip(record["data"], (8e6, 0.5e6), strict=False):
+        for row in data["rows"]:
+            row |= {"cylinder_pressure": cylinder, "return_pressure": 0.1e6}
+    record["data"][0]["rows"] = record["data"][0]["rows"][:1]
+    (step,) = verdict(record, "r").steps
+    assert (
+        step.command
+        == "commonrail map r --cylinder-pressure 500kPa --return-pressure 100kPa --time-step 1us --out map.dcm"
+    )
+    assert "the data have 1 other pair: state those of the engine" in step.text
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from commonrail.cli.grid import plain_pairs, plain_rows
+from commonrail.notice import duration
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,6 +24,7 @@ __all__ = [
     "COMPILING",
     "SIMULATING",
     "compiling",
+    "compiling_words",
     "print_json",
     "print_pairs",
     "print_rows",
@@ -33,7 +35,7 @@ __all__ = [
 ]
 
 SIMULATING = "simulating ..."
-COMPILING = "compiling the simulation for this machine, once (some ten seconds)"
+COMPILING = "compiling the simulation for this machine, once"
 # Control characters but tab and line feed, and those that turn the direction of writing.
 _OBEYED = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 WIDTH_OF_A_FILE = 160  # columns where stdout is no terminal
@@ -56,6 +58,11 @@ _under_way = False  # one display, also while one compilation needs another
 _said = False  # the sentence, where it cannot be taken back
 
 
+def compiling_words() -> str:
+    """Sentence on a compilation and its duration."""
+    return f"{COMPILING} ({duration()}) ..."
+
+
 @contextmanager
 def compiling() -> Iterator[None]:
     """Say that a simulation is being compiled, with a sign of life in a terminal, else once a process."""
@@ -67,11 +74,11 @@ def compiling() -> Iterator[None]:
     _under_way = True
     try:
         if console is not None:
-            with console.status(COMPILING + " ..."):
+            with console.status(compiling_words()):
                 yield
         else:
             _said = True
-            say(COMPILING + " ...")
+            say(compiling_words())
             yield
     finally:
         _under_way = False

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import typer
 
 from commonrail.cli.console import print_json, print_rows, print_table, say
-from commonrail.cli.guard import INTERRUPTED
-from commonrail.cli.study_run import reported
+from commonrail.cli.study_run import end_if_stopped, reported
 from commonrail.units import to_text
 
 if TYPE_CHECKING:
@@ -135,12 +134,7 @@ def print_family(outcome: FamilyOutcome, json: bool, out: Path) -> None:
     if fit.injector_type.injector is None:
         say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
     say(f"wrote {out}")
-    if fit.status == "interrupted":
-        say(
-            f"commonrail: interrupted; the best values so far are in {folder}. `commonrail resume {folder}` resumes "
-            "the run."
-        )
-        raise typer.Exit(INTERRUPTED)
+    end_if_stopped(fit.status, folder)
 
 
 def _record_of(outcome: FamilyOutcome) -> dict[str, Any]:

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from commonrail.cli.console import print_json, print_table, say
-from commonrail.cli.guard import INTERRUPTED
+from commonrail.cli.console import print_json, print_table
 from commonrail.cli.progress import Stage
-from commonrail.cli.study_run import reported
+from commonrail.cli.study_run import end_if_stopped, reported
 from commonrail.errors import InputError
 
 if TYPE_CHECKING:
@@ -134,9 +133,4 @@ def print_fmu(outcome: FmuOutcome, json: bool) -> None:
         for line in fmu_lines(record):
             typer.echo(line)
         typer.echo(f"report: {report}")
-    if record["status"] == "interrupted":
-        say(
-            f"commonrail: interrupted; the best values so far are in {folder}. `commonrail resume {folder}` resumes "
-            "the run."
-        )
-        raise typer.Exit(INTERRUPTED)
+    end_if_stopped(record["status"], folder)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any, NamedTuple
 
-from commonrail.cli.console import COMPILING, say, stderr_console
+from commonrail.cli.console import compiling_words, say, stderr_console
 from commonrail.notice import tell_of_compiling
 
 __all__ = ["Bar", "Stage"]
@@ -50,11 +50,11 @@ class Bar(AbstractContextManager["Bar"]):
     @contextmanager
     def _compiling(self) -> Iterator[None]:
         if self.console is not None:
-            self.bar.update(self.task, description=COMPILING, refresh=True)
+            self.bar.update(self.task, description=compiling_words(), refresh=True)
             yield
             self.bar.update(self.task, description=STARTING)
         else:
-            say(COMPILING + " ...")
+            say(compiling_words())
             yield
 
     def __exit__(self, *_: object) -> None:

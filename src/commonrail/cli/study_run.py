@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from commonrail.store.run import Listener
     from commonrail.workers.workers import Workers
 
-__all__ = ["Outcome", "print_outcome", "reported", "resume_study", "run_study", "stage_of"]
+__all__ = ["Outcome", "end_if_stopped", "print_outcome", "reported", "resume_study", "run_study", "stage_of"]
 
 _Result = TypeVar("_Result")
 
@@ -185,16 +185,29 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
         for line in (line for group in lines for line in group):
             typer.echo(line)
         typer.echo(f"report: {outcome.report}{_mention(warnings)}")
-    if outcome.interrupted:
-        say(
-            f"commonrail: interrupted; the best values so far are in {outcome.folder}. "
-            f"`commonrail resume {outcome.folder}` resumes the run."
-        )
-        raise typer.Exit(INTERRUPTED)
+    end_if_stopped(outcome.record["status"], outcome.folder)
     if strict and warnings:
         raise StudyError(
             f"{outcome.folder} is written, and has {_count(warnings)}; the first: {warnings[0]['sentence']}"
         )
+
+
+def end_if_stopped(status: str, folder: Path) -> None:
+    """End the command with exit status 130 and a sentence if a search was stopped by a signal.
+
+    Parameters
+    ----------
+    status : str
+        Of the search.
+    folder : Path
+        Of the run.
+    """
+    if status == "interrupted":
+        say(
+            f"commonrail: interrupted; the best values so far are in {folder}. `commonrail resume {folder}` resumes "
+            "the run."
+        )
+        raise typer.Exit(INTERRUPTED)
 
 
 def _mention(warnings: Sequence[Any]) -> str:

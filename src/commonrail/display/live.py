@@ -8,11 +8,11 @@ from contextlib import contextmanager
 from html import escape
 from typing import Any
 
-from commonrail.notice import tell_of_compiling
+from commonrail.notice import duration, tell_of_compiling
 
 __all__ = ["Live", "in_notebook", "watch"]
 
-COMPILING = "compiling the simulation, some ten seconds, once on this machine …"
+COMPILING = "compiling the simulation, once on this machine"
 
 
 def in_notebook() -> bool:
@@ -66,6 +66,6 @@ def watch() -> None:
 @contextmanager
 def _compiling() -> Iterator[None]:
     line = Live()
-    line.show(COMPILING)
+    line.show(f"{COMPILING} ({duration()}) …")
     yield
     line.show("")

@@ -20,6 +20,7 @@ from commonrail.export.objects import Target, emit
 from commonrail.export.sources import Model, model_of, named, template
 from commonrail.export.variables import CYLINDER, RAIL, RETURN, variables
 from commonrail.injector.definition import Injector
+from commonrail.notice import ALL_ENTRIES, lasting
 
 __all__ = ["check_fmi", "write_fmu"]
 
@@ -32,6 +33,7 @@ _DESCRIPTIONS = {2: describe2, 3: describe3}
 _WHEN = (1980, 1, 1, 0, 0, 0)
 
 
+@lasting(ALL_ENTRIES)
 def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int = 2) -> tuple[str, ...]:
     """Write an injector as an FMU for co-simulation.
 

@@ -14,6 +14,7 @@ from commonrail.export.objects import Target, emit, emit_block, vectors_of
 from commonrail.export.placing import placed
 from commonrail.export.sources import Model, model_of, named, template
 from commonrail.injector.definition import Injector
+from commonrail.notice import ALL_ENTRIES, lasting
 
 __all__ = ["Library", "write_library", "write_sources"]
 
@@ -40,6 +41,7 @@ class Library(NamedTuple):
     files: tuple[Path, ...]
 
 
+@lasting(ALL_ENTRIES)
 def write_library(injector: Injector, folder: Path, targets: Sequence[Target], prefer_zig: bool = False) -> Library:
     """Write an injector as a C library; nothing is changed before all of it is complete.
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from commonrail.arguments import file_path, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint
-from commonrail.errors import StudyError
 from commonrail.family.fit import FamilyFit, fit_family, objective_of_parts
 from commonrail.family.result import family_record
 from commonrail.family.study import Family, load_family
@@ -22,25 +20,17 @@ from commonrail.files.sums import summed
 from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
 from commonrail.files.type_file import dump_type
 from commonrail.kinds.records import LABELS, MEASURED
-from commonrail.store.beginning import Copied, begun, ending, refuse_wrong
-from commonrail.store.changes import check_files
 from commonrail.store.content import content_of, fingerprint_of
-from commonrail.store.copies import copy_apart, places_apart
-from commonrail.store.journal import JOURNAL, Journal
+from commonrail.store.folder_fit import FolderFit, FolderWords
+from commonrail.store.journal import Journal
 from commonrail.store.run import Listener
 from commonrail.store.targets import other_targets
-from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 
 __all__ = ["FAMILY", "MODELS", "RECORD", "TYPE", "fit_into", "is_family_run", "read_family_run", "resume_family"]
 
 FAMILY, RECORD, TYPE, MODELS = "family.toml", FAMILY_RECORD, "type.toml", "models"
 SILENT = Listener()
-
-
-def is_family_run(folder: Path) -> bool:
-    """Return whether a folder is that of a joint fit."""
-    return (folder / JOURNAL).is_file() and (folder / FAMILY).is_file()
 
 
 def fit_into(
@@ -79,10 +69,7 @@ def fit_into(
     """
     path = file_path(folder, "folder")
     instance(family, Family, "family")
-    if not family.files:
-        raise StudyError(f"{family.title}: a family that was made in Python has no run folder; use fit_family.")
-    with _begun(path, family) as (journal, own):
-        return _run(journal, own, None, listener, thread_count(threads), workers)
+    return _FOLDER.begin(path, family, _search(thread_count(threads), workers, listener))
 
 
 def resume_family(
@@ -112,42 +99,27 @@ def resume_family(
         If the folder cannot be written; what was done before is kept.
     """
     path = file_path(folder, "folder")
-    if not is_family_run(path):
-        raise StudyError(f"{path}: this is no run folder of a family; `commonrail family FAMILY.toml` begins one.")
-    with Journal(path) as journal:
-        refuse_wrong(journal, path)
-        check_files(journal, as_begun)
-        family = load_family(path / FAMILY)
-        about = journal.about
-        family = replace(family, name=about.get("name", family.name))
-        if _content(family) != about.get("content"):
-            raise StudyError(
-                f"{path}: the family reads differently from when the run was begun, although its files are the same; "
-                "resume it with the version of commonrail that began it, or begin a new run."
-            )
-        return _run(journal, family, journal.checkpoint(), listener, thread_count(threads), workers)
+    threads = thread_count(threads)
+
+    def warn(journal: Journal, family: Family) -> None:
+        for finding in other_targets(journal, family, objective_of_parts(family, threads)):
+            listener.note(f"warning: {finding.sentence}")
+
+    return _FOLDER.resume(path, _search(threads, workers, listener), as_begun=as_begun, warn=warn)
 
 
-@contextmanager
-def _begun(folder: Path, family: Family) -> Iterator[tuple[Journal, Family]]:
-    """A new run's journal and its family, read from the copies in the folder."""
-
-    def copied() -> Copied[Family]:
-        inputs = copy_apart(family.files, folder, FAMILY)
-        own = replace(load_family(folder / FAMILY), name=family.name)
-        facts = {
-            "title": family.title,
-            "name": family.name,
-            "given": family.text,
-            "study": own.text,
-            "content": _content(own),
-            "generations": str(family.method.evolution.generations),
-        }
-        return Copied(own, facts, inputs)
-
-    copies = [place.as_posix() for place in places_apart(family.files, FAMILY).values()]
-    with begun(folder, copies, copied) as found:
-        yield found
+def _search(
+    threads: int | None, workers: Workers | None, listener: Listener
+) -> Callable[[Family, Journal, Checkpoint | None], FamilyFit]:
+    """The search of `fit_family`, kept in a journal."""
+    return lambda family, journal, checkpoint: fit_family(
+        family,
+        threads=threads,
+        progress=listener.progress,
+        workers=workers,
+        recorder=journal,
+        checkpoint=checkpoint,
+    )
 
 
 def _content(family: Family) -> str:
@@ -163,33 +135,6 @@ def _content(family: Family) -> str:
         tuple((name, relation.share, relation.spread) for name, relation in family.shared.items()),
         tuple((name, content_of(study)) for name, study in family.parts.items()),
     )
-
-
-def _run(
-    journal: Journal,
-    family: Family,
-    checkpoint: Checkpoint | None,
-    listener: Listener,
-    threads: int | None,
-    workers: Workers | None,
-) -> FamilyFit:
-    if checkpoint is not None:
-        for finding in other_targets(journal, family, objective_of_parts(family, threads)):
-            listener.note(f"warning: {finding.sentence}")
-    journal.start_session()
-    with held_interrupts(), ending(journal):  # once the search has ended, its result is written whatever keys are hit
-        fit = fit_family(
-            family,
-            threads=threads,
-            progress=listener.progress,
-            workers=workers,
-            recorder=journal,
-            checkpoint=checkpoint,
-        )
-        journal.check_place()
-        _write(journal.folder, fit)
-        journal.end_session(fit.status, fit.reason)
-    return fit
 
 
 def read_family_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
@@ -226,3 +171,14 @@ def _curves(fit: FamilyFit) -> Iterator[Curve]:
         scores = {"start": part.start, "best": part.scores}
         for curve in rate_curves(fit.family.parts[name].data, scores):
             yield curve._replace(data=f"{name}: {curve.data}")
+
+
+_FOLDER = FolderFit(
+    FAMILY,
+    FolderWords("family", "a family", "commonrail family FAMILY.toml", "fit_family"),
+    load_family,
+    _content,
+    "name",
+    _write,
+)
+is_family_run = _FOLDER.is_run

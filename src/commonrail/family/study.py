@@ -27,12 +27,11 @@ from commonrail.files.type_file import load_type
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import Role, of_role
 from commonrail.kinds.reading import Name
-from commonrail.reading.faults import read_model
 from commonrail.reading.fields import FileModel, Text, Unit
 from commonrail.reading.guarded_file import noting_files
+from commonrail.reading.model_file import read_model_file
 from commonrail.reading.place import Place, located
 from commonrail.reading.reach import Reach
-from commonrail.reading.toml_file import read_toml
 from commonrail.units import parse
 
 __all__ = ["Family", "load_family"]
@@ -131,11 +130,8 @@ def load_family(path: str | Path) -> Family:
         If values contradict one another.
     """
     file = file_path(path, "path of a family")
-    at = Place(str(file))
     with noting_files() as own:
-        document, text = read_toml(file)
-    model = read_model(_FamilyModel, document, at)
-    reach = Reach(file, model.allow_outside)
+        model, at, reach, text = read_model_file(_FamilyModel, file)
     with noting_files() as of_type:
         known = None if model.type is None else load_type(reach.path(file.parent, model.type, at / "type"), reach)
     studies = {name: _known(study, known) for name, study in _studies(model, reach, file.parent, at).items()}

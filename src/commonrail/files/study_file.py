@@ -40,12 +40,11 @@ from commonrail.kinds.maps.reading import AFTER_ENERGISING
 from commonrail.kinds.reading import Context, DataModel
 from commonrail.observation.meter import Meter
 from commonrail.parts.furniture import Q
-from commonrail.reading.faults import read_model
 from commonrail.reading.fields import UNSTATED
 from commonrail.reading.guarded_file import noting_files
+from commonrail.reading.model_file import read_model_file
 from commonrail.reading.place import Place, located
 from commonrail.reading.reach import Reach
-from commonrail.reading.toml_file import read_toml
 from commonrail.units import parse, to_text
 
 __all__ = ["load_study", "method_of"]
@@ -83,10 +82,7 @@ def load_study(path: str | Path) -> Study:
 
 
 def _study(file: Path) -> Study:
-    document, text = read_toml(file)
-    at = Place(str(file))
-    model = read_model(StudyModel, document, at)
-    reach = Reach(file, model.allow_outside)
+    model, at, reach, text = read_model_file(StudyModel, file)
     injector = _injector(model.injector, reach, at / "injector")
     model = with_type(model, injector, read_type(model, reach, at), at)
     injector = _started(injector, model, at)

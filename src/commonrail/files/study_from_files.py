@@ -24,6 +24,7 @@ _MEANINGS = {
     "return_pressure": "pressure at the end of the return line",
     "rail_pressure": "the file does not tell it",
     "energising_time": "the file does not tell it",
+    "shots": "offset, from the trigger's edge to the start of energising",
 }
 
 
@@ -114,7 +115,7 @@ def _text(
         keys |= found.block | {"file": f"data/{found.path.name}"}
         keys |= {"cylinder_pressure": pressures.cylinder or UNKNOWN, "return_pressure": pressures.back or UNKNOWN}
         keys |= {"source": f"{found.path.name}, as it came", "synthetic": ""}
-        missing += [f"data[{i + 1}].{key}" for key, value in keys.items() if value == UNKNOWN]
+        missing += [f"data[{i + 1}].{key}" for key in _open(keys)]
         lines += [f"# {found.taken_for}{'; ' + found.said if found.said else ''}", "[[data]]"]
         lines += [_line(key, value) for key, value in keys.items()] + [""]
     for parameter in _FREE if _FREE[0] in model.values else _FREE_OF_DIRECT:
@@ -124,14 +125,22 @@ def _text(
     return "\n".join(lines), tuple(missing)
 
 
+def _open(keys: Mapping[str, Any]) -> list[str]:
+    """Keys whose values are unknown, those of an inline table with its name."""
+    found = [key for key, value in keys.items() if value == UNKNOWN]
+    for key, value in keys.items():
+        found += [f"{key}.{inner}" for inner in _open(value)] if isinstance(value, Mapping) else []
+    return found
+
+
 def _line(key: str, value: Any) -> str:
     comments = {
         "role": '"fit", or "validation": compared, not fitted',
         "window": "samples that count, from the start of energising",
         "synthetic": "what about the data is not measured",
-        "shots": "offset: from the trigger's edge to the start of energising",
-        **({key: f"STATE IT: {_MEANINGS[key]}" for key in _MEANINGS} if value == UNKNOWN else {}),
     }
+    if _open({key: value}) and key in _MEANINGS:
+        comments[key] = f"STATE IT: {_MEANINGS[key]}"
     return f"{key} = {_toml(value)}" + (f" # {comments[key]}" if key in comments else "")
 
 

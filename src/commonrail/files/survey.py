@@ -259,7 +259,7 @@ def _shots(channels: Sequence[Channel]) -> dict[str, Any] | None:
     triggers = [c for c in channels if _TRIGGER.search(c.name)] or [c for c in channels if c.kind == "V"]
     if len(triggers) != 1:
         return None
-    found: dict[str, Any] = {"trigger": triggers[0].name, "offset": "0 us"}
+    found: dict[str, Any] = {"trigger": triggers[0].name, "offset": UNKNOWN}
     for key, kind in (("rail_pressure", "Pa"), ("energising_time", "s")):
         fitting = [c for c in channels if c.kind == kind]
         chosen = [c for c in fitting if _SET.search(c.name)] if len(fitting) > 1 else fitting

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +48,11 @@ def write_sweep(path: Path, found: Sweep) -> None:
 
 def _rows(found: Sweep) -> Iterator[Sequence[str]]:
     axes = [convert(v.values, v.unit, SHOWN.get(v.unit, v.unit)) for v in found.variables]
-    for place in np.ndindex(found.volume.shape):
-        row = [f"{axis[i]:.9g}" for axis, i in zip(axes, place, strict=True)]
-        row.append(_text(found.volume[place] * 1e9))
-        if found.two:
-            row += [_text(found.second[place] * 1e9), "yes" if found.fused[place] else "no"]
-        yield row
+    places = product(*([f"{value:.9g}" for value in axis.tolist()] for axis in axes))
+    columns = [_texts(found.volume)]
+    if found.two:
+        columns += [_texts(found.second), ["yes" if fused else "no" for fused in found.fused.ravel().tolist()]]
+    return ((*place, *values) for place, *values in zip(places, *columns, strict=True))
 
 
 def write_compensation(path: Path, found: Compensation) -> None:
@@ -128,6 +128,14 @@ def compensation_record(found: Compensation) -> dict[str, Any]:
         "alone": _numbers(found.alone.inverse.energising_time),
         "state": [[[CellState(s).name for s in row] for row in part.state.tolist()] for part in found.inverses],
     }
+
+
+def _texts(volumes: Floats) -> list[str]:
+    """Volumes [m³] as `_text` writes them in mm³, all of them in a row."""
+    values = volumes.ravel() * 1e9
+    return [
+        f"{value:.4f}" if finite else "" for value, finite in zip(values.tolist(), np.isfinite(values), strict=True)
+    ]
 
 
 def _text(value: float | Floats) -> str:

@@ -20,6 +20,7 @@ from commonrail.foreign.objective import FmuObjective
 from commonrail.foreign.simulator import FmuSimulator, opened
 from commonrail.foreign.statuses import FmuStatus
 from commonrail.foreign.study import FmuStudy
+from commonrail.notice import note
 from commonrail.workers.interrupt import held_interrupts
 
 __all__ = ["FmuFit", "calibrate_fmu"]
@@ -113,6 +114,8 @@ def calibrate_fmu(
     """
     instance(study, FmuStudy, "study")
     function(progress, "progress")
+    for sentence in study.notes:
+        note(sentence)
     how = study.fmu, study.space.names, study.data, study.step, study.time_limit, processes
     with opened(*how) as simulator, held_interrupts() as wish:
         simulator.heed = wish.heed

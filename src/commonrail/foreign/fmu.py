@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import math
 import tempfile
 import zipfile
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -38,6 +40,8 @@ class FmuVariable(NamedTuple):
         Start value as the FMU writes it.
     settable : bool
         Whether a value can be set before the initialization.
+    lower, upper : float
+        Smallest and largest value that the FMU allows; infinite where it states none.
     """
 
     name: str
@@ -48,6 +52,8 @@ class FmuVariable(NamedTuple):
     start: str | None
     settable: bool
     description: str
+    lower: float = -math.inf
+    upper: float = math.inf
 
     @property
     def known_unit(self) -> str:
@@ -100,6 +106,26 @@ class Fmu:
             raise InputError(f"{self.path}: {name} is of type {found.type}, and a real number is expected.")
         return found
 
+    def outside(self, name: str, value: float, what: str) -> str:
+        """Sentence on a value that lies outside the limits that the FMU states; empty where it does not.
+
+        Parameters
+        ----------
+        name : str
+            Of the variable.
+        value : float
+            In the unit of the FMU.
+        what : str
+            Words for the value.
+        """
+        found = self.variable(name)
+        if found.lower <= value <= found.upper:
+            return ""
+        beyond, limit = ("below the min", found.lower) if value < found.lower else ("above the max", found.upper)
+        return (
+            f"{what} of {name}, {_in_unit(value, found)}, lies {beyond} that the FMU states, {_in_unit(limit, found)}"
+        )
+
     def adjustable(self, name: str) -> FmuVariable:
         """Variable whose value can be set before the initialization; `InputError` for another."""
         found = self.variable(name)
@@ -121,8 +147,8 @@ def read_fmu(path: str | Path) -> Fmu:
     Raises
     ------
     InputError
-        If it is no FMU of version 2.0 or 3.0, none for co-simulation, has no binary for this machine, or FMPy is not
-        installed.
+        If it is no FMU of version 2.0 or 3.0, none for co-simulation, has no binary for this machine or two
+        variables of one name, or FMPy is not installed.
     """
     file = file_path(path, "path of an FMU")
     content = read_plain(file)
@@ -137,6 +163,12 @@ def read_fmu(path: str | Path) -> Fmu:
     if description.coSimulation is None:
         raise InputError(f"{file}: the FMU is not for co-simulation; export it for co-simulation.")
     _check_binary(file, names, description.coSimulation.modelIdentifier, fmpy)
+    named = Counter(one.name for one in description.modelVariables)
+    if len(named) < len(description.modelVariables):
+        raise InputError(
+            f"{file}: {named.most_common(1)[0][0]} is the name of more than one variable, which the standard forbids; "
+            "export the FMU anew with names that differ."
+        )
     variables = {one.name: _variable(one) for one in description.modelVariables if not one.dimensions}
     return Fmu(file, sha256(content), description.modelName, description.fmiVersion, variables, content)
 
@@ -179,9 +211,25 @@ def _variable(one: Any) -> FmuVariable:
     unit = one.unit or (one.declaredType.unit if one.declaredType is not None else None)
     settable = one.causality == "input" or (one.variability != "constant" and one.initial in ("exact", "approx"))
     start = None if one.start is None else str(one.start)
+    words = one.name, one.causality, one.variability, one.type, unit or "1", start
     return FmuVariable(
-        one.name, one.causality, one.variability, one.type, unit or "1", start, settable, one.description or ""
+        *words, settable, one.description or "", _limit(one, "min", -math.inf), _limit(one, "max", math.inf)
     )
+
+
+def _limit(one: Any, which: str, otherwise: float) -> float:
+    """Limit of a variable, by its own statement or that of its type."""
+    stated = getattr(one, which, None)
+    if stated is None and one.declaredType is not None:
+        stated = getattr(one.declaredType, which, None)
+    try:
+        return otherwise if stated is None else float(stated)
+    except ValueError:
+        return otherwise
+
+
+def _in_unit(value: float, variable: FmuVariable) -> str:
+    return f"{value:g}" if variable.unit == "1" else f"{value:g} {variable.unit}"
 
 
 def _short(error: BaseException) -> str:

@@ -30,6 +30,7 @@ def fmu_record(fit: FmuFit) -> dict[str, Any]:
         "software": package_versions(),
         "title": study.title,
         "note": study.note,
+        "notes": list(study.notes),
         "synthetic": study.synthetic,
         "fmu": {"name": study.fmu.name, "version": study.fmu.version, "sha256": study.fmu.digest},
         "step": study.step,

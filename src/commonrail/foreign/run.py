@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from commonrail.arguments import file_path, instance
 from commonrail.calibration.checkpoint import Checkpoint
-from commonrail.errors import StudyError
 from commonrail.files.atomic import write_csv
 from commonrail.files.record_file import FMU_RECORD, read_record, write_record
 from commonrail.files.sums import summed
@@ -18,23 +15,15 @@ from commonrail.foreign.fit import FmuFit, calibrate_fmu
 from commonrail.foreign.result import fmu_record
 from commonrail.foreign.study import FmuStudy
 from commonrail.foreign.study_file import load_fmu_study
-from commonrail.store.beginning import Copied, begun, ending
-from commonrail.store.changes import check_files
 from commonrail.store.content import fingerprint_of
-from commonrail.store.copies import copy_apart, places_apart
-from commonrail.store.journal import JOURNAL, Journal
+from commonrail.store.folder_fit import FolderFit, FolderWords
+from commonrail.store.journal import Journal
 from commonrail.store.run import Listener
-from commonrail.workers.interrupt import held_interrupts
 
 __all__ = ["RECORD", "STUDY", "VALUES", "calibrate_fmu_into", "is_fmu_run", "read_fmu_run", "resume_fmu"]
 
 STUDY, RECORD, VALUES = "fmu-study.toml", FMU_RECORD, "values.csv"
 SILENT = Listener()
-
-
-def is_fmu_run(folder: Path) -> bool:
-    """Return whether a folder is that of a calibration of an FMU."""
-    return (folder / JOURNAL).is_file() and (folder / STUDY).is_file()
 
 
 def calibrate_fmu_into(
@@ -64,10 +53,7 @@ def calibrate_fmu_into(
     """
     path = file_path(folder, "folder")
     instance(study, FmuStudy, "study")
-    if not study.files:
-        raise StudyError(f"{study.title}: a study that was made in Python has no run folder; use calibrate_fmu.")
-    with _begun(path, study) as (journal, own):
-        return _run(journal, own, None, listener, processes)
+    return _FOLDER.begin(path, study, _search(processes, listener))
 
 
 def resume_fmu(
@@ -91,40 +77,14 @@ def resume_fmu(
     OutputError
         If the folder cannot be written; what was done before is kept.
     """
-    path = file_path(folder, "folder")
-    if not is_fmu_run(path):
-        raise StudyError(f"{path}: this is no run of an FMU; `commonrail calibrate STUDY` begins one.")
-    with Journal(path) as journal:
-        check_files(journal, as_begun)
-        study = replace(load_fmu_study(path / STUDY), seed=int(journal.about.get("seed", "1")))
-        if _content(study) != journal.about.get("content"):
-            raise StudyError(
-                f"{path}: the study reads differently from when the run was begun, although its files are the same; "
-                "resume it with the version of commonrail that began it, or begin a new run."
-            )
-        return _run(journal, study, journal.checkpoint(), listener, processes)
+    return _FOLDER.resume(file_path(folder, "folder"), _search(processes, listener), as_begun=as_begun)
 
 
-@contextmanager
-def _begun(folder: Path, study: FmuStudy) -> Iterator[tuple[Journal, FmuStudy]]:
-    """A new run's journal and its study, read from the copies in the folder."""
-
-    def copied() -> Copied[FmuStudy]:
-        inputs = copy_apart(study.files, folder, STUDY)
-        own = replace(load_fmu_study(folder / STUDY), seed=study.seed)
-        facts = {
-            "title": study.title,
-            "given": study.text,
-            "study": own.text,
-            "seed": str(study.seed),
-            "content": _content(own),
-            "generations": str(study.method.evolution.generations),
-        }
-        return Copied(own, facts, inputs)
-
-    copies = [place.as_posix() for place in places_apart(study.files, STUDY).values()]
-    with begun(folder, copies, copied) as found:
-        yield found
+def _search(processes: int | None, listener: Listener) -> Callable[[FmuStudy, Journal, Checkpoint | None], FmuFit]:
+    """The search of `calibrate_fmu`, kept in a journal."""
+    return lambda study, journal, checkpoint: calibrate_fmu(
+        study, processes=processes, progress=listener.progress, recorder=journal, checkpoint=checkpoint
+    )
 
 
 def _content(study: FmuStudy) -> str:
@@ -134,20 +94,6 @@ def _content(study: FmuStudy) -> str:
     return fingerprint_of(
         study.title, study.fmu.digest, study.space.parameters, (rows.matrix, rows.labels), study.data, *decisive
     )
-
-
-def _run(
-    journal: Journal, study: FmuStudy, checkpoint: Checkpoint | None, listener: Listener, processes: int | None
-) -> FmuFit:
-    journal.start_session()
-    with held_interrupts(), ending(journal):  # once the search has ended, its result is written whatever keys are hit
-        fit = calibrate_fmu(
-            study, processes=processes, progress=listener.progress, recorder=journal, checkpoint=checkpoint
-        )
-        journal.check_place()
-        _write(journal.folder, fit)
-        journal.end_session(fit.status, fit.reason)
-    return fit
 
 
 def read_fmu_run(folder: str | Path) -> dict[str, Any]:
@@ -177,3 +123,14 @@ def _rows(record: dict[str, Any]) -> Iterator[list[str]]:
             head = [data["name"], output["variable"], output["unit"], output["axis"]]
             for row in zip(output["at"], output["measured"], output["start"], output["best"], strict=True):
                 yield [*head, *("" if value is None else repr(value) for value in row)]
+
+
+_FOLDER = FolderFit(
+    STUDY,
+    FolderWords("study", "an FMU", "commonrail calibrate STUDY", "calibrate_fmu"),
+    load_fmu_study,
+    _content,
+    "seed",
+    _write,
+)
+is_fmu_run = _FOLDER.is_run

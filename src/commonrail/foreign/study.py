@@ -14,9 +14,10 @@ from commonrail.calibration.optimisers import EvolutionSettings
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method
-from commonrail.errors import ConfigurationError
+from commonrail.errors import ConfigurationError, InputError
 from commonrail.foreign.data import FmuData
 from commonrail.foreign.fmu import Fmu, FmuVariable, read_fmu
+from commonrail.foreign.notes import notes_on
 from commonrail.kinds import Role
 
 __all__ = ["TIME_LIMIT", "FmuStudy", "fmu_study", "free_parameter"]
@@ -58,7 +59,7 @@ class FmuStudy:
     ConfigurationError
         If an argument is of another kind, no data set has role fit, two have one name, or a number is out of range.
     InputError
-        If the FMU lacks a variable, or has one of another kind.
+        If the FMU lacks a variable, has one of another kind, or does not allow a bound or a value.
     """
 
     title: str
@@ -109,15 +110,28 @@ class FmuStudy:
         """Synthetic parts of the data, empty if there are none."""
         return " ".join(dict.fromkeys(one.synthetic for one in self.data if one.synthetic))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on a step that is coarser than the data, and on inputs beyond the limits of the FMU."""
+        return notes_on(self.fmu, self.data, self.step)
+
+    def _refuse_outside(self, name: str, value: float, what: str) -> None:
+        if found := self.fmu.outside(name, value, what):
+            raise InputError(f"{self.fmu.path}: {found}; keep within what the FMU allows.")
+
     def _check_variables(self) -> None:
-        for name in self.space.names:
-            self.fmu.number(name)
-            self.fmu.adjustable(name)
+        for parameter in self.space.parameters:
+            self.fmu.number(parameter.name)
+            self.fmu.adjustable(parameter.name)
+            self._refuse_outside(parameter.name, parameter.lower, "the lower bound")
+            self._refuse_outside(parameter.name, parameter.upper, "the upper bound")
         for run in (run for one in self.data for run in one.runs):
             for output in run.outputs:
                 self.fmu.number(output)
-            for name in run.start:
+            for name, value in run.start.items():
                 self.fmu.adjustable(name)
+                if not isinstance(value, (bool, str)):
+                    self._refuse_outside(name, value, "the value")
             for name in run.inputs.values if run.inputs else ():
                 if self.fmu.number(name).causality != "input":
                     raise ConfigurationError(f"{self.fmu.path}: {name} is no input, so it has no course in time.")

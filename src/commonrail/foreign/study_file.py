@@ -23,9 +23,9 @@ from commonrail.foreign.fmu import Fmu, FmuVariable, read_fmu
 from commonrail.foreign.study import TIME_LIMIT, FmuStudy, free_parameter
 from commonrail.kinds import Role
 from commonrail.kinds.reading import Name
-from commonrail.reading.faults import read_model
 from commonrail.reading.fields import FileModel, Text, Unit
 from commonrail.reading.guarded_file import noting_files
+from commonrail.reading.model_file import read_model_file
 from commonrail.reading.place import Place, located
 from commonrail.reading.reach import Reach
 from commonrail.reading.sheet import Column
@@ -138,10 +138,7 @@ def load_fmu_study(path: str | Path) -> FmuStudy:
 
 
 def _study(file: Path) -> FmuStudy:
-    document, text = read_toml(file)
-    at = Place(str(file))
-    model = read_model(_StudyModel, document, at)
-    reach = Reach(file, model.allow_outside)
+    model, at, reach, text = read_model_file(_StudyModel, file)
     fmu = read_fmu(reach.path(file.parent, model.fmu, at / "fmu"))
     reading = _Reading(fmu, _settings(model.set, fmu, at / "set"), reach)
     free = [_parameter(one, fmu, (at / "parameter")[i]) for i, one in enumerate(model.parameter)]

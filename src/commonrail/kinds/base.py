@@ -105,6 +105,10 @@ class View(ABC):
     def operating_point(self, data: Record) -> Record:
         """One of the data set's operating points, to simulate it again."""
 
+    def operating_points(self, data: Record) -> Sequence[Record]:
+        """All of the data set's operating points."""
+        return [self.operating_point(data)]
+
     @abstractmethod
     def sentences(self, data: Sequence[Record]) -> list[str]:
         """Ends of sentences on the agreement of a calibrated model with data sets."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
+import functools
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.arguments import Limits, settle
+from commonrail.arguments import Limits
 from commonrail.engine.operating_point import (
     ENERGISING_TIMES,
     LONGEST,
@@ -19,7 +20,7 @@ from commonrail.engine.operating_point import (
 )
 from commonrail.maps.response import Conditions
 
-__all__ = ["Base"]
+__all__ = ["Base", "Points"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -68,8 +69,8 @@ class Base(NamedTuple):
         pressures = own["rail_pressure"], own["cylinder_pressure"], own["return_pressure"]
         return OperatingPoint(pressures[0], tuple(pulses), *pressures[1:], horizon=end + AFTER)
 
-    def points(self, changed: Mapping[str, Floats], count: int, alone: bool = False) -> list[OperatingPoint]:
-        """Operating points as `point` makes each of them, in a tenth of the time.
+    def points(self, changed: Mapping[str, Floats], count: int, alone: bool = False) -> Points:
+        """Operating points as `point` makes each of them, in a tenth of the time, and made when they are needed.
 
         All values are compared with the limits of operating points at once. A point outside is made by `point`, which
         says what is wrong with it.
@@ -96,26 +97,61 @@ class Base(NamedTuple):
         for pressure in pressures[1:]:
             sound &= _within(pressure, OTHER_PRESSURES) & (pressure < pressures[0])
         sound &= before if alone else _within(second, ENERGISING_TIMES) & (start >= np.where(before, first, 0.0))
-        columns = zip(*(c.tolist() for c in (*pressures, first, start, second, end + AFTER, sound)), strict=True)
-        return [
-            _made(row, alone) if row[-1] else self.point({name: float(v[i]) for name, v in changed.items()}, alone)
-            for i, row in enumerate(columns)
-        ]
+        others = {
+            int(i): self.point({name: float(values[i]) for name, values in changed.items()}, alone)
+            for i in np.flatnonzero(~sound)
+        }
+        return Points(np.stack([*pressures, first, start, second, end + AFTER], axis=1), alone, others)
+
+
+class Points(Sequence[OperatingPoint]):
+    """Operating points of many combinations; those of a slice are made when it is taken.
+
+    Parameters
+    ----------
+    rows : (points, 7)
+        Checked values: three pressures, first energising, start and length of the last, horizon.
+    alone : bool
+        With the first of two injections alone.
+    others : mapping of int to OperatingPoint
+        Points that are not made of their rows.
+    """
+
+    def __init__(self, rows: Floats, alone: bool, others: Mapping[int, OperatingPoint]) -> None:
+        self._rows, self._alone, self._others = rows, alone, others
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, index: int) -> OperatingPoint: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[OperatingPoint]: ...
+    def __getitem__(self, index: int | slice) -> OperatingPoint | list[OperatingPoint]:
+        if isinstance(index, int):
+            return self[index : index + 1 or None][0]
+        places = range(len(self))[index]
+        rows = zip(places, self._rows[index].tolist(), strict=True)
+        return [self._others.get(i) or _made(row, self._alone) for i, row in rows]
+
+    @property
+    def last_starts(self) -> Floats:
+        """Starts of the last energisings [s]."""
+        return np.asarray(self._rows[:, 4])
 
 
 def _within(values: Floats, limits: Limits) -> Bools:
     return np.asarray((values >= limits.low) & (values <= limits.high))
 
 
-def _made(row: tuple[float, ...], alone: bool) -> OperatingPoint:
+def _made(row: Sequence[float], alone: bool) -> OperatingPoint:
     """Operating point of checked values: three pressures, first energising, start and length of the last, horizon."""
-    rail, cylinder, back, first, start, second, horizon, _ = row
-    pulses = (Energising._make((0.0, first)),) if first > 0.0 else ()
+    rail, cylinder, back, first, start, second, horizon = row
+    before = (_energising(0.0, first),) if first > 0.0 else ()
     point = object.__new__(OperatingPoint)
-    settle(
-        point,
+    point.__dict__.update(
         rail_pressure=rail,
-        energisings=pulses if alone else (*pulses, Energising._make((start, second))),
+        energisings=before if alone else (*before, _energising(start, second)),
         cylinder_pressure=cylinder,
         return_pressure=back,
         drive=None,
@@ -123,3 +159,9 @@ def _made(row: tuple[float, ...], alone: bool) -> OperatingPoint:
         start=0.0,
     )
     return point
+
+
+@functools.lru_cache(maxsize=10_000)
+def _energising(start: float, duration: float) -> Energising:
+    """Energising of checked values: the points of a sweep share most of theirs."""
+    return Energising._make((start, duration))

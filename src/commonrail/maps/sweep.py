@@ -7,7 +7,8 @@ the two are fused into one, and only the total is a quantity of its own.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,9 +17,11 @@ from numpy.typing import NDArray
 
 from commonrail.display.shown import Shown
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.plan import Prepared, prepare
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
+from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError, SimulationError, nearest
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.maps.base_point import Base
@@ -139,7 +142,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
         distinct, which = _first_alone(base, columns, count)
         first = run_points(injector, distinct, own, values, base.conditions)
         alone = np.where(first.status == OK, first.injected_volume, np.nan)[:, which]
-        fused = fused_of(both, np.array([point.pulses[-1].start for point in whole]), first.opening[:, which])
+        fused = fused_of(both, whole.last_starts, first.opening[:, which])
     second = np.where(fused, np.nan, total - alone)
     sizes = [len(v.values) for v in (*own, *moving)]
     order = [[v.name for v in (*own, *moving)].index(v.name) for v in variables]
@@ -154,7 +157,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
 
 def _first_alone(
     base: Base, columns: Mapping[str, Floats], count: int
-) -> tuple[list[OperatingPoint], NDArray[np.intp]]:
+) -> tuple[Sequence[OperatingPoint], NDArray[np.intp]]:
     """Distinct points with the first of two injections alone, and the place of each given point among them.
 
     Parameters
@@ -221,17 +224,19 @@ def fused_of(batch: Batch, starts: Floats, delay: Floats) -> Bools:
 
 def run_points(
     injector: Injector,
-    points: list[OperatingPoint],
+    points: Sequence[OperatingPoint],
     own: Sequence[Variable],
     values: Floats | None,
     conditions: Conditions,
 ) -> Batch:
     """Simulate all candidates at all points, some points at a time to save memory.
 
+    A thread prepares the next points while these are simulated.
+
     Parameters
     ----------
     injector : Injector
-    points : list of OperatingPoint
+    points : sequence of OperatingPoint
     own : sequence of Variable
         Parameters that vary.
     values : (candidates, parameters) or None
@@ -240,16 +245,22 @@ def run_points(
         Time step and number of threads.
     """
     names = [v.name for v in own]
+    step = check_step(conditions.time_step)
+    places = [slice(first, first + AT_A_TIME) for first in range(0, len(points), AT_A_TIME)]
     parts = [
-        simulate_batch(
-            injector,
-            points[first : first + AT_A_TIME],
-            names,
-            values,
-            time_step=conditions.time_step,
-            threads=conditions.threads,
-        )
-        for first in range(0, len(points), AT_A_TIME)
+        simulate_batch(injector, one.points, names, values, time_step=step, threads=conditions.threads, prepared=one)
+        for one in _ahead(lambda place: prepare(injector, points[place], step), places)
     ]
     fields = {name: np.concatenate([getattr(p, name) for p in parts], axis=1) for name in Batch.__dataclass_fields__}
     return Batch(**fields)
+
+
+def _ahead(work: Callable[[slice], Prepared], places: Sequence[slice]) -> Iterator[Prepared]:
+    """Results of `work` in order; while one is used, a thread works out the next."""
+    with ThreadPoolExecutor(max_workers=1) as helper:
+        found = work(places[0])
+        for place in places[1:]:
+            following = helper.submit(work, place)
+            yield found
+            found = following.result()
+        yield found

@@ -12,6 +12,7 @@ from jinja2 import Environment, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.notice import ALL_ENTRIES, lasting
 from commonrail.page.content import content
 from commonrail.page.module import wasm_module
 from commonrail.page.sliders import variant_of
@@ -22,6 +23,7 @@ __all__ = ["FIRST_POINT", "page_html"]
 FIRST_POINT = OperatingPoint(100e6, 700e-6)  # of a page whose subject has no data
 
 
+@lasting(ALL_ENTRIES)
 def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
     """Page of a subject, one HTML document that loads nothing.
 

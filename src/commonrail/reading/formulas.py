@@ -45,4 +45,6 @@ def _behind_separators(line: str, change: Callable[[str], str]) -> str:
 
 
 def _is_computed(text: str) -> bool:
+    if text[:1].isalnum():  # most cells: digits and letters begin no formula
+        return False
     return bool(_FORMULA.match(text)) and not _NUMBER.fullmatch(text)

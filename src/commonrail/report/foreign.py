@@ -61,6 +61,7 @@ def fmu_lines(record: Record) -> list[str]:
             f"{counts['failed']} of {counts['simulated']} candidates failed and could not win; the table of failures "
             "has the reasons."
         )
+    lines += record.get("notes", [])
     bounds = [p["name"] for p in record["parameters"] if p["at_bound"]]
     if bounds:
         lines.append(f"At a bound: {', '.join(bounds)}; the data may ask for a wider range.")

@@ -10,7 +10,7 @@ from commonrail.display.text import listed, number
 from commonrail.kinds.bands import too_few_inside
 from commonrail.kinds.records import JUDGED, Record
 from commonrail.report.record import of_role
-from commonrail.report.rerun import point_options
+from commonrail.report.rerun import map_line
 
 __all__ = ["Step", "Verdict", "verdict"]
 
@@ -73,15 +73,12 @@ def verdict(record: Record, run: str) -> Verdict:
     levels = {point.level for point in found}
     level = BAD if BAD in levels else CARE if CARE in levels else GOOD
     found.sort(key=lambda point: point.level != BAD)
-    # the map's own default pressures need not be those of the data
-    words = ["commonrail map", folder, point_options(record, boundary=True), "--out map.dcm"]
-    use = Step("Compute the map of the calibrated injector for the control unit.", " ".join(filter(None, words)))
     steps = list(dict.fromkeys(point.step for point in found))
     return Verdict(
         level,
         _TITLES[level],
         [point.reason for point in found] or _praise(record),
-        steps if level == BAD else [*steps, use],
+        steps if level == BAD else [*steps, Step(*map_line(record, run))],
     )
 
 

@@ -72,6 +72,11 @@ class MapView(View):
         last: Record = _quantities(data)[-1]
         return last
 
+    def operating_points(self, data: Record) -> Sequence[Record]:
+        """Those of all rows."""
+        rows: Sequence[Record] = data["rows"]
+        return rows
+
     def sentences(self, data: Sequence[Record]) -> list[str]:
         """Root mean squares of each map, calibrated and start values."""
         return [f" ({d['name']}), {self._sentence(d)}" for d in data]
