@@ -119,7 +119,7 @@ def resume_family(
         check_files(journal, as_begun)
         family = load_family(path / FAMILY)
         about = journal.about
-        family = replace(family, name=about.get("name", family.name))
+        family = replace(family, name=about.get("name", family.name), seed=int(about.get("seed", family.seed)))
         if _content(family) != about.get("content"):
             raise StudyError(
                 f"{path}: the family reads differently from when the run was begun, although its files are the same; "
@@ -134,10 +134,11 @@ def _begun(folder: Path, family: Family) -> Iterator[tuple[Journal, Family]]:
 
     def copied() -> Copied[Family]:
         inputs = copy_apart(family.files, folder, FAMILY)
-        own = replace(load_family(folder / FAMILY), name=family.name)
+        own = replace(load_family(folder / FAMILY), name=family.name, seed=family.seed)
         facts = {
             "title": family.title,
             "name": family.name,
+            "seed": str(family.seed),
             "given": family.text,
             "study": own.text,
             "content": _content(own),

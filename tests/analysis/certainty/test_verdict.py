@@ -129,7 +129,7 @@ def test_a_search_that_has_not_settled_withdraws() -> None:
     assert judged(moving)[0].verdict is Verdict.WITHDRAWN
 
 
-def test_an_interval_that_is_no_figure_is_told_in_words() -> None:
+def test_an_interval_that_is_no_figure_is_given_in_words() -> None:
     x = design()
     x[:, 1] *= 1e-9  # a direction that the data hardly hold
     found = fitted(likelihood([curve(9)], [x], [STATED], KNOWN))
