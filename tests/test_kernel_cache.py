@@ -17,7 +17,7 @@ import pytest
 from numba.core.config import _OptLevel
 
 from commonrail import kernel_cache, notice
-from commonrail.compile import kernel
+from commonrail.jit import kernel
 from commonrail.notice import tell_notes
 
 POSIX = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes of files are POSIX's")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -55,6 +57,7 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
         (("family", "nothing", "--out", "nowhere/t.toml"), "--out: there is no folder nowhere"),
         (("family", "nothing", "--out", "t.toml", "--part-spread", "3mm"), "--part-spread: "),
         (("family", "nothing", "--out", "t.toml", "--run", "r"), "only for a family file"),
+        (("family", "nothing", "--out", "t.toml", "--seed", "0"), "only for a family file"),
         (("adapt", "nothing.toml", "--from", "points.csv", "--out", "m.toml"), "nothing.toml: there is no such file"),
     ],
 )
@@ -146,9 +149,10 @@ def test_a_family_file_fits_its_parts_together(command: Command, tmp_path: Path)
 
 def test_a_joint_fit_that_was_killed_is_resumed_to_the_same_bits(command: Command, tmp_path: Path) -> None:
     file, whole, killed = two_parts(tmp_path / "family"), tmp_path / "whole", tmp_path / "killed"
-    assert command("family", file, "--out", tmp_path / "whole.toml", "--run", whole, "--threads", "1").status == 0
+    own = ("--run", whole, "--seed", "5", "--threads", "1")
+    assert command("family", file, "--out", tmp_path / "whole.toml", *own).status == 0
     with pytest.raises(Stopped):
-        fit_into(killed, load_family(file), threads=1, listener=stop_after(2))
+        fit_into(killed, replace(load_family(file), seed=5), threads=1, listener=stop_after(2))
     moved = killed.rename(tmp_path / "moved")
     done = command("resume", moved)
     assert done.status == 0, done.err
@@ -156,6 +160,9 @@ def test_a_joint_fit_that_was_killed_is_resumed_to_the_same_bits(command: Comman
     for name in ("type.toml", "models/a.toml", "models/b.toml"):
         assert (moved / name).read_bytes() == (whole / name).read_bytes()
     assert timeless(moved, "family.json") == timeless(whole, "family.json")
+    record = json.loads((moved / "family.json").read_text(encoding="utf-8"))
+    assert record["seed"] == 5  # of the command; the file has 1
+    assert load_family(moved / "family.toml").seed == 1
 
 
 @pytest.mark.usefixtures("forked_workers")

@@ -46,6 +46,24 @@ def test_samples_that_follow_each_other_are_no_independent_ones() -> None:
     assert found.freedom == pytest.approx(24 * 1000 * 0.19 / 1.81, rel=0.1)
 
 
+def test_ringing_noise_counts_beyond_the_zeros_of_its_autocorrelation() -> None:
+    """Samples of a resonance: of 520, 21 are independent, by the scatter of the mean square of 4000 courses."""
+    random = np.random.default_rng(6)
+    damping, pace = 0.98, 0.25
+    shots = random.normal(0.0, 1.0, (25, 920))
+    for i in range(2, shots.shape[1]):
+        shots[:, i] += 2.0 * damping * np.cos(pace) * shots[:, i - 1] - damping**2 * shots[:, i - 2]
+    found = averaged(shots[:, 400:], [np.arange(25)])
+    # 12 480 samples, 510 independent ones, whose correlation is known to a tenth; the first half wave alone gives 2500
+    assert found.freedom == pytest.approx(24 * 21.3, rel=0.25)
+
+
+def test_shots_that_differ_by_an_offset_count_once_each() -> None:
+    random = np.random.default_rng(7)
+    shots = random.normal(0.0, 1.0, (5, 1)) + random.normal(0.0, 0.05, (5, 520))
+    assert averaged(shots, [np.arange(5)]).freedom == pytest.approx(4.0, rel=0.1)
+
+
 def test_few_repeats_have_few_degrees_of_freedom() -> None:
     found = averaged(np.array([1.0, 3.0, 20.0, 24.0, 7.0]), [np.array([0, 1]), np.array([2, 3]), np.array([4])])
     assert found.freedom == 2.0

@@ -12,7 +12,7 @@ import pytest
 import commonrail as cr
 from commonrail.files.run_folder import read_fit
 from commonrail.maps.axes import MapAxes
-from commonrail.maps.bands import with_bands
+from commonrail.maps.bands import _tables, with_bands
 from commonrail.maps.quantity_map import InjectionMap, injection_map
 from commonrail.maps.response import Conditions
 from commonrail.reading.grid import read_grid
@@ -78,6 +78,14 @@ def test_cells_without_a_simulated_time_have_no_band(found: InjectionMap) -> Non
     assert (high[:, 1:3] > AXES.quantity[1:3]).all()
     narrow, wide = (np.subtract(*reversed(found.bands.quantity[level])) for level in (0.5, 0.9))
     assert (wide > 1.5 * narrow).all()  # of a normal distribution 2.4, more with few degrees of freedom
+
+
+def test_no_edge_lies_below_what_can_be_injected() -> None:
+    """Of 1 ± 2 mm³ and 5 ± 2 mm³, and of a model that returns fuel: its own value is then the edge."""
+    volume, half = np.array([[1e-9, 5e-9, -1e-12]]), np.array([2e-9, 2e-9, 2e-9])
+    low, high = _tables(volume, np.isfinite(volume), [-half, half])
+    np.testing.assert_allclose(low, [[0.0, 3e-9, -1e-12]], rtol=1e-12)
+    np.testing.assert_allclose(high, volume + half, rtol=1e-12)
 
 
 def test_quantities_at_a_stated_density_have_bands_at_that_of_the_map(run: Path, found: InjectionMap) -> None:

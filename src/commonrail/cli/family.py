@@ -47,6 +47,10 @@ def family(
         Path | None,
         typer.Option(metavar="FOLDER", help="New folder for the injector of each part of a family file."),
     ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Seed of the random numbers of a family file. [default: as in the file]"),
+    ] = None,
     threads: Threads = None,
     workers: WorkerCount = None,
     cluster: ClusterAddress = None,
@@ -74,13 +78,14 @@ def family(
     joint = [source for source in sources if source.suffix == ".toml"]
     if joint and len(sources) > 1:
         raise InputError(f"{joint[0]}: a family file is a source by itself; name it alone, or run folders only.")
-    if not joint and (run or models or workers or cluster) is not None:
-        raise InputError("--run, --models, --workers and --cluster: only for a family file; omit them.")
+    if not joint and any(one is not None for one in (run, models, seed, workers, cluster)):
+        raise InputError("--run, --models, --seed, --workers and --cluster: only for a family file; omit them.")
     if share is not None and (joint or any((source / FLEET).is_file() for source in sources)):
         raise InputError("--part-spread: only for run folders; omit it for a family file or a fleet.")
     if joint:
         with open_workers(workers, cluster) as crew:
-            outcome = run_family(joint[0], run or free_run_folder(stem_of(joint[0])), name, models, threads, crew)
+            stated = {key: value for key, value in (("name", name), ("seed", seed)) if value is not None}
+            outcome = run_family(joint[0], run or free_run_folder(stem_of(joint[0])), stated, models, threads, crew)
         dump_type(outcome.fit.injector_type, out)
         print_family(outcome, json, out)
         return

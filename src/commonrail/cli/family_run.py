@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -31,7 +31,12 @@ class FamilyOutcome(NamedTuple):
 
 
 def run_family(
-    source: Path, folder: Path, name: str | None, models: Path | None, threads: int | None, workers: Workers | None
+    source: Path,
+    folder: Path,
+    changes: Mapping[str, Any],
+    models: Path | None,
+    threads: int | None,
+    workers: Workers | None,
 ) -> FamilyOutcome:
     """Fit the parts of a family file together in a new run folder, with progress on stderr.
 
@@ -41,8 +46,8 @@ def run_family(
         Family file.
     folder : Path
         New or empty.
-    name : str or None
-        Name of the type; None: that of the file.
+    changes : mapping
+        Name of the type and seed, in place of those of the file.
     models : Path or None
         New folder for the injectors of the parts.
     threads : int or None
@@ -62,8 +67,7 @@ def run_family(
 
     if models is not None:
         refuse_used(models)
-    family = load_family(source)
-    family = family if name is None else replace(family, name=name)
+    family = replace(load_family(source), **changes)
     outcome = _told(
         family.title,
         folder,

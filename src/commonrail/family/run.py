@@ -178,7 +178,7 @@ _FOLDER = FolderFit(
     FolderWords("family", "a family", "commonrail family FAMILY.toml", "fit_family"),
     load_family,
     _content,
-    "name",
+    ("name", "seed"),
     _write,
 )
 is_family_run = _FOLDER.is_run

@@ -130,7 +130,7 @@ _FOLDER = FolderFit(
     FolderWords("study", "an FMU", "commonrail calibrate STUDY", "calibrate_fmu"),
     load_fmu_study,
     _content,
-    "seed",
+    ("seed",),
     _write,
 )
 is_fmu_run = _FOLDER.is_run

@@ -12,7 +12,7 @@ __all__ = ["Averaged", "averaged", "groups_of"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-SEEN = 4.0  # squared standard errors of an autocorrelation, below which it counts as none
+SEEN = 9.0  # squared standard errors of an autocorrelation, below which it counts as none
 
 
 class Averaged(NamedTuple):
@@ -77,23 +77,31 @@ def averaged(values: Floats, groups: list[Indices], scale: Floats | float = 1.0)
     spare = int(np.sum(counts - 1))
     variance = float(np.sum(deviations**2)) / (spare * values[0].size)
     sigma = float(np.sqrt(variance * np.mean(1.0 / counts))) or None
-    return Averaged(mean, counts, sigma, spare * _independent(deviations) if sigma else 0.0)
+    return Averaged(mean, counts, sigma, spare * _independent(deviations, spare) if sigma else 0.0)
 
 
-def _independent(deviations: Floats) -> float:
-    """Independent samples of a course in the mean of its squares: n/Σ r_l² over all lags, by Satterthwaite.
+def _independent(deviations: Floats, spare: int) -> float:
+    """Independent samples of a course in the mean of its squares: n/(1 + 2 Σ (1 − l/n) r_l²), by Satterthwaite.
+
+    All lags with an autocorrelation r_l that is more than chance count: that of a ringing meter passes through zero
+    and returns.
 
     Parameters
     ----------
     deviations : (rows, …)
         Of each course from its mean; numbers count as courses of one sample.
+    spare : int
+        Independent courses among them.
     """
     courses = deviations.reshape(len(deviations), -1)
     n, energy = courses.shape[1], float(np.sum(courses**2))
-    total, chance = 1.0, SEEN / courses.size
+    total, chance = 1.0, SEEN / (spare * n)
+    unbroken = True
     for lag in range(1, n):
-        share = (float(np.sum(courses[:, lag:] * courses[:, :-lag])) / energy) ** 2
-        if share < chance:
-            break
-        total += 2.0 * share
-    return n / total
+        left = 1.0 - lag / n
+        share = (float(np.sum(courses[:, lag:] * courses[:, :-lag])) / energy) ** 2 / left
+        unbroken = unbroken and share > chance
+        # Bartlett: once r_l has been zero, its scatter grows with what the others add up to
+        if unbroken or share > total * chance:
+            total += 2.0 * share
+    return n / min(total, float(n))

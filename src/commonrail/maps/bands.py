@@ -111,7 +111,8 @@ def _volume_factor(stated: float, density: float) -> float:
 
 
 def _tables(volume: Floats, which: NDArray[np.bool_], apart: list[Floats]) -> tuple[Floats, Floats]:
-    """Edges of all cells, from their distances from the quantities of marked ones."""
+    """Edges of all cells, from their distances from the quantities of marked ones; none is injected backwards."""
     low, high = np.full((2, *volume.shape), np.nan)
-    low[which], high[which] = volume[which] + apart[0], volume[which] + apart[1]
+    own = volume[which]
+    low[which], high[which] = np.maximum(own + apart[0], np.minimum(own, 0.0)), own + apart[1]
     return low, high

@@ -12,6 +12,8 @@ from commonrail.units import to_text
 __all__ = ["certainty_lines", "certainty_tables", "posterior_table"]
 
 DIGITS = 5
+MOST_PERCENT = 1000.0  # of a value, above which half an interval or a move is no figure any more
+OPEN = "open"  # interval
 
 
 def certainty_tables(record: Record) -> list[Table]:
@@ -64,6 +66,8 @@ def _parameters(found: Record, units: Record) -> Table:
 def _interval(p: Record, unit: str) -> str:
     if number(p["lower"]) is None or number(p["upper"]) is None:
         return MISSING
+    if (number(p.get("percent")) or 0.0) > MOST_PERCENT:
+        return OPEN
     return f"{quantity(p['lower'], unit, DIGITS)} to {quantity(p['upper'], unit, DIGITS)}"
 
 
@@ -177,7 +181,13 @@ def _visible(found: Record) -> list[str]:
 def _moves(moves: Sequence[tuple[str, float | None]]) -> str:
     """Largest moves first: "k7 by 12 %, k1 by 3 %"."""
     known = sorted(((abs(m), name) for name, m in moves if m is not None), reverse=True)[:4]
-    return listed([f"{name} by {significant(move, 2)} %" for move, name in known])
+    return listed([f"{name} by {_share(move)}" for move, name in known])
+
+
+def _share(percent: float) -> str:
+    """Percentage in words: "12 %", "more than 1000 %"."""
+    most = percent > MOST_PERCENT
+    return f"more than {MOST_PERCENT:g} %" if most else f"{significant(percent, 2)} %"
 
 
 def _cures(parameters: Sequence[Record]) -> list[str]:

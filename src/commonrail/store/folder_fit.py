@@ -82,8 +82,8 @@ class FolderFit(Generic[_Study, _Fit]):
         Settings of a file.
     content : function of the settings
         Fingerprint: equal ones mean identical searches but for their length.
-    chosen : str
-        Field of the settings that an option of the command may have changed; the journal keeps it.
+    chosen : tuple of str
+        Fields of the settings that options of the command may have changed; the journal keeps them.
     write : function of (Path, result)
         Writes the results into a run folder.
     """
@@ -92,7 +92,7 @@ class FolderFit(Generic[_Study, _Fit]):
     words: FolderWords
     load: Callable[[Path], _Study]
     content: Callable[[_Study], str]
-    chosen: str
+    chosen: tuple[str, ...]
     write: Callable[[Path, _Fit], None]
 
     def is_run(self, folder: Path) -> bool:
@@ -177,7 +177,7 @@ class FolderFit(Generic[_Study, _Fit]):
     @contextmanager
     def _begun(self, folder: Path, study: _Study) -> Iterator[tuple[Journal, _Study]]:
         """A new run's journal and its settings, read from the copies in the folder."""
-        chosen = {self.chosen: str(getattr(study, self.chosen))}
+        chosen = {name: str(getattr(study, name)) for name in self.chosen}
 
         def copied() -> Copied[_Study]:
             inputs = copy_apart(study.files, folder, self.file)
@@ -196,11 +196,9 @@ class FolderFit(Generic[_Study, _Fit]):
             yield found
 
     def _as_chosen(self, study: _Study, facts: Mapping[str, str]) -> _Study:
-        """The settings with the field that the run was begun with."""
-        if self.chosen not in facts:
-            return study
-        kind = type(getattr(study, self.chosen))
-        changed: Any = replace(study, **{self.chosen: kind(facts[self.chosen])})  # type: ignore[type-var]
+        """The settings with the fields that the run was begun with."""
+        begun_with = {name: type(getattr(study, name))(facts[name]) for name in self.chosen if name in facts}
+        changed: Any = replace(study, **begun_with)  # type: ignore[type-var]
         found: _Study = changed
         return found
 

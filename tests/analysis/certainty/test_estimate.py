@@ -119,6 +119,14 @@ def test_a_discrepancy_of_one_length_is_that_of_generalised_least_squares() -> N
     np.testing.assert_allclose(found.covariance.total, expected, rtol=1e-3)  # bumps half a length apart
 
 
+def test_a_white_discrepancy_has_more_degrees_of_freedom_than_the_noise_beside_it() -> None:
+    """Of σ² from three repeats and δ² that is stated: (σ² + δ²)²/(σ⁴/3), by Satterthwaite."""
+    noise = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=0.2, freedom=3.0, discrepancy=0.4)
+    found = fitted(likelihood([curve(normal, 6, 60)], [design(60)], [noise]))
+    assert found.likelihood.noises[0].scale == pytest.approx(np.hypot(0.2, 0.4))
+    assert found.likelihood.noises[0].freedom == pytest.approx(3.0 * 5.0**2)
+
+
 def test_a_parameter_that_nothing_holds_has_no_interval() -> None:
     x = design()
     x[:, 2] = 0.0

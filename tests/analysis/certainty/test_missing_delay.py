@@ -80,7 +80,36 @@ def test_priors_that_contradict_the_data_do_not_make_a_delay_visible(undelayed: 
     assert 1.2e-6 < small < 2.2e-6  # as without the prior; 0.03 us where its cost counts
 
 
-def test_a_delay_that_is_stated_is_not_missing() -> None:
-    bench, found = fitted("delay 0.2 us")
-    assert missing_delay(bench.study, found, 1) is None
-    assert np.isnan(visible_delay(bench.study, found, 0.01, 1)[0])
+@pytest.mark.parametrize(("delay", "is_found"), [(0.3e-6, False), (5e-6, True)])
+def test_a_delay_far_beyond_its_stated_deviation_is_found(delay: float, is_found: bool) -> None:
+    """Of 5 µs where 0.2 µs are stated the derivatives alone find nothing at 1 %."""
+    stated = replace(BEDS["delay 0.2 us"], delay=delay, delay_deviation=0.0)
+    benches = Benches(stated)
+    bench = benches.bench(1)
+    found = benches.fit(bench)
+    test = missing_delay(bench.study, found, 1)
+    assert test is not None
+    assert (test.probability < 1e-3) is is_found
+    assert not is_found or "which is beyond what the study states" in lack_of_fit(found, test)[-1].sentence
+    assert len(test.point) == 3
+
+
+def test_a_delay_of_a_few_of_its_stated_deviations_is_no_finding() -> None:
+    """4 µs where 2 µs are stated: 3.4 µs are most likely on this bench, 1.7 deviations, which have 0.09."""
+    benches = Benches(replace(BEDS["delay 2 us"], delay=4e-6, delay_deviation=0.0))
+    bench = benches.bench(1)
+    test = missing_delay(bench.study, benches.fit(bench), 1)
+    assert test is not None
+    assert 0.05 < test.probability < 0.2  # 0.13: the path of the parameters is curved
+    assert test.delay == pytest.approx(3.4e-6, abs=0.5e-6)
+
+
+def test_a_free_delay_is_not_missing(undelayed: tuple[Bench, Estimate]) -> None:
+    bench, found = undelayed
+    parameter = cr.Parameter("meter.bench.delay", 0.0, -5e-6, 5e-6, "s", mark="E", source="test")
+    curve = bench.study.data[0].with_meter(cr.Meter("bench"))
+    study = replace(bench.study, data=(curve,), space=cr.Space([*bench.study.space.parameters, parameter]))
+    own = Likelihood.of(study, 1)
+    free = replace(found, likelihood=own.with_noises(found.likelihood.noises))
+    assert missing_delay(study, free, 1) is None
+    assert np.isnan(visible_delay(study, free, 0.01, 1)[0])

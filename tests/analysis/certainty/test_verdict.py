@@ -127,3 +127,12 @@ def test_a_search_that_has_not_settled_withdraws() -> None:
     assert withdrawal(found, []) == ""
     assert "2 of 4 starts agree" in withdrawal(moving, [])
     assert judged(moving)[0].verdict is Verdict.WITHDRAWN
+
+
+def test_an_interval_that_is_no_figure_is_given_in_words() -> None:
+    x = design()
+    x[:, 1] *= 1e-9  # a direction that the data hardly hold
+    found = fitted(likelihood([curve(9)], [x], [STATED], KNOWN))
+    low, high = found.interval()
+    assert 0.5 * (high - low)[1] > 1e6 * found.point[1]
+    assert "more than ± 1000 %" in judged(found)[1].sentence

@@ -72,14 +72,31 @@ def test_without_priors_the_degrees_of_freedom_are_those_of_the_residuals() -> N
     assert judged.freedom == pytest.approx(N - 3, rel=0.1)
 
 
-def covered(many: int) -> float:
-    """Share of new values inside 90 % bands, where parameters vary about the middle as the priors say."""
+def smooth(rng: np.random.Generator, many: int, deviation: float) -> np.ndarray:
+    """Discrepancy of a model at points spread over a unit interval, correlated over a third of it."""
+    places = rng.random(many)
+    covariance = np.exp(-4.5 * (places[:, None] - places) ** 2) + 1e-9 * np.eye(many)
+    return np.asarray(deviation * np.linalg.cholesky(covariance) @ rng.standard_normal(many))
+
+
+def covered(many: int, width: float = 1.0, discrepancy: float = 0.0) -> float:
+    """Share of new values inside 90 % bands, where parameters vary about the middle as the priors say.
+
+    Parameters
+    ----------
+    many : int
+    width : float
+        Of the variation, in standard deviations of the priors.
+    discrepancy : float
+        Standard deviation of what the model cannot do, beside noise of 0.5.
+    """
     held = 0
     for seed in range(many):
         rng = np.random.default_rng(seed)
         x, new = rng.normal(size=(N, 3)), rng.normal(size=(NEW, 3))
-        truth = MIDDLE + rng.standard_normal(3)
-        found = estimated(x, x @ truth + 0.5 * rng.standard_normal(N))
+        truth = MIDDLE + width * rng.standard_normal(3)
+        off = smooth(rng, N + NEW, discrepancy) if discrepancy else np.zeros(N + NEW)
+        found = estimated(x, x @ truth + off[:N] + 0.5 * rng.standard_normal(N))
         scatter = scatter_of(found, [quantities(np.zeros(N))])["quantities"]
         factor = scatter.calibration
         covariance = factor**2 * found.covariance.total
@@ -87,7 +104,7 @@ def covered(many: int) -> float:
         ((low, high),) = band_from_slopes(
             new @ found.point, new * 100.0, covariance, noise, scatter.freedom, [0.9]
         ).values()
-        seen = new @ truth + 0.5 * rng.standard_normal(NEW)
+        seen = new @ truth + off[N:] + 0.5 * rng.standard_normal(NEW)
         held += int(np.count_nonzero((low <= seen) & (seen <= high)))
     return held / (many * NEW)
 
@@ -95,6 +112,12 @@ def covered(many: int) -> float:
 def test_bands_hold_their_share_of_new_values() -> None:
     # 1000 values, five to a fit: three binomial standard errors are 2.9 %
     assert covered(200) == pytest.approx(0.9, abs=0.03)
+
+
+@pytest.mark.parametrize(("width", "discrepancy"), [(0.3, 0.0), (1.0, 0.75)])
+def test_priors_that_are_too_wide_and_models_that_are_wrong_leave_it_so(width: float, discrepancy: float) -> None:
+    """The values held out tell both: of 500 values, which are correlated, three standard errors are 5 %."""
+    assert covered(100, width, discrepancy) == pytest.approx(0.9, abs=0.05)
 
 
 @pytest.mark.parametrize(("law", "freedom"), [(Law.STUDENT, 4.0), (Law.LAPLACE, 3.0)])

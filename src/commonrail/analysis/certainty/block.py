@@ -199,8 +199,9 @@ def fit_noise(
     sigma = block.noise.sigma
     if sigma is not None:
         floor = block.noise.discrepancy if not block.noise.length else 0.0
-        scale = math.hypot(sigma, floor) * regression.innovation_share
-        return FittedNoise(law, scale, block.noise.freedom, regression, known=True)
+        whole = math.hypot(sigma, floor)
+        freedom = block.noise.freedom * (whole / sigma) ** 4  # Satterthwaite: the discrepancy is exactly known
+        return FittedNoise(law, whole * regression.innovation_share, freedom, regression, known=True)
     freedom = max(len(errors) - used, 1.0)
     scale = scale_of(law, regression.whiten(errors), freedom)
     return FittedNoise(law, max(scale, np.finfo(float).tiny ** 0.25), freedom, regression)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.ascent import climb, promised_step
+from commonrail.analysis.certainty.ascent import FEW, climb, promised_step
 from commonrail.analysis.certainty.covariance import Covariance, covariance_of, half_widths, moved_by
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
@@ -27,7 +27,7 @@ AGREED = 0.5  # of 2 ln L within which ends of the search agree
 LEAST_AGREEING = 3  # ends, the best among them
 SETTLED = 0.01  # fall of −2 ln L that the last linear model may still promise
 LAST_STEPS, SHARES = 3, np.array([1.0, 0.5, 0.25])  # of the linear model at the end of a search, tried side by side
-FEW, SHORT, LONG = 4, 25, 60  # parameters, and steps of an ascent with so few and with more
+SHORT, LONG = 25, 60  # steps of an ascent with few parameters and with more
 CLOSEST = 40  # members of a library that are compared as starts
 
 
@@ -172,18 +172,27 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
         best = int(np.argmin(ends.cost))
         own = likelihood.estimated(ends.errors[best], [0.0] * len(likelihood.blocks), correlated=False)
         sound = np.isfinite(ends.cost)
-        ends = climb(own, ends.unit[sound], errors=ends.errors[sound], turns=turns, tolerance=tolerance)
+        ends = climb(
+            own,
+            ends.unit[sound],
+            errors=ends.errors[sound],
+            slopes=ends.slopes[sound],
+            turns=turns,
+            tolerance=tolerance,
+        )
         simulated += own.simulated
     best = int(np.argmin(ends.cost))
     agreeing = int(np.count_nonzero(ends.cost - ends.cost[best] < AGREED))
-    unit, errors = ends.unit[best], ends.errors[best]
+    unit, errors, slopes = ends.unit[best], ends.errors[best], ends.slopes[best]
     for last in range(rounds):
-        slopes = own.jacobian(unit[None], central=False, base=errors[None])[0]
+        if np.isnan(slopes[0, 0]):
+            slopes = own.jacobian(unit[None], central=False, base=errors[None])[0]
         known = covariance_of(own, slopes, errors, np.zeros((0, own.size)), pulls_of(own, unit))
         simulated += own.simulated
         own = likelihood.estimated(errors, known.used.tolist(), known.root.T @ slopes)
-        near = climb(own, unit[None], errors=errors[None], turns=10, tolerance=0.1 if last < rounds - 1 else 1e-3)
-        unit, errors = near.unit[0], near.errors[0]
+        tolerance = 0.1 if last < rounds - 1 else 1e-3
+        near = climb(own, unit[None], errors=errors[None], slopes=slopes[None], turns=10, tolerance=tolerance)
+        unit, errors, slopes = near.unit[0], near.errors[0], near.slopes[0]
     found = _ended(estimate_at(own, unit, errors, own.jacobian(unit[None])[0]))
     simulated += own.simulated + likelihood.simulated - before
     return replace(found, starts=len(starts), agreeing=agreeing, simulated=simulated)

@@ -75,7 +75,10 @@ def lack_of_fit(
     level = level_of(estimate, delay is not None)
     held = _stated(estimate, len(estimate.unit) if priors_from is None else priors_from)
     found = [_of_block(estimate, i, level, held) for i in range(len(own.blocks))]
-    return found if delay is None else [*found, _of_delay(delay, level)]
+    if delay is None:
+        return found
+    stated = any(nuisance.key == "delay" for nuisance in own.nuisances)
+    return [*found, _of_delay(delay, level, "is beyond what the study states" if stated else "the study lacks")]
 
 
 def level_of(estimate: Estimate, delayed: bool) -> float:
@@ -83,10 +86,19 @@ def level_of(estimate: Estimate, delayed: bool) -> float:
     return LEVEL / (sum(1 + noise.known for noise in estimate.likelihood.noises) + delayed)
 
 
-def _of_delay(delay: MissingDelay, level: float) -> LackOfFit:
+def _of_delay(delay: MissingDelay, level: float, words: str) -> LackOfFit:
+    """Test of the delay that all curves share.
+
+    Parameters
+    ----------
+    delay : MissingDelay
+    level : float
+    words : str
+        What the delay is to the study.
+    """
     found = delay.probability < level
     size = to_text(delay.delay, "s", 2)
-    sentence = f"a delay of the meter of about {size}, which the study lacks, explains the curves better"
+    sentence = f"a delay of the meter of about {size}, which {words}, explains the curves better"
     return LackOfFit(CURVES, delay.probability, None, "delay", found, sentence if found else "")
 
 

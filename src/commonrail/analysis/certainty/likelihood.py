@@ -216,7 +216,14 @@ class Likelihood:
             found[inside] += self.log_likelihood(points[inside])
         return found
 
-    def jacobian(self, unit: Floats, *, central: bool = True, base: Floats | None = None) -> Floats:
+    def jacobian(
+        self,
+        unit: Floats,
+        *,
+        central: bool = True,
+        base: Floats | None = None,
+        held: NDArray[np.intp] | None = None,
+    ) -> Floats:
         """Derivatives (k, d, n) of the residuals with respect to positions between the bounds, at positions (k, d).
 
         All candidates are simulated in one batch. Zero where a candidate fails.
@@ -227,18 +234,24 @@ class Likelihood:
         central : bool
             Differences to both sides; otherwise to that with more room, `base` being the residuals there.
         base : (k, n), optional
+        held : (k,), optional
+            Parameter of each position whose derivatives are not asked for; they are zero.
         """
         k, d = unit.shape
+        wanted = np.ones((k, d), bool)
+        if held is not None:
+            wanted[np.arange(k), held] = False
         step = STEP if central else self._forward
         sign = np.where(unit > 0.5, -1.0, 1.0)[:, None, :] * np.eye(d)
         ahead = np.clip(unit[:, None] + step * sign, 0.0, 1.0)
         behind = np.clip(unit[:, None] - step * sign, 0.0, 1.0) if central else np.repeat(unit[:, None], d, axis=1)
         width = np.sum((ahead - behind) * np.eye(d), axis=2)
         sets = [ahead, behind] if central else [ahead]
-        points = self.space.from_unit(np.concatenate([s.reshape(-1, d) for s in sets]))
-        found = self.residuals(points).reshape(len(sets), k, d, -1)
-        other = found[1] if central else np.asarray(base)[:, None]
-        slopes = (found[0] - other) / width[:, :, None]
+        points = self.space.from_unit(np.concatenate([s[wanted] for s in sets]))
+        found = self.residuals(points).reshape(len(sets), -1, self.size)
+        other = found[1] if central else np.repeat(np.asarray(base), wanted.sum(axis=1), axis=0)
+        slopes = np.zeros((k, d, self.size))
+        slopes[wanted] = (found[0] - other) / width[wanted][:, None]
         return np.where(np.isfinite(slopes), slopes, 0.0)
 
     def scaled(self, unit: Floats) -> Floats:

@@ -4,6 +4,10 @@ The parameters imitate most of a delay, along a curved path: at the values that 
 left of it points nowhere in particular, and a test of derivatives there has little power. All parameters are therefore
 fitted anew with the delay free, and the noise is estimated from what that fit leaves: with the noise of the fit
 without it, an autoregression takes the delay for noise.
+
+Quantities that a study states as uncertain are fitted in both, with their standard deviations as priors. Of a delay
+that is stated with the deviation s, the test then finds what is beyond: the fall of 2 ln L by a delay δ with the
+standard error σ is δ²/(s² + σ²), the square of a normal variable where the delay is as stated.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from commonrail.analysis.certainty.covariance import Covariance, covariance_of
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
+from commonrail.analysis.certainty.uncertain import wider, with_uncertain_free
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
@@ -81,28 +86,27 @@ def missing_delay(study: Study, estimate: Estimate, threads: int | None = None) 
     Returns
     -------
     MissingDelay or None
-        None where no data set is a course in time, or a delay is free or stated as uncertain.
+        None where no data set is a course in time, or a delay is free.
     """
-    wide = _with_delay(study, estimate.likelihood, threads)
-    if wide is None:
+    both = _with_delay(study, estimate, threads)
+    if both is None:
         return None
-    start, column = np.append(estimate.unit, 0.5)[None], np.array([len(estimate.unit)])
+    wide, d = both.wide, len(estimate.unit)
+    start, column = np.append(both.unit, 0.5)[None], np.array([len(both.unit)])
     noisy = wide.with_noises(estimate.likelihood.noises)
     free = _freed(noisy, start)
-    simulated = noisy.simulated
+    used = [noisy]
     for _ in range(ROUNDS):
         known, slopes = _covariance(noisy, free)
         noisy = wide.estimated(free.errors[0], known.used.tolist(), known.root.T @ slopes)
-        free = climb(noisy, free.unit, errors=free.errors, turns=10, tolerance=TOLERANCE)
-        simulated += noisy.simulated + len(start[0])
+        free = climb(noisy, free.unit, errors=free.errors, slopes=slopes[None], turns=10, tolerance=TOLERANCE)
+        used.append(noisy)
     known, _ = _covariance(noisy, free)
-    before = noisy.simulated
     held = climb(noisy, start, column, errors=estimate.errors[None], tolerance=TOLERANCE)
-    simulated += noisy.simulated - before
     point = wide.space.from_unit(free.unit)[0]
     fall = _cost(noisy, known, held) - _cost(noisy, known, free)
     freedom = min(noise.freedom for block, noise in zip(noisy.blocks, noisy.noises, strict=True) if block.ordered)
-    return MissingDelay(float(point[-1]), _probability(fall, freedom), point[:-1], simulated)
+    return MissingDelay(float(point[-1]), _probability(fall, freedom), point[:d], sum(own.simulated for own in used))
 
 
 def visible_delay(study: Study, estimate: Estimate, level: float, threads: int | None = None) -> tuple[float, int]:
@@ -120,18 +124,20 @@ def visible_delay(study: Study, estimate: Estimate, level: float, threads: int |
     threads : int, optional
         As for `missing_delay`.
     """
-    own = estimate.likelihood
-    wide = _with_delay(study, own, threads)
-    if wide is None:
+    both = _with_delay(study, estimate, threads)
+    if both is None:
         return float("nan"), 0
+    own, wide, unit, d = both.own, both.wide, both.unit, len(estimate.unit)
+    point, along = own.space.from_unit(unit), np.zeros(len(unit))
     wanted = (normal_quantile(1.0 - 0.5 * level) + normal_quantile(POWER)) ** 2
     walls, delay, simulated = Walls.of(own.space), FIRST, 0
     for _ in range(TRIALS):
-        ends = wide.residuals(np.column_stack([np.tile(estimate.point, (2, 1)), [0.0, delay]]))
+        ends = wide.residuals(np.column_stack([np.tile(point, (2, 1)), [0.0, delay]]))
         shift = ends[1] - ends[0]
-        moved = _with_data(own, estimate.point, -estimate.errors - shift)
-        along = -(estimate.moved(shift[None]) / own.scaled(estimate.unit))[0]  # linear; the path is curved
-        starts = walls.within(np.tile(estimate.unit, (len(PARTS), 1)), estimate.unit + PARTS[:, None] * along)
+        moved = _with_data(own, point, -estimate.errors - shift)
+        # linear; the path is curved
+        along[:d] = -(estimate.moved(shift[None]) / estimate.likelihood.scaled(estimate.unit))[0]
+        starts = walls.within(np.tile(unit, (len(PARTS), 1)), unit + PARTS[:, None] * along)
         share = float(climb(moved, starts, tolerance=TOLERANCE).cost.min()) / wanted
         simulated += moved.simulated + 2
         if not share > 0.0:
@@ -142,22 +148,50 @@ def visible_delay(study: Study, estimate: Estimate, level: float, threads: int |
     return delay, simulated
 
 
-def _with_delay(study: Study, own: Likelihood, threads: int | None) -> Likelihood | None:
-    """Likelihood with a delay of all curves as its last parameter, its noise not known; None if none is missing."""
-    known = {nuisance.key for nuisance in own.nuisances}
-    known |= {parts_of(name)[1] for name in own.names if is_of_meter(name)}
-    if DELAY in known or not any(block.ordered for block in own.blocks):
+class _Both(NamedTuple):
+    """Likelihoods without and with the delay.
+
+    Attributes
+    ----------
+    own : Likelihood
+        With the noise of the estimate, its uncertain quantities among its parameters.
+    wide : Likelihood
+        With a delay of all curves as its last parameter; its noise is not known.
+    unit : (d,)
+        Position of the estimate among the parameters of the first.
+    """
+
+    own: Likelihood
+    wide: Likelihood
+    unit: Floats
+
+
+def _with_delay(study: Study, estimate: Estimate, threads: int | None) -> _Both | None:
+    """Likelihoods without and with a delay; None if one is free, or no data set is a course in time."""
+    own, unit = estimate.likelihood, estimate.unit
+    free = {parts_of(name)[1] for name in own.names if is_of_meter(name)}
+    if DELAY in free or not any(block.ordered for block in own.blocks):
         return None
+    if own.nuisances:
+        stated = with_uncertain_free(study)
+        if stated is None:
+            return None
+        study, own = stated, Likelihood.of(stated, threads).with_noises(own.noises)
+        unit = np.append(unit, own.space.to_unit(own.space.reference)[len(unit) :])
     fitted = [_behind_a_meter(data) for data in of_role(study.data, Role.FIT)]
     meters = {data.meter.name: data.meter for data in fitted if data.meter is not None and DELAY in data.seen}
-    present = np.array([meter.values.get(DELAY, 0.0) for meter in meters.values()])
-    delays = [_delay(meter.parameter(DELAY), at) for meter, at in zip(meters.values(), present, strict=True)]
-    all_free = Likelihood.of(replace(study, data=tuple(fitted), space=_wider(own.space, delays)), threads)
+    names = {meter.parameter(DELAY): meter.values.get(DELAY, 0.0) for meter in meters.values()}
+    new = {name: present for name, present in names.items() if name not in own.names}
+    space = wider(own.space, [_delay(name, present) for name, present in new.items()])
+    all_free = Likelihood.of(replace(study, data=tuple(fitted), space=space), threads)
+    columns, present = [space.names.index(name) for name in names], np.array(list(new.values()))
 
     def residuals(points: Floats) -> Floats:
-        return all_free.residuals(np.column_stack([points[:, :-1], points[:, -1:] + present]))
+        values = np.column_stack([points[:, :-1], np.tile(present, (len(points), 1))])
+        values[:, columns] += points[:, -1:]
+        return all_free.residuals(values)
 
-    return all_free.with_space(_wider(own.space, [_delay(DELAY, 0.0)]), residuals)
+    return _Both(own, all_free.with_space(wider(own.space, [_delay(DELAY, 0.0)]), residuals), unit)
 
 
 def _behind_a_meter(data: DataSet) -> DataSet:
@@ -168,14 +202,6 @@ def _behind_a_meter(data: DataSet) -> DataSet:
 
 def _delay(name: str, present: float) -> Parameter:
     return Parameter(name, present, present - LARGEST, present + LARGEST, "s", mark="E", source="test for lack of fit")
-
-
-def _wider(space: Space, more: list[Parameter]) -> Space:
-    """A space with more parameters, which no constraint names."""
-    rows = space.rows
-    if len(rows):
-        rows = replace(rows, matrix=np.column_stack([rows.matrix, np.zeros((len(rows), len(more)))]))
-    return Space((*space.parameters, *more), rows if len(rows) else (), space.products)
 
 
 def _with_data(own: Likelihood, point: Floats, shift: Floats) -> Likelihood:
@@ -210,7 +236,9 @@ def _freed(noisy: Likelihood, start: Floats) -> Ascent:
 
 
 def _covariance(own: Likelihood, at: Ascent) -> tuple[Covariance, Floats]:
-    slopes = own.jacobian(at.unit, central=False, base=at.errors)[0]
+    slopes = at.slopes[0]
+    if np.isnan(slopes[0, 0]):
+        slopes = own.jacobian(at.unit, central=False, base=at.errors)[0]
     nothing = np.zeros((0, own.size))
     return covariance_of(own, slopes, at.errors[0], nothing, pulls_of(own, at.unit[0])), slopes
 

@@ -26,6 +26,7 @@ NAMED = 0.5  # correlation from which another parameter is named
 MOST_NAMED = 3
 NOTICED = 1.1  # half width with what is assumed over that without, from which both are given
 MOSTLY = 0.5  # share of the variance from which an uncertain quantity is blamed
+MOST_TOLD = 10.0  # half width over value, above which it is no figure any more
 
 
 class Verdict(StrEnum):
@@ -149,6 +150,8 @@ def _judged(estimate: Estimate, case: _Case, reason: str, limit: float) -> Judge
 def _percent(half: float, value: float) -> str:
     if not np.isfinite(half):
         return "no interval"
+    if half > MOST_TOLD * value > 0.0:
+        return f"more than ± {100.0 * MOST_TOLD:g} %"
     return f"± {significant(100.0 * half / value, 2)} %" if value > 0.0 else f"± {significant(half, 2)}"
 
 

@@ -163,7 +163,12 @@ def band_from_slopes(
 
 
 def band_from_draws(
-    drawn: Floats, deviations: Floats, freedom: float, levels: Sequence[float], seed: int = 0
+    drawn: Floats,
+    deviations: Floats,
+    freedom: float,
+    levels: Sequence[float],
+    stretch: Floats | None = None,
+    seed: int = 0,
 ) -> dict[float, Edges]:
     """Edges of bands from predictions of drawn parameters.
 
@@ -176,24 +181,38 @@ def band_from_draws(
     freedom : float
         Degrees of freedom of the scatter.
     levels : sequence of float
+    stretch : (m,), optional
+        Factor of the scatter beside each draw, where parameters and scatter share an uncertain scale; by default it is
+        drawn for each replicate from the degrees of freedom.
     seed : int
         Of the scatter that is added to each draw.
     """
-    rng = np.random.default_rng(seed)
-    shape = (REPLICATES, *drawn.shape)
-    normal = rng.standard_normal(shape)
-    if np.isfinite(freedom):
-        normal /= np.sqrt(rng.chisquare(freedom, (*shape[:2], 1)) / freedom)
-    wide = (drawn + normal * deviations).reshape(-1, drawn.shape[1])
     # a draw that fails at one operating point still tells of the others
     sound = (np.isfinite(drawn).mean(axis=0) > LEAST_SOUND) & np.isfinite(deviations)
+    wide = drawn[:, sound]
+    if deviations[sound].any():
+        wide = _scattered(wide, deviations[sound], freedom, stretch, np.random.default_rng(seed))
+    quantile = np.quantile if np.isfinite(wide).all() else np.nanquantile  # which takes ten times as long
     found = {}
     for level in levels:
         edges = np.full((2, drawn.shape[1]), np.nan)
         if sound.any():
-            edges[:, sound] = np.nanquantile(wide[:, sound], [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
+            edges[:, sound] = quantile(wide, [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
         found[level] = (edges[0], edges[1])
     return found
+
+
+def _scattered(
+    drawn: Floats, deviations: Floats, freedom: float, stretch: Floats | None, rng: np.random.Generator
+) -> Floats:
+    """Predictions (replicates · m, n) of drawn parameters with scatter; see `band_from_draws`."""
+    shape = (REPLICATES, *drawn.shape)
+    normal = rng.standard_normal(shape)
+    if stretch is not None:
+        normal *= stretch[:, None]
+    elif np.isfinite(freedom):
+        normal /= np.sqrt(rng.chisquare(freedom, (*shape[:2], 1)) / freedom)
+    return (drawn + normal * deviations).reshape(-1, drawn.shape[1])
 
 
 def union(edges: Sequence[Mapping[float, Edges]]) -> dict[float, Edges]:

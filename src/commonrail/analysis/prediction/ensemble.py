@@ -1,12 +1,13 @@
 """Draws about the best values, for bands that a linear model would carry beyond what is physical.
 
 At a steep flank a value is far from linear in the parameters: rates and quantities end at zero, and the linear band
-goes on below it. Draws of the same normal distribution, simulated, do not.
+goes on below it. Draws of the same distribution, simulated, do not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.prediction.band import Edges
 from commonrail.calibration.space import Space
 
-__all__ = ["DRAWS", "drawn_about", "falls_below_zero"]
+__all__ = ["DRAWS", "Drawn", "drawn_about", "falls_below_zero"]
 
 Floats = NDArray[np.float64]
 
@@ -43,8 +44,23 @@ def falls_below_zero(values: Floats, alone: Mapping[float, Edges]) -> bool:
     return any(bool((low[found] < floor).any()) for low, _ in alone.values())
 
 
-def drawn_about(space: Space, point: Floats, covariance: Floats) -> Floats:
-    """Parameters (DRAWS, d) [SI] drawn from a normal distribution, brought within bounds and constraints.
+class Drawn(NamedTuple):
+    """Drawn parameters.
+
+    Attributes
+    ----------
+    values : (DRAWS, d)
+        [SI], within bounds and constraints.
+    stretch : (DRAWS,)
+        Factor of each draw's distance from the mean, by the uncertain scale of the covariance.
+    """
+
+    values: Floats
+    stretch: Floats
+
+
+def drawn_about(space: Space, point: Floats, covariance: Floats, freedom: float = np.inf) -> Drawn:
+    """Parameters drawn from Student's t distribution, brought within bounds and constraints.
 
     Parameters
     ----------
@@ -52,10 +68,16 @@ def drawn_about(space: Space, point: Floats, covariance: Floats) -> Floats:
     point : (d,)
         Mean [SI].
     covariance : (d, d)
-        Of the positions between the bounds.
+        Of the positions between the bounds, for the normal distribution of the same scale.
+    freedom : float
+        Degrees of freedom of the scale; the distribution is normal where it is exactly known.
     """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     unit = np.tile(space.to_unit(point), (DRAWS, 1))
-    normal = np.random.default_rng(SEED).standard_normal(unit.shape)
-    return space.from_unit(Walls.of(space).within(unit, unit + normal @ root.T))
+    rng = np.random.default_rng(SEED)
+    normal, stretch = rng.standard_normal(unit.shape), np.ones(DRAWS)
+    if np.isfinite(freedom):
+        stretch = 1.0 / np.sqrt(rng.chisquare(freedom, DRAWS) / freedom)
+    ends = unit + stretch[:, None] * (normal @ root.T)
+    return Drawn(space.from_unit(Walls.of(space).within(unit, ends)), stretch)

@@ -253,10 +253,13 @@ def _local(data: DataSet, fit: _Fit, point: Floats, levels: tuple[float, ...]) -
         for d in (deviations, 0.0 * deviations)
     )
     if falls_below_zero(values[0], alone):
-        draws = drawn_about(fit.estimate.likelihood.space, point, covariance)
-        drawn = data.simulated(fit.simulator, draws)
+        draws = drawn_about(fit.estimate.likelihood.space, point, covariance, scatter.freedom)
+        drawn = data.simulated(fit.simulator, draws.values)
         if np.isfinite(drawn[:, np.isfinite(values[0])]).mean(axis=0).min() > MOST_FAILED:
-            edges, alone = (band_from_draws(drawn, d, scatter.freedom, levels) for d in (deviations, 0.0 * deviations))
+            edges, alone = (
+                band_from_draws(drawn, d, scatter.freedom, levels, draws.stretch)
+                for d in (deviations, 0.0 * deviations)
+            )
             return _Local(values[0], edges, alone, True)
     return _Local(values[0], edges, alone, False)
 

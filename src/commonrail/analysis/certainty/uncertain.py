@@ -1,0 +1,69 @@
+"""Study whose uncertain quantities are fitted too, with their stated deviations as priors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.prior import Prior
+from commonrail.calibration.space import Space
+from commonrail.calibration.study import Study
+from commonrail.injector.definition import FUEL_TEMPERATURE
+from commonrail.kinds import DataSet, Role, of_role
+from commonrail.kinds.noise import OF_METER, TEMPERATURE
+from commonrail.observation.meter import Meter
+from commonrail.observation.quantities import QUANTITIES, known_quantity
+
+__all__ = ["wider", "with_uncertain_free"]
+
+REACH = (6.0, 3.0, 1.0, 0.0)  # standard deviations that a quantity may go to either side, as far as its domain admits
+
+
+def with_uncertain_free(study: Study) -> Study | None:
+    """Study with its uncertain quantities as last parameters, their standard deviations as priors.
+
+    Returns
+    -------
+    Study or None
+        With the fitted data alone; None if a quantity has no room about its value.
+    """
+    fitted: list[DataSet] = []
+    added: dict[str, Parameter] = {}
+    for i, data in enumerate(of_role(study.data, Role.FIT)):
+        meter = data.meter or Meter(f"unnamed_{i + 1}")
+        plain = data.with_noise(replace(data.noise, uncertain={}))
+        fitted.append(plain if not set(OF_METER) & set(data.noise.deviations) else plain.with_meter(meter))
+        for key, deviation in data.noise.deviations.items():
+            if key in OF_METER:
+                default = QUANTITIES[key].default
+                name, value = meter.parameter(key), meter.values.get(key, 0.0 if default is None else default)
+            else:
+                name = FUEL_TEMPERATURE if key == TEMPERATURE else key
+                value = study.injector.values[name]
+            added[name] = _parameter(name, float(value), deviation)
+    if not all(parameter.lower < parameter.upper for parameter in added.values()):
+        return None
+    return replace(study, data=tuple(fitted), space=wider(study.space, list(added.values())))
+
+
+def wider(space: Space, more: Sequence[Parameter]) -> Space:
+    """A space with more parameters, which no constraint names."""
+    rows = space.rows
+    if len(rows):
+        rows = replace(rows, matrix=np.column_stack([rows.matrix, np.zeros((len(rows), len(more)))]))
+    return Space((*space.parameters, *more), rows if len(rows) else (), space.products)
+
+
+def _parameter(name: str, value: float, deviation: float) -> Parameter:
+    """An uncertain quantity as a parameter with a prior, as far to both sides as its domain admits."""
+    quantity = known_quantity(name)
+    low, high = (
+        next(end for end in (value + sign * reach * deviation for reach in REACH) if quantity.domain.admits(end))
+        for sign in (-1.0, 1.0)
+    )
+    source = "stated as uncertain"
+    prior = Prior(value, deviation, source)
+    return Parameter(name, value, low, high, quantity.unit, mark="E", source=source, prior=prior)
