@@ -105,6 +105,7 @@ stage_iterations = 1
 """
 
 
+@pytest.mark.slow  # its staged search screens in single precision, by a kernel that no other test compiles
 def test_the_mean_of_the_members_is_judged_on_the_same_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(members, "WORST", np.inf)  # whatever the objectives of the descents are
     (tmp_path / "map.csv").write_text(TABLE, encoding="utf-8")

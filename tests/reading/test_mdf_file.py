@@ -102,6 +102,11 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
         read_columns(path, [Column("ROI", "m3/s"), Column("TRIG", "V")])
     with pytest.raises(InputError, match="a unit like mm3/ms is expected, not"):
         read(path, "TRIG")
+
+
+def test_a_damaged_record_is_one_sentence(tmp_path: Path) -> None:
+    """In a process of its own: what is left of asammdf's objects complains when it is collected."""
+    path = written(tmp_path / "a.mf4", ("g", [signal(RATE), signal(RATE, "TRIG", "V")]))
     (tmp_path / "b.mf4").write_bytes(path.read_bytes()[:3000])
     with pytest.raises(InputError, match=r"b\.mf4"):
         read(tmp_path / "b.mf4")
