@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.choices import Precision
+from commonrail.choices import Actuation, Precision
 from commonrail.compile_target import LEVEL_3, LEVEL_4, own_processor
 from commonrail.engine import lanes, library
 from commonrail.engine.machine_code import symbol_of
@@ -23,6 +23,8 @@ from commonrail.errors import SimulationError
 from commonrail.export.lane_library import ALL, CATALOGUE, write_libraries
 from commonrail.files.injector_file import injector_catalogue, load_injector
 from commonrail.fixed_target import missing
+from commonrail.injector.variants import Variant
+from tests.conftest import wired
 
 POINT = cr.OperatingPoint(160e6, 300e-6, horizon=6e-4)
 NAMES, VALUES = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
@@ -59,10 +61,10 @@ def forget() -> None:
         cache.cache_clear()
 
 
-def figures(injector: cr.Injector, threads: int = 1) -> np.ndarray:
+def figures(injector: cr.Injector, threads: int = 1, precision: Precision = Precision.F64) -> np.ndarray:
     """Figures of a batch and a trace of one injection, in a row."""
-    batch = cr.simulate_batch(injector, [POINT], NAMES, VALUES, threads=threads)
-    one = cr.simulate(injector, POINT)
+    batch = cr.simulate_batch(injector, [POINT], NAMES, VALUES, threads=threads, precision=precision)
+    one = cr.simulate(injector, POINT, precision=precision)
     of_batch = (batch.injected_mass, batch.returned_mass, batch.opening, batch.closing, batch.greatest_lift)
     return np.concatenate([np.ravel(array) for array in (*of_batch, one.injected, *one.channels.values())])
 
@@ -85,6 +87,28 @@ def test_a_library_gives_the_bits_of_the_compiler(use: pytest.MonkeyPatch, rigid
     assert figures(rigid, threads=2).tobytes() == found["v4"].tobytes()
     # Levels differ in a last digit, where one has a fused product that the other has not; channels pass through zero.
     np.testing.assert_allclose(found["v3"], found["v4"], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", list(Precision))
+@pytest.mark.parametrize("variant", [v for v in CATALOGUE if v.actuation is Actuation.SERVO], ids=lambda v: v.label)
+def test_every_wiring_has_the_bits_of_the_compiler(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variant: Variant, precision: Precision
+) -> None:
+    write_libraries(tmp_path, [variant], [precision])
+    monkeypatch.setattr(library, "FOLDER", tmp_path)
+    found = {}
+    for switch in ("off", "v3", "v4"):
+        monkeypatch.setenv("COMMONRAIL_KERNELS", switch)
+        forget()
+        found[switch] = figures(wired(variant), precision=precision)
+        assert (lanes.compiled(variant, precision, False).origin == "library") == (switch != "off")
+    monkeypatch.undo()
+    forget()
+    assert found["off"].tobytes() == found["v4"].tobytes()
+    # injected masses: last digits, which the needle's bounces magnify
+    tolerance = 1e-9 if precision is Precision.F64 else 1e-3
+    np.testing.assert_allclose(found["v3"][: len(VALUES)], found["v4"][: len(VALUES)], rtol=tolerance)
 
 
 def test_sources_that_were_changed_are_compiled(use: pytest.MonkeyPatch, rigid: cr.Injector) -> None:
