@@ -22,8 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import commonrail as cr
+from commonrail.analysis.certainty.certify import friction_withdraws
 from commonrail.analysis.certainty.estimate import Estimate, estimate, library, starts_from
 from commonrail.analysis.certainty.freed import judged_residuals
+from commonrail.analysis.certainty.lack_of_fit import level_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import missing_delay
 from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
@@ -279,9 +281,13 @@ def row(bed: Bed, many: int) -> Row:
         delay = missing_delay(bench.study, one, 1)
         tests, freed = judged_residuals(bench.study, one, delay, 1)
         tested = freed + (0 if delay is None else delay.simulated)
-        cost.append((one.simulated, middle - begin, tested, time.process_time() - middle))
         low, high = one.interval()
         judged = verdicts_of(one, low, high, withdrawal(one, tests))
+        friction = friction_withdraws(bench.study, one, judged, 1)
+        if friction is not None:
+            tests, tested = [*tests, friction.judged(level_of(one, True))], tested + friction.simulated
+            judged = verdicts_of(one, low, high, withdrawal(one, tests))
+        cost.append((one.simulated, middle - begin, tested, time.process_time() - middle))
         found.append(one.point - bench.truth)
         inside.append((low <= bench.truth) & (bench.truth <= high))
         half.append(0.5 * (high - low) / bench.truth)

@@ -24,7 +24,7 @@ DAMPINGS = np.array([0.03, 1.0, 30.0])  # tried side by side, times the current 
 FIRST, WEAKEST, STRONGEST = 1e-3, 1e-10, 1e8
 AHEAD = 0.1  # of a step at which its bend is measured
 MOST_BEND = 1.5  # acceleration over step, above which it is left out
-FEW = 4  # free parameters, up to which steps are straight
+FEW = 5  # free parameters, up to which steps are straight
 FAILED = 1e6  # innovation of a failed simulation
 
 

@@ -15,16 +15,17 @@ from commonrail.analysis.certainty.freed import judged_residuals
 from commonrail.analysis.certainty.lack_of_fit import LackOfFit, level_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import missing_delay, visible_delay
+from commonrail.analysis.certainty.missing_friction import MissingFriction, missing_friction
 from commonrail.analysis.certainty.profile import Profile, profiles_of
 from commonrail.analysis.certainty.record import certainty_record
-from commonrail.analysis.certainty.verdict import LIMIT, Judged, verdicts_of, withdrawal
+from commonrail.analysis.certainty.verdict import LIMIT, Judged, Verdict, verdicts_of, withdrawal
 from commonrail.arguments import instance, number, thread_count, whole
 from commonrail.calibration.constraint_text import parse_constraints
 from commonrail.calibration.study import Study
 from commonrail.display.shown import Shown
 from commonrail.errors import ConfigurationError
 
-__all__ = ["Certainty", "certify"]
+__all__ = ["Certainty", "certify", "friction_withdraws"]
 
 Floats = NDArray[np.float64]
 
@@ -153,6 +154,12 @@ def certify(
     low, high, estimators = _intervals(found, profiled, level)
     tests, visible, more = _tests(study, found, thread_count(threads))
     reason = withdrawal(found, tests)
+    verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
+    friction = friction_withdraws(study, found, verdicts, thread_count(threads))
+    if friction is not None:
+        tests, more = [*tests, friction.judged(level_of(found, True))], more + friction.simulated
+        reason = withdrawal(found, tests)
+        verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     return Certainty(
         found,
         level,
@@ -163,7 +170,7 @@ def certify(
         tests,
         visible,
         reason,
-        verdicts_of(found, low, high, reason, limit=limit, level=level),
+        verdicts,
         adopted,
         {text: _combined(found, row, level) for text, row in rows.items()},
         simulated + more,
@@ -178,6 +185,23 @@ def _tests(study: Study, found: Estimate, threads: int | None) -> tuple[list[Lac
         return tests, float("nan"), simulated
     visible, more = visible_delay(study, found, level_of(found, True), threads)
     return tests, visible, simulated + delay.simulated + more
+
+
+def friction_withdraws(
+    study: Study, found: Estimate, verdicts: Sequence[Judged], threads: int | None
+) -> MissingFriction | None:
+    """Test of friction that the model lacks, made where a parameter is called pinned: it can only withdraw that.
+
+    Parameters
+    ----------
+    study : Study
+    found : Estimate
+    verdicts : sequence of Judged
+        Without this test.
+    threads : int or None
+    """
+    pinned = any(one.verdict is Verdict.PINNED for one in verdicts)
+    return missing_friction(study, found, threads) if pinned else None
 
 
 def _adopted(first: Estimate, again: Estimate) -> Estimate:

@@ -5,7 +5,8 @@ bandwidth, a gain and an offset of the meter; an F test asks if the last explain
 alone cannot tell a meter with coloured noise from a wrong model; this test can. It does not see what the parameters
 imitate: it never licenses an interval, see the sensitivity to each uncertain quantity for that.
 
-A delay, which parameters imitate best, has a test of its own, see `missing_delay`.
+A delay, which parameters imitate best, has a test of its own, see `missing_delay`; so has friction of the
+guides, see `missing_friction`.
 """
 
 from __future__ import annotations
@@ -61,7 +62,9 @@ class LackOfFit(NamedTuple):
 def lack_of_fit(
     estimate: Estimate, delay: MissingDelay | None = None, *, priors_from: int | None = None
 ) -> list[LackOfFit]:
-    """Tests of each data set of a fit, and of a delay; all together raise a false alarm in 1 % of the fits.
+    """Tests of each data set of a fit, and of a delay.
+
+    All together, with that of friction, raise a false alarm in 1 % of the fits.
 
     Parameters
     ----------
@@ -82,8 +85,8 @@ def lack_of_fit(
 
 
 def level_of(estimate: Estimate, delayed: bool) -> float:
-    """Level of each test of a fit, `delayed` if a delay has one of its own."""
-    return LEVEL / (sum(1 + noise.known for noise in estimate.likelihood.noises) + delayed)
+    """Level of each test of a fit, `delayed` if a delay and friction have tests of their own."""
+    return LEVEL / (sum(1 + noise.known for noise in estimate.likelihood.noises) + 2 * delayed)
 
 
 def _of_delay(delay: MissingDelay, level: float, words: str) -> LackOfFit:

@@ -33,7 +33,7 @@ from commonrail.observation.meter import Meter
 from commonrail.observation.quantities import is_of_meter, parts_of
 from commonrail.probability import normal_quantile, student_tail
 
-__all__ = ["POWER", "MissingDelay", "missing_delay", "visible_delay"]
+__all__ = ["POWER", "MissingDelay", "cost_of", "covariance_at", "missing_delay", "visible_delay"]
 
 Floats = NDArray[np.float64]
 
@@ -97,14 +97,14 @@ def missing_delay(study: Study, estimate: Estimate, threads: int | None = None) 
     free = _freed(noisy, start)
     used = [noisy]
     for _ in range(ROUNDS):
-        known, slopes = _covariance(noisy, free)
+        known, slopes = covariance_at(noisy, free)
         noisy = wide.estimated(free.errors[0], known.used.tolist(), known.root.T @ slopes)
         free = climb(noisy, free.unit, errors=free.errors, slopes=slopes[None], turns=10, tolerance=TOLERANCE)
         used.append(noisy)
-    known, _ = _covariance(noisy, free)
+    known, _ = covariance_at(noisy, free)
     held = climb(noisy, start, column, errors=estimate.errors[None], tolerance=TOLERANCE)
     point = wide.space.from_unit(free.unit)[0]
-    fall = _cost(noisy, known, held) - _cost(noisy, known, free)
+    fall = cost_of(noisy, known, held) - cost_of(noisy, known, free)
     freedom = min(noise.freedom for block, noise in zip(noisy.blocks, noisy.noises, strict=True) if block.ordered)
     return MissingDelay(float(point[-1]), _probability(fall, freedom), point[:d], sum(own.simulated for own in used))
 
@@ -235,7 +235,8 @@ def _freed(noisy: Likelihood, start: Floats) -> Ascent:
     return Ascent(*(part[best : best + 1] for part in ends))
 
 
-def _covariance(own: Likelihood, at: Ascent) -> tuple[Covariance, Floats]:
+def covariance_at(own: Likelihood, at: Ascent) -> tuple[Covariance, Floats]:
+    """Covariance and derivatives (d, n) at the end of an ascent."""
     slopes = at.slopes[0]
     if np.isnan(slopes[0, 0]):
         slopes = own.jacobian(at.unit, central=False, base=at.errors)[0]
@@ -243,7 +244,7 @@ def _covariance(own: Likelihood, at: Ascent) -> tuple[Covariance, Floats]:
     return covariance_of(own, slopes, at.errors[0], nothing, pulls_of(own, at.unit[0])), slopes
 
 
-def _cost(own: Likelihood, known: Covariance, at: Ascent) -> float:
+def cost_of(own: Likelihood, known: Covariance, at: Ascent) -> float:
     """−2 ln L with each block's cost scaled as its law asks."""
     costs = own.block_costs(own.whiten(at.errors[0]))
     return float(known.ratios @ costs + own.priors.costs(own.space.from_unit(at.unit))[0])

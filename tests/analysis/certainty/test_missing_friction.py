@@ -1,0 +1,55 @@
+"""Test of friction that a model lacks, on virtual benches that have some or none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from commonrail.analysis.certainty.certify import friction_withdraws
+from commonrail.analysis.certainty.lack_of_fit import LEVEL, lack_of_fit
+from commonrail.analysis.certainty.missing_friction import missing_friction
+from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
+from tools.coverage import BEDS, Benches
+
+
+def test_friction_that_moves_a_pinned_parameter_withdraws_it() -> None:
+    benches = Benches(BEDS["friction that nobody has stated"])
+    bench = benches.bench(2)
+    found = benches.fit(bench)
+    tests = lack_of_fit(found)
+    low, high = found.interval()
+    verdicts = verdicts_of(found, low, high, withdrawal(found, tests))
+    assert any(one.verdict is Verdict.PINNED for one in verdicts)  # the tests of the meter see nothing
+    k7 = bench.truth[2]
+    assert not low[2] < k7 < high[2]  # 9 % off
+    friction = friction_withdraws(bench.study, found, verdicts, 1)
+    assert friction is not None
+    test = friction.judged(LEVEL / 3.0)
+    assert test.found  # the fall is 73
+    assert "friction in the guides" in withdrawal(found, [*tests, test])
+    assert abs(friction.point[2] - k7) < 0.6 * abs(found.point[2] - k7)
+    unseen = [one._replace(verdict=Verdict.UNSEEN) for one in verdicts]  # which have nothing to lose
+    assert friction_withdraws(bench.study, found, unseen, 1) is None
+
+
+@pytest.mark.parametrize("bed", ["white", "autoregressive"])
+def test_a_bench_without_friction_raises_no_alarm(bed: str) -> None:
+    benches = Benches(BEDS[bed])
+    bench = benches.bench(1)
+    friction = missing_friction(bench.study, benches.fit(bench), 1)
+    assert friction is not None
+    assert friction.probability > LEVEL
+    assert friction.simulated < 300
+
+
+def test_friction_of_the_model_is_not_missing_and_that_of_a_statement_is() -> None:
+    """Stated as uncertain, friction has one sign, which a symmetric interval does not know."""
+    benches = Benches(BEDS["friction, stated as uncertain"])
+    bench = benches.bench(2)
+    found = benches.fit(bench)
+    friction = missing_friction(bench.study, found, 1)
+    assert friction is not None
+    assert "which is uncertain in the study" in friction.judged(LEVEL / 3.0).sentence
+    with_some = bench.study.injector.with_values({"plunger_needle.viscous": 1.0})
+    assert missing_friction(replace(bench.study, injector=with_some), found, 1) is None
