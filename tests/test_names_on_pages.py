@@ -31,7 +31,7 @@ FOREIGN = """
     NPY_DISABLE_CPU_FEATURES OPENBLAS_CORETYPE COMMONRAIL_BUILD_KERNELS
     NORMAL -force-vector-width -wal -shm .venv .venv-lowest .venv/bin/commonrail .venv/bin/python
     .venv/bin/pytest
-    .xlsx .mf4 .mdf .mat .pq excel mdf mat
+    .xlsx .mf4 .mdf .lvm .mat .pq excel mdf mat
 """
 # Names that examples give to the user's own things, and placeholders.
 OWN = """

@@ -128,6 +128,8 @@ def test_a_run_that_was_stopped_resumes_to_the_same_result(study, tmp_path):
 
     half = calibrate_fmu_into(tmp_path / "half", seeded, processes=1, listener=Listener(stop))
     assert half.status == "interrupted"
+    # an FMU that hangs would hang about the best values too, after Ctrl-C
+    assert figures(tmp_path / "half")["parameters"][0]["verdict"] == "not judged: the search was stopped"
     resume_fmu(tmp_path / "half", processes=1)
     assert figures(tmp_path / "half") == figures(tmp_path / "whole")
     assert figures(tmp_path / "half")["seed"] == 7

@@ -98,7 +98,7 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
         read(path, "RIO")
     with pytest.raises(InputError, match='the times of "ROI" are called "time", not "t"'):
         read(path, time="t")
-    with pytest.raises(InputError, match="each channel of an MDF record has its own times"):
+    with pytest.raises(InputError, match="each channel of this record has its own times"):
         read_columns(path, [Column("ROI", "m3/s"), Column("TRIG", "V")])
     with pytest.raises(InputError, match="a unit like mm3/ms is expected, not"):
         read(path, "TRIG")

@@ -27,7 +27,7 @@ def test_every_figure_can_be_drawn_and_names_no_role() -> None:
     for figure in figures:
         figure_svg(figure, height=300)
         assert "fit" not in figure.title
-    assert figures[0].title == "EVI 160 MPa"  # its rail pressure is in its name
+    assert figures[0].title == "EVI 160 MPa, 700 µs"  # its rail pressure is in its name
 
 
 def test_curves_and_errors_of_a_model_share_a_family_and_a_dash() -> None:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.errors import InputError
+from commonrail.reading.channel_sheet import TIME, ChannelSheet
 from commonrail.reading.column_map import find_column_map
 from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.grid import Grid, read_grid
@@ -22,7 +23,6 @@ from commonrail.reading.grid_sheet import GridSheet
 from commonrail.reading.map_table import FoundMap, GivenUnits, find_map
 from commonrail.reading.mat_file import MatFile
 from commonrail.reading.mat_map import find_mat_map
-from commonrail.reading.mdf_file import TIME, MdfFile
 from commonrail.reading.parquet_file import ParquetFile
 from commonrail.reading.pattern import ColumnPattern, NamedPoint
 from commonrail.reading.place import Place
@@ -31,9 +31,9 @@ from commonrail.reading.tables import open_sheet
 from commonrail.reading.wide_table import find_traces
 from commonrail.units import compatible, to_text
 
-__all__ = ["BINARY", "Channel", "Survey", "named_points", "survey"]
+__all__ = ["OF_CHANNELS", "Channel", "Survey", "named_points", "survey"]
 
-BINARY = (".mf4", ".mdf", ".mat", ".parquet", ".pq")
+OF_CHANNELS = (".mf4", ".mdf", ".lvm", ".mat", ".parquet", ".pq")
 UNKNOWN = "?"  # what a block needs and the file does not tell
 
 # What a channel of this SI unit can be.
@@ -123,7 +123,7 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
     InputError
         If the file cannot be read.
     """
-    if path.suffix.lower() in BINARY:
+    if path.suffix.lower() in OF_CHANNELS:
         return _of_channels(path, open_sheet(path, form), given)
     grid = read_grid(path, form.encoding or None, form.sheet or None)
     reasons = []
@@ -198,13 +198,13 @@ def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
             return Survey(path, found.taken_for, facts | found.facts, found.said, found.block, found.found)
         except InputError as error:
             facts["no map"] = str(error).removeprefix(f"{path}: ")
-    taken, block = _block(path, channels, isinstance(sheet, MdfFile))
+    taken, block = _block(path, channels, isinstance(sheet, ChannelSheet))
     return Survey(path, taken, facts, "", block)
 
 
 def _listed(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
     """Channels with numbers; what is wrong with others that have a unit, by their names."""
-    own_times = isinstance(sheet, MdfFile)
+    own_times = isinstance(sheet, ChannelSheet)
     found = []
     unread: dict[str, str] = {}
     for name in sheet.names:

@@ -42,7 +42,7 @@ class FmuFit:
     simulated : mapping of str to mapping of str to (m,) array
         For "start" and "best": values of each data set by its name, NaN where a simulation failed.
     found : mapping of str to mapping
-        Effect, standard error and verdict of each parameter, as `identify_at` gives them.
+        Effect, standard error and verdict of each parameter, as `identify_at` gives them; empty if it was stopped.
     history : tuple of Generation
     counts : Counts
     simulations : int
@@ -128,7 +128,8 @@ def calibrate_fmu(
             if status == "interrupted":
                 raise KeyboardInterrupt
             raise SimulationError(_all_failed(study, search, simulator))
-        found = identify_at(study.space, objective, x)
+        # a search that was stopped is judged when it is resumed: simulations about the best values may take long
+        found = {} if status == "interrupted" else identify_at(study.space, objective, x)
         simulated, start_cost = _compared(study, objective, simulator, x)
         return FmuFit(
             study,

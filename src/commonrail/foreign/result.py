@@ -65,8 +65,8 @@ def _parameters(fit: FmuFit) -> list[dict[str, Any]]:
             "at_bound": p.is_at_bound(fit.best[p.name]),
             "mark": p.mark,
             "source": p.source,
-            "standard_error": fit.found[p.name]["standard_error"],
-            "verdict": fit.found[p.name]["verdict"],
+            "standard_error": fit.found[p.name]["standard_error"] if fit.found else None,
+            "verdict": fit.found[p.name]["verdict"] if fit.found else "not judged: the search was stopped",
         }
         for p in fit.study.space.parameters
     ]

@@ -10,53 +10,33 @@ import json
 import subprocess
 import sys
 import zlib
-from collections import Counter
-from collections.abc import Sequence
 from functools import lru_cache
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.errors import InputError
 from commonrail.reading import mdf_child
+from commonrail.reading.channel_sheet import Channel, ChannelSheet
 from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.guarded_file import read_plain
-from commonrail.reading.place import Place
-from commonrail.reading.sheet import Column, Table, find_column
 
 __all__ = ["MdfFile"]
 
-TIME = "time"  # name of the times of whatever group
 LARGEST_CONTENT = 1_000_000_000  # of compressed blocks when they are unpacked [bytes]
 LONGEST_READING = 300.0  # [s]
 
 _BLOCK = 24  # bytes of the head of a block
 _PACKED = 24  # bytes of the head of what is packed
 
-Floats = NDArray[np.float64]
-
-
-class _Channel(NamedTuple):
-    """A channel: its group, unit, the name of its group's times, its arrays, and what is wrong with it, if anything."""
-
-    name: str
-    group: str
-    unit: str
-    master: str
-    time: Floats
-    values: Floats
-    fault: str
-
 
 class _Unreadable(Exception):
     """A record that cannot be read: the reason."""
 
 
-class MdfFile:
+class MdfFile(ChannelSheet):
     """MDF record, a `Sheet` whose columns are apart.
 
     Parameters
@@ -71,10 +51,7 @@ class MdfFile:
         If it cannot be read, is beyond a limit, or asammdf is not installed.
     """
 
-    apart = True
-
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
-        self.path = path
         data = read_plain(path)
         if find_spec("asammdf") is None:
             raise InputError(
@@ -87,47 +64,7 @@ class MdfFile:
             raise InputError(f"{path}: this is no MDF record that can be read ({error}).") from error
         if not found:
             raise InputError(f"{path}: the record has no channels.")
-        self._channels = _named(found)
-        self.names = list(self._channels)
-
-    def unit(self, name: str) -> str:
-        """Unit of a channel, empty if the file has none."""
-        return self._channels[name].unit
-
-    def take(self, columns: Sequence[Column]) -> Table:
-        """Content of one channel and its times; see `Sheet.take`."""
-        channels = [column for column in columns if not column.increasing]
-        if len(channels) != 1:
-            raise InputError(f"{self.path}: each channel of an MDF record has its own times; name files one by one.")
-        (wanted,) = channels
-        name = self.names[find_column(self.path, self.names, wanted.name)]
-        channel = self._channels[name]
-        for column in columns:
-            if column.increasing and column.name not in (TIME, channel.master):
-                raise InputError(
-                    f'{self.path}: the times of "{name}" are called "{channel.master}", not "{column.name}"; write '
-                    f'time = "{channel.master}" or "{TIME}".'
-                )
-        if channel.fault:
-            raise Place(str(self.path), f'channel "{name}"').error(channel.fault)
-        numbers = {c.name: channel.time if c.increasing else channel.values for c in columns}
-        given = {c.name: "s" if c.increasing else channel.unit for c in columns}
-        table = Table(self.path, numbers, {}, given, np.arange(1, len(channel.time) + 1), row="sample")
-        for each, content in numbers.items():
-            wrong = np.flatnonzero(~np.isfinite(content))
-            if len(wrong):
-                raise table.place(each, int(wrong[0])).error("the value is not a finite number")
-        return table
-
-
-def _named(channels: Sequence[_Channel]) -> dict[str, _Channel]:
-    """Channels by name, with their groups where a name is not the only one."""
-    counts = Counter(channel.name for channel in channels)
-    found: dict[str, _Channel] = {}
-    for number, channel in enumerate(channels, start=1):
-        whole = channel.name if counts[channel.name] == 1 else f"{channel.group}/{channel.name}"
-        found[whole if whole not in found else f"{whole}, channel {number}"] = channel
-    return found
+        super().__init__(path, found)
 
 
 def _read_apart(data: bytes) -> bytes:
@@ -144,7 +81,7 @@ def _read_apart(data: bytes) -> bytes:
 
 
 @lru_cache(maxsize=2)  # a run reads the copy of its data once more
-def _channels(data: bytes) -> tuple[_Channel, ...]:
+def _channels(data: bytes) -> tuple[Channel, ...]:
     """Channels of a record."""
     content = _read_apart(data)
     with np.load(BytesIO(content), allow_pickle=False) as arrays:
@@ -152,7 +89,7 @@ def _channels(data: bytes) -> tuple[_Channel, ...]:
         none = np.empty(0)
         loaded = {name: arrays[name] for name in arrays.files}
     return tuple(
-        _Channel(
+        Channel(
             entry["name"],
             entry["group"],
             entry["unit"],

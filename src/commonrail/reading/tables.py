@@ -14,6 +14,7 @@ from commonrail.errors import InputError
 from commonrail.parts.furniture import Domain
 from commonrail.reading.csv_file import CsvFile
 from commonrail.reading.file_form import PLAIN, FileForm
+from commonrail.reading.lvm_file import LvmFile
 from commonrail.reading.mat_file import MatFile
 from commonrail.reading.mdf_file import MdfFile
 from commonrail.reading.parquet_file import ParquetFile
@@ -32,6 +33,7 @@ _SHEETS: dict[str, Callable[[Path, FileForm], Sheet]] = {
     ".xlsx": WorkbookSheet,
     ".mf4": MdfFile,
     ".mdf": MdfFile,
+    ".lvm": LvmFile,
     ".mat": MatFile,
     ".parquet": ParquetFile,
     ".pq": ParquetFile,

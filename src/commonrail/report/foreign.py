@@ -7,7 +7,7 @@ import shlex
 from commonrail.display.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.display.table import Column, Table, tabulated
 from commonrail.display.text import duration, quantity, significant
-from commonrail.kinds.records import Record
+from commonrail.kinds.records import Record, origin_of, present
 from commonrail.report.draw import drawings, figure_html
 from commonrail.report.figures import convergence_figure
 from commonrail.report.html import render
@@ -48,11 +48,14 @@ def fmu_lines(record: Record) -> list[str]:
     """Sentences on the fit of each data set, the search and its failures."""
     lines = []
     for data in record["data"]:
-        best, start = (significant(data["rms"][label], 3) for label in ("best", "start"))
+        best, start = (data["rms"][label] for label in ("best", "start"))
+        before = "" if start is None else f", {significant(start, 3)} with the start values"
         lines.append(
-            f"{data['name']} ({data['role']}): the errors of {data['values']} values have a root mean square of {best} "
-            f"tolerances, {start} with the start values."
+            f"{data['name']} ({data['role']}): the errors of {data['values']} values have a root mean square of "
+            f"{significant(best, 3)} tolerances{before}."
         )
+        if start is None:
+            lines.append(f"{data['name']}: the FMU failed with the start values.")
     verdict, counts = record["convergence"], record["evaluations"]
     if verdict is not None:
         lines.append(f"The search: {verdict['sentence']}.")
@@ -108,22 +111,22 @@ def fmu_figures(record: Record) -> list[Figure]:
     """Measured and simulated values of each data set, one panel for each output."""
     found = []
     for data in record["data"]:
-        panels = tuple(_panel(output) for output in data["outputs"])
+        panels = tuple(_panel(output, origin_of(data)) for output in data["outputs"])
         axis = "time, s" if data["outputs"][0]["axis"] == "time" else "row"
         found.append(Figure(data["name"], f"Values of {data['name']} ({data['role']}).", axis, panels))
     return found
 
 
-def _panel(output: Record) -> Panel:
+def _panel(output: Record, origin: str) -> Panel:
     x = points(output["at"])
     simulated = BOTH if output["axis"] == "row" else "lines"
     series = (
-        Series("measured", "measured", x, tuple(output["measured"]), MARKERS),
+        Series(origin, "measured", x, tuple(output["measured"]), MARKERS),
         Series("start values", "start", x, tuple(output["start"]), simulated),
         Series("calibrated", "best", x, tuple(output["best"]), simulated),
     )
     unit = "" if output["unit"] == "1" else f", {output['unit']}"
-    return Panel(f"{output['variable']}{unit}", series)
+    return Panel(f"{output['variable']}{unit}", present(series))
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

@@ -30,7 +30,8 @@ def map_line(record: Record, run: str) -> tuple[str, str]:
         Name of its folder.
     """
     counted = Counter(_options(point, _PRESSURES) for data in record["data"] for point in _points(data))
-    (pressures, _), *others = counted.most_common()
+    ranked = [pressures for pressures, _ in counted.most_common()]
+    pressures, others = ranked[0], ranked[1:]
     purpose = "Compute the map of the calibrated injector for the control unit."
     if others:
         more = f"{len(others)} other pair" + ("s" if len(others) > 1 else "")

@@ -76,24 +76,32 @@ class CurveView(View):
             curves.append(Series(model.text, model.look, time, rate, family=model.family))
             errors.append(Series("", model.look, time, error, family=model.family))
         seen = f" Simulated as the meter “{data['meter']}” shows it." if data.get("meter") else ""
-        caption = (
-            f"Rate of injection, energising time {data['energising_time'] * MICROSECOND:.0f} µs; below, "
-            f"simulated − {origin_of(data)}.{seen} {shaded(data)}".rstrip()
-        )
+        caption = f"Rate of injection; below, simulated − {origin_of(data)}.{seen} {shaded(data)}".rstrip()
         about = (np.zeros(len(measured)), measured)
         bands = [(_band(data, time, middle),) if "band" in data else () for middle in about]
         panels = (
             Panel(RATE, tuple(curves), 0.66, bands=bands[0]),
             Panel(ERROR, tuple(errors), 0.34, zero_line=True, bands=bands[1]),
         )
-        title = f"{data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"
-        return [Figure(title, caption, "time, µs", panels)]
+        return [Figure(_title(data, f"{data['name']} ({data['role']})"), caption, "time, µs", panels)]
 
     def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """The same figure; its title lacks the role, which does not matter where nothing is fitted."""
-        rail = pressure(data["rail_pressure"])
-        title = data["name"] if rail in data["name"] else f"{data['name']}, {rail}"
-        return [replace(figure, title=title) for figure in self.figures(data, plotted)]
+        return [replace(figure, title=_title(data, data["name"])) for figure in self.figures(data, plotted)]
+
+
+def _title(data: Record, words: str) -> str:
+    """Title of a curve's figure: words, and what the curve's name does not say of its operating point.
+
+    Parameters
+    ----------
+    data : Record
+    words : str
+        Name of the curve, with its role or without.
+    """
+    place = pressure(data["rail_pressure"]), f"{data['energising_time'] * MICROSECOND:.0f} µs"
+    name = data["name"].replace(" us", " µs")
+    return ", ".join([words, *(one for one in place if one not in name)])
 
 
 def _sentence(data: Record) -> str:

@@ -22,7 +22,7 @@ from commonrail.units import convert
 __all__ = ["found_table"]
 
 _SI = {"rail pressure": "Pa", "energising time": "s"}
-_NO_MAP = (".mf4", ".mdf")
+_NO_MAP = (".mf4", ".mdf", ".lvm")
 _COLUMNS = (".parquet", ".pq")
 
 
