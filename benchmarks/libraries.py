@@ -1,0 +1,133 @@
+"""Loops of the libraries beside those of the compiler: ``python -m benchmarks.libraries [ROUNDS]``.
+
+Two processes, one of which may not use the libraries, simulate the same 512 candidates in turn, so that whatever else
+the machine does disturbs both; the shortest times count. Before them a simulation is started from the command line,
+several times either way.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from dataclasses import fields
+from typing import Any
+
+from commonrail.bench.case import POINT, candidates, injector
+from commonrail.bench.timing import Effort, time_best
+from commonrail.choices import Precision
+from commonrail.engine import library, plan
+from commonrail.engine.lanes import compiled
+from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.solution import Batch
+from commonrail.reproduction import paper
+
+COUNT, ROUNDS, STARTS = 512, 30, 10
+KINDS = ("library", "compiler")
+SIMULATE = ("simulate", "virtual-lino-2016", "--rail-pressure", "160MPa", "--energising-time", "700us")
+
+
+def environment(kind: str) -> dict[str, str]:
+    """Environment of a process that may or may not use the libraries."""
+    paths = os.pathsep.join(path for path in sys.path if path)
+    switch = {} if kind == "library" else {library.SWITCH: "off"}
+    return os.environ | {"PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"} | switch
+
+
+def start(kind: str) -> tuple[float, float, float]:
+    """Wall time [s], processor time [s] and greatest memory [MB] of a simulation from the command line."""
+    before, begun = os.times(), time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "commonrail", *SIMULATE], env=environment(kind), stdout=subprocess.DEVNULL
+    )
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    wall, after = time.perf_counter() - begun, os.times()
+    if process.returncode:
+        sys.exit(f"the simulation ended with status {process.returncode}")
+    spent = after.children_user + after.children_system - before.children_user - before.children_system
+    return wall, spent, usage.ru_maxrss / 1024
+
+
+def serve() -> None:
+    """Answer every line of the input, which names a precision, with the time and digest of a population."""
+    values, prepared = candidates(COUNT), plan.prepare(injector(), [POINT], 1e-6)
+    for line in sys.stdin:
+        precision = Precision(line.strip())
+        found: list[Batch] = []
+
+        def run(precision: Precision = precision, found: list[Batch] = found) -> None:
+            found[:] = [
+                simulate_batch(
+                    injector(),
+                    [POINT],
+                    paper.NAMES,
+                    values,
+                    threads=1,
+                    stop_when_closed=False,
+                    precision=precision,
+                    prepared=prepared,
+                )
+            ]
+
+        timing = time_best(run, Effort(1, 1.0))
+        batch, origin = found[0], compiled(injector().variant, precision, False).origin
+        digest = hashlib.sha256(b"".join(getattr(batch, one.name).tobytes() for one in fields(batch))).hexdigest()
+        print(json.dumps({"seconds": timing.seconds, "digest": digest, "origin": origin}), flush=True)
+
+
+def main(rounds: int = ROUNDS) -> None:
+    """Print both tables; ends with a sentence where no library is used."""
+    if library.objection():
+        sys.exit(f"no library is used: {library.objection()}; `make kernels` builds those of the catalogue")
+    print("| simulation from the command line | wall, s | processor, s | memory, MB |")
+    print("| --- | --- | --- | --- |")
+    for kind in KINDS:
+        start(kind)
+        found = [statistics.median(column) for column in zip(*(start(kind) for _ in range(STARTS)), strict=True)]
+        print(f"| {kind} | {found[0]:.2f} | {found[1]:.2f} | {found[2]:.0f} |", flush=True)
+    print("| precision, 512 candidates on one thread | library, per second | compiled, per second | ratio | bits |")
+    print("| --- | --- | --- | --- | --- |")
+    servers = {kind: _server(kind) for kind in KINDS}
+    for precision in Precision:
+        asked: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
+        for _ in range(rounds + 1):
+            for kind, server in servers.items():
+                asked[kind].append(_ask(server, precision))
+        if asked["library"][0]["origin"] != "library":
+            sys.exit(f"the libraries do not hold the loop of {injector().name} in {precision.value}")
+        shortest = [min(one["seconds"] for one in asked[kind][1:]) for kind in KINDS]  # the first one may compile
+        same = {one["digest"] for answers in asked.values() for one in answers}
+        speeds = [COUNT / seconds for seconds in shortest]
+        bits = "equal" if len(same) == 1 else "different"
+        print(
+            f"| {precision.value} | {speeds[0]:,.0f} | {speeds[1]:,.0f} | {speeds[0] / speeds[1]:.3f} | {bits} |",
+            flush=True,
+        )
+    for server in servers.values():
+        server.communicate()
+
+
+def _server(kind: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "benchmarks.libraries", "--serve"]
+    return subprocess.Popen(command, env=environment(kind), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
+def _ask(server: subprocess.Popen[str], precision: Precision) -> dict[str, Any]:
+    assert server.stdin is not None
+    assert server.stdout is not None
+    server.stdin.write(f"{precision.value}\n")
+    server.stdin.flush()
+    answer: dict[str, Any] = json.loads(server.stdout.readline())
+    return answer
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["--serve"]:
+        serve()
+    else:
+        main(*map(int, sys.argv[1:]))

@@ -1,0 +1,19 @@
+"""The comparison of the libraries' loops with the compiler's."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks import libraries
+from commonrail.engine import library
+
+
+def test_without_libraries_nothing_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(library, "objection", lambda: "none came with this package")
+    with pytest.raises(SystemExit, match="no library is used: none came with this package; `make kernels`"):
+        libraries.main()
+
+
+def test_the_other_process_may_not_use_them() -> None:
+    assert libraries.environment("compiled")[library.SWITCH] == "off"
+    assert libraries.environment("library").get(library.SWITCH) != "off"
