@@ -19,6 +19,7 @@ from commonrail.choices import Actuation, Precision
 from commonrail.compile_target import LEVEL_3, LEVEL_4, own_processor
 from commonrail.engine import lanes, library
 from commonrail.engine.machine_code import symbol_of
+from commonrail.engine.operating_point import Trace
 from commonrail.errors import SimulationError
 from commonrail.export.lane_library import ALL, CATALOGUE, write_libraries
 from commonrail.files.injector_file import injector_catalogue, load_injector
@@ -27,6 +28,8 @@ from commonrail.injector.variants import Variant
 from tests.conftest import wired
 
 POINT = cr.OperatingPoint(160e6, 300e-6, horizon=6e-4)
+CURRENT = Trace.of([0.0, 40e-6, 3e-4, 3.4e-4], [0.0, 18.0, 18.0, 0.0])
+DIRECT_POINT = cr.OperatingPoint(25e6, [], drive=CURRENT, horizon=6e-4)
 NAMES, VALUES = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
 CACHES = (lanes.compiled, library.objection, library.made_by, library._level)
 REASON = missing() or ("" if shutil.which("cc") else "no C compiler, cc, is on this machine")
@@ -63,8 +66,10 @@ def forget() -> None:
 
 def figures(injector: cr.Injector, threads: int = 1, precision: Precision = Precision.F64) -> np.ndarray:
     """Figures of a batch and a trace of one injection, in a row."""
-    batch = cr.simulate_batch(injector, [POINT], NAMES, VALUES, threads=threads, precision=precision)
-    one = cr.simulate(injector, POINT, precision=precision)
+    point = DIRECT_POINT if injector.variant.actuation is Actuation.DIRECT else POINT
+    batch = cr.simulate_batch(injector, [point], NAMES, VALUES, threads=threads, precision=precision)
+    one = cr.simulate(injector, point, precision=precision)
+    assert one.injected_mass > 0.0
     of_batch = (batch.injected_mass, batch.returned_mass, batch.opening, batch.closing, batch.greatest_lift)
     return np.concatenate([np.ravel(array) for array in (*of_batch, one.injected, *one.channels.values())])
 
@@ -91,17 +96,19 @@ def test_a_library_gives_the_bits_of_the_compiler(use: pytest.MonkeyPatch, rigid
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", list(Precision))
-@pytest.mark.parametrize("variant", [v for v in CATALOGUE if v.actuation is Actuation.SERVO], ids=lambda v: v.label)
+@pytest.mark.parametrize("variant", CATALOGUE, ids=lambda v: v.label)
 def test_every_wiring_has_the_bits_of_the_compiler(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variant: Variant, precision: Precision
 ) -> None:
     write_libraries(tmp_path, [variant], [precision])
+    direct = variant.actuation is Actuation.DIRECT
+    injector = load_injector("direct-acting-kr") if direct else wired(variant)
     monkeypatch.setattr(library, "FOLDER", tmp_path)
     found = {}
     for switch in ("off", "v3", "v4"):
         monkeypatch.setenv("COMMONRAIL_KERNELS", switch)
         forget()
-        found[switch] = figures(wired(variant), precision=precision)
+        found[switch] = figures(injector, precision=precision)
         assert (lanes.compiled(variant, precision, False).origin == "library") == (switch != "off")
     monkeypatch.undo()
     forget()
