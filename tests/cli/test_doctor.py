@@ -18,7 +18,8 @@ def test_this_machine_is_usable_and_said_in_json(command: Command) -> None:
     facts = {fact["name"]: fact for fact in record["facts"]}
     assert {"Python", "numba", "processor", "instruction sets", "threads", "kernel cache", "self-check"} <= set(facts)
     if kernel_cache.cache_folder() is not None:  # there is a place for compiled simulations
-        assert "from the cache" in facts["first simulation"]["value"]
+        compiled = facts["machine code"]["value"].startswith("from the compiler, for ")
+        assert compiled == ("from the cache from now on" in facts["first simulation"]["value"])
 
 
 def test_a_machine_that_cannot_be_used_ends_with_2(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -55,7 +55,7 @@ def test_a_record_of_the_first_version_is_still_read() -> None:
 
 def test_the_page_says_what_the_record_says() -> None:
     page = reproduction_html(record(), traces(), "runs/my study")
-    text = re.sub(r"<script.*?</script>", "", page, flags=re.S)
+    text = re.sub(r"<script.*?</script>|</?span[^>]*>", "", page, flags=re.S)
     for words in (
         "All of it is made up for a test.",
         "The claim one &amp; &lt;more&gt;.",

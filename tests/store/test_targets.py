@@ -47,7 +47,7 @@ def test_a_run_begun_on_another_target_says_so(stopped: Stop, monkeypatch: pytes
         patch.setattr("commonrail.store.journal.describe", lambda: OTHER)
         run = stopped(3)
     (text,) = told_by(run)
-    assert f"begun with cpu znver9, now {describe().cpu}; instruction sets, now without avx9 and with " in text
+    assert f"begun with cpu znver9, now {describe().cpu}; instruction sets, now without avx9" in text
     assert "simulated again, have the same bits here, but others may not: the run need not end as" in text
     assert [f"warning: {sentence}" for sentence in warned(run)] == [text]
 
