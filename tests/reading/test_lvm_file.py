@@ -140,3 +140,11 @@ def test_commas_that_separate_cells_and_decimals_are_refused(tmp_path: Path) -> 
     text = (HEAD + ONE).replace("Tab", "Comma").replace(".", ",").replace("\t", ",")
     with pytest.raises(InputError, match="separator or decimal sign of the header is none that LabVIEW writes"):
         LvmFile(written(tmp_path, text))
+
+
+def test_a_study_of_a_file_that_windows_wrote_states_its_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "rates.lvm"
+    path.write_bytes((HEAD + ONE).replace("mm3/ms", "mm³/ms").encode("cp1252"))
+    found = survey(path)
+    assert (found.block["encoding"], found.said) == ("cp1252", "encoding cp1252")
+    assert "encoding" not in survey(written(tmp_path, HEAD + ONE)).block
