@@ -119,6 +119,9 @@ def test_columns_are_read_in_si_units_and_the_file_is_surveyed(tmp_path: Path) -
         ("Channels\t2", "Channels\t3", "the header has 3 channels, and 2 have a name"),
         ("Samples\t5\t5", "Samples\t6\t5", 'channel "ROI": the header announces 6 samples, and 5 follow'),
         ("Delta_X\t1.000000E-6", "Delta_X\t0", 'channel "ROI": the header has no X0 and Delta_X'),
+        ("X0\t-1.0000000000000000E-6", "X0\t3.8E+9", "beside X0 of 3.8e.09 s, a date, steps of 1e-06 s are rounded"),
+        ("X0\t", "X_Unit_Label\tms\tms\t\t\nX0\t", 'channel "ROI": X_Unit_Label is "ms", and seconds are expected'),
+        ("Delta_X\t1.0", "Delta_X\t1,0", "no X0 and Delta_X with the decimal sign"),
         ("X_Dimension\tTime\tTime", "X_Dimension\tTime\tFrequency", 'channel "TRIG": it is given over Frequency'),
         ("0.000003\t4.5\t0.0\n", "0.000003\t4.5\t0.0\n\nChannels\t2\n", "line 30: a second segment begins here"),
         ("Separator\tTab", "Separator\tSpace", "separator or decimal sign of the header is none"),
@@ -131,3 +134,17 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path: Path, old: str, new: str,
     path = written(tmp_path, text.replace(old, new, 1))
     with pytest.raises(InputError, match=words):
         read_columns(path, [Column("time", "s", increasing=True), Column("ROI", "m3/s")])
+
+
+def test_commas_that_separate_cells_and_decimals_are_refused(tmp_path: Path) -> None:
+    text = (HEAD + ONE).replace("Tab", "Comma").replace(".", ",").replace("\t", ",")
+    with pytest.raises(InputError, match="separator or decimal sign of the header is none that LabVIEW writes"):
+        LvmFile(written(tmp_path, text))
+
+
+def test_a_study_of_a_file_that_windows_wrote_states_its_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "rates.lvm"
+    path.write_bytes((HEAD + ONE).replace("mm3/ms", "mm³/ms").encode("cp1252"))
+    found = survey(path)
+    assert (found.block["encoding"], found.said) == ("cp1252", "encoding cp1252")
+    assert "encoding" not in survey(written(tmp_path, HEAD + ONE)).block

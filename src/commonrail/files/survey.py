@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ from commonrail.reading.column_map import find_column_map
 from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.grid import Grid, read_grid
 from commonrail.reading.grid_sheet import GridSheet
+from commonrail.reading.guarded_file import read_plain
 from commonrail.reading.map_table import FoundMap, GivenUnits, find_map
 from commonrail.reading.mat_file import MatFile
 from commonrail.reading.mat_map import find_mat_map
@@ -124,7 +125,12 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
         If the file cannot be read.
     """
     if path.suffix.lower() in OF_CHANNELS:
-        return _of_channels(path, open_sheet(path, form), given)
+        form = _detected(path, form)
+        found = _of_channels(path, open_sheet(path, form), given)
+        if path.suffix.lower() != ".lvm" or not form.encoding:
+            return found
+        keys = {"encoding": form.encoding} if found.block else {}
+        return replace(found, said=f"encoding {form.encoding}", block=found.block | keys)
     grid = read_grid(path, form.encoding or None, form.sheet or None)
     reasons = []
     for way in (_map, _traces, _columns):
@@ -134,6 +140,18 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
             reasons.append(str(error).removeprefix(f"{path}: "))
     facts = {"reason": reasons[0], "rows": str(len(grid.rows)), "first row": _shown(grid.rows[0])}
     return Survey(path, "a table, no quantity map and no trace", facts, "; ".join(grid.said))
+
+
+def _detected(path: Path, form: FileForm) -> FileForm:
+    """Form with the encoding of a text of channels: UTF-8, else cp1252, in which LabVIEW writes mm³ on Windows."""
+    if path.suffix.lower() != ".lvm" or form.encoding:
+        return form
+    data = read_plain(path)
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError:
+        return form if b"\0" in data else form._replace(encoding="cp1252")
+    return form
 
 
 def _map(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:

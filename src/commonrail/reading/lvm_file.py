@@ -24,6 +24,8 @@ _MAGIC, _END, _COMMENT = "LabVIEW Measurement", "***End_of_Header***", "Comment"
 _SEPARATORS = {"tab": "\t", "comma": ",", "": "\t"}
 _DECIMALS = ("", ".", ",")
 _UNITS = {"Volts": "V"}  # LabVIEW's own word where nobody has stated a unit
+_SECONDS = ("", "s", "sec", "second", "seconds")
+_FINEST = 1e-3  # of a step: rounding of times that moves no sample by what a fit could see
 _X_TITLE = "X_Value"
 
 Rows = Iterator[tuple[int, list[str]]]
@@ -52,6 +54,8 @@ class LvmFile(ChannelSheet):
         head = _header(path, ((n, text.split("\t" if "\t" in text else ",")) for n, text in lines))
         separator = _SEPARATORS.get(_first(head, "Separator").lower())
         decimal = _first(head, "Decimal_Separator")
+        if separator == "," and not decimal and "Decimal_Separator" in head:
+            decimal = ","  # the sign itself separated the cells
         if separator is None or decimal not in _DECIMALS or separator == decimal:
             raise InputError(f"{path}: separator or decimal sign of the header is none that LabVIEW writes.")
         rows = ((n, text.split(separator)) for n, text in lines)
@@ -97,13 +101,29 @@ def _channels(path: Path, rows: Rows, segment: dict[str, list[str]], decimal: st
                 f"the header announces {own.get('Samples') or 'no number of'} samples, and {len(column)} follow; "
                 "write one segment, whole, into a file"
             )
-        start, step = (_number(own.get(tag, ""), decimal) for tag in ("X0", "Delta_X"))
-        if not step > 0.0 or not np.isfinite(start):
-            raise at.error("the header has no X0 and Delta_X, which say where the samples are")
+        start, step = _raster(own, decimal, at)
         unit = own.get("Y_Unit_Label", "")
         times = np.asarray(start + step * np.arange(len(column)), np.float64)
         found.append(Channel(name, "", _UNITS.get(unit, unit), _X_TITLE, times, np.array(column, np.float64), ""))
     return found
+
+
+def _raster(own: dict[str, str], decimal: str, at: Place) -> tuple[float, float]:
+    """First time and spacing of a channel [s]."""
+    unit = own.get("X_Unit_Label", "")
+    if unit.lower() not in _SECONDS:
+        raise at.error(f'X_Unit_Label is "{unit}", and seconds are expected; write X0, Delta_X and the label in "s"')
+    start, step = (_number(own.get(tag, ""), decimal) for tag in ("X0", "Delta_X"))
+    if not step > 0.0 or not np.isfinite(start):
+        raise at.error(
+            f'the header has no X0 and Delta_X with the decimal sign "{decimal}", which say where the samples are'
+        )
+    if np.spacing(abs(start)) > _FINEST * step:
+        raise at.error(
+            f"beside X0 of {start:g} s, a date, steps of {step:g} s are rounded; write the time from the begin of the "
+            "record, such as 0"
+        )
+    return start, step
 
 
 def _numbers(path: Path, rows: Rows, places: Sequence[int], decimal: str) -> list[list[float]]:

@@ -42,7 +42,7 @@ def check_files(journal: Journal, as_begun: bool) -> None:
             what = _what(about.get("study", ""), path) if i == 0 else ""
             raise StudyError(
                 f"{path} {'is missing' if not now else f'has been changed since the run was begun{what}'}; bring it "
-                "back as it was, or begin a new run with `commonrail calibrate`."
+                "back as it was, or begin a new run."
             )
     for i, item in enumerate(inputs if not as_begun else []):
         path = Path(item.origin)
