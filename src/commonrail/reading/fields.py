@@ -69,7 +69,7 @@ Text = Annotated[str, Field(min_length=1)]
 class FileModel(BaseModel):
     """Table of a file: no key beyond its fields, no type converted in silence."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod
