@@ -19,7 +19,7 @@ from commonrail.choices import Actuation, Precision
 from commonrail.compile_target import LEVEL_3, LEVEL_4, own_processor
 from commonrail.engine import lanes, library
 from commonrail.engine.machine_code import symbol_of
-from commonrail.errors import SimulationError
+from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.export.lane_library import ALL, CATALOGUE, write_libraries
 from commonrail.files.injector_file import injector_catalogue, load_injector
 from commonrail.fixed_target import missing
@@ -28,7 +28,7 @@ from tests.conftest import wired
 
 POINT = cr.OperatingPoint(160e6, 300e-6, horizon=6e-4)
 NAMES, VALUES = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
-CACHES = (lanes.compiled, library.objection, library.made_by, library._level)
+CACHES = (lanes.compiled, library.objection, library.made_by, library._level, library._opened)
 REASON = missing() or ("" if shutil.which("cc") else "no C compiler, cc, is on this machine")
 pytestmark = pytest.mark.skipif(
     bool(REASON) or platform.system() != "Linux", reason=REASON or "libraries are made for Linux"
@@ -131,6 +131,48 @@ def test_a_library_that_cannot_be_loaded_is_not_used(use: pytest.MonkeyPatch, ma
     forget()
     assert library.find("cr_any") is None
     assert library.objection().startswith("they cannot be loaded: ")
+
+
+@pytest.mark.parametrize("level", ["v3", "v4"])
+@pytest.mark.parametrize("spoilt", ["cut", "another", "folder"])
+def test_a_library_that_is_not_the_one_that_was_built_is_never_opened(
+    use: pytest.MonkeyPatch, made: Path, tmp_path: Path, level: str, spoilt: str
+) -> None:
+    """The system maps a cut library without a word and ends the process where a page is missing."""
+    if not (made / f"lanes-{level}.so").exists():
+        pytest.skip(f"this processor has not the level {level}")
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    path = tmp_path / f"lanes-{level}.so"
+    whole = path.read_bytes()
+    path.unlink()
+    if spoilt == "folder":
+        path.mkdir()
+    else:
+        path.write_bytes(whole[: len(whole) // 2] if spoilt == "cut" else whole + b" ")
+    use.setattr(library, "FOLDER", tmp_path)
+    opened: list[str] = []
+    load = ctypes.CDLL
+    use.setattr(ctypes, "CDLL", lambda name: opened.append(name) or load(name))
+    forget()
+    assert library.find("cr_any") is None
+    assert str(path) not in opened
+    assert library.objection().startswith(f"they cannot be loaded: {path} is not the one that was built")
+
+
+def test_a_library_is_replaced_whole(use: pytest.MonkeyPatch, made: Path, tmp_path: Path, rigid: cr.Injector) -> None:
+    """A process that runs the one before keeps it: written over in place, its code would change under it."""
+    path = tmp_path / "lanes-v3.so"
+    path.write_bytes(b"before")
+    with path.open("rb") as running:
+        write_libraries(tmp_path, [rigid.wired()], [Precision.F64], [LEVEL_3])
+        assert running.read() == b"before"
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["lanes-v3.so", library.STAMP]
+
+
+def test_an_unknown_value_of_the_switch_is_refused(use: pytest.MonkeyPatch, rigid: cr.Injector) -> None:
+    use.setenv("COMMONRAIL_KERNELS", "OFF")
+    with pytest.raises(ConfigurationError, match='COMMONRAIL_KERNELS is "OFF"; set it to off, v3 or v4, or unset it'):
+        cr.simulate(rigid, POINT)
 
 
 def test_a_damaged_stamp_is_none(use: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ Each level of x86-64 gets one library, of the same objects that the cache of ker
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 import tempfile
@@ -15,7 +16,7 @@ from pathlib import Path
 from commonrail.choices import Actuation, Body, Boundary, Drive, Laws, Precision
 from commonrail.compile_target import LEVEL_3, LEVEL_4, Processor, lane_settings, package_version
 from commonrail.engine.lanes import VECTORS
-from commonrail.engine.library import FOLDER, STAMP, file_of
+from commonrail.engine.library import FOLDER, STAMP, digest, file_of
 from commonrail.engine.machine_code import object_of, symbol_of
 from commonrail.export.linker import compiler_for, link_shared
 from commonrail.export.objects import target_named
@@ -62,7 +63,8 @@ def write_libraries(
     (folder / STAMP).unlink(missing_ok=True)  # without it no library is used, also if this ends halfway
     made = []
     for level in levels:
-        with tempfile.TemporaryDirectory() as name:
+        # on the disk of the library, which is replaced whole: a process may be running the one before
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".") as name:
             place = Path(name)
             shutil.copy(Path(__file__).with_name("c") / "level.c", place)
             inputs = [place / "level.c"]
@@ -73,10 +75,11 @@ def write_libraries(
             library = place / file_of(level.name).name
             link_shared(compiler, inputs, library, target, ())
             made.append(folder / library.name)
-            shutil.move(library, made[-1])
+            os.replace(library, made[-1])
     stamp = {
         "sources": sources_stamp(),
         "settings": lane_settings(),
+        "libraries": {path.name: digest(path) for path in made},
         **{package: package_version(package) for package in ("numba", "llvmlite")},
     }
     (folder / STAMP).write_text(json.dumps(stamp, indent=1) + "\n", encoding="utf-8")
