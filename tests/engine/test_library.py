@@ -169,6 +169,21 @@ def test_a_library_is_replaced_whole(use: pytest.MonkeyPatch, made: Path, tmp_pa
     assert sorted(found.name for found in tmp_path.iterdir()) == ["lanes-v3.so", library.STAMP]
 
 
+def test_without_a_c_compiler_one_sentence_says_so(tmp_path: Path) -> None:
+    """Before the loops are compiled, which takes minutes."""
+    code = (
+        "import importlib.util, runpy, shutil, sys; shutil.which = lambda name: None; "
+        "found = importlib.util.find_spec; "
+        "importlib.util.find_spec = lambda name, *more: None if name == 'ziglang' else found(name, *more); "
+        f"sys.argv[1:] = [{str(tmp_path)!r}]; "
+        "runpy.run_module('commonrail.export.lane_library', run_name='__main__')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("commonrail: Linking for linux64 needs a C compiler")
+    assert done.stderr.count("\n") == 1
+
+
 def test_an_unknown_value_of_the_switch_is_refused(use: pytest.MonkeyPatch, rigid: cr.Injector) -> None:
     use.setenv("COMMONRAIL_KERNELS", "OFF")
     with pytest.raises(ConfigurationError, match='COMMONRAIL_KERNELS is "OFF"; set it to off, v3 or v4, or unset it'):

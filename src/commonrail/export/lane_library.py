@@ -18,6 +18,7 @@ from commonrail.compile_target import LEVEL_3, LEVEL_4, Processor, lane_settings
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.library import FOLDER, STAMP, digest, file_of
 from commonrail.engine.machine_code import object_of, symbol_of
+from commonrail.errors import ConfigurationError
 from commonrail.export.linker import compiler_for, link_shared
 from commonrail.export.objects import target_named
 from commonrail.injector.variants import Variant
@@ -63,8 +64,7 @@ def write_libraries(
     (folder / STAMP).unlink(missing_ok=True)  # without it no library is used, also if this ends halfway
     made = []
     for level in levels:
-        # on the disk of the library, which is replaced whole: a process may be running the one before
-        with tempfile.TemporaryDirectory(dir=folder, prefix=".") as name:
+        with tempfile.TemporaryDirectory() as name:
             place = Path(name)
             shutil.copy(Path(__file__).with_name("c") / "level.c", place)
             inputs = [place / "level.c"]
@@ -75,7 +75,8 @@ def write_libraries(
             library = place / file_of(level.name).name
             link_shared(compiler, inputs, library, target, ())
             made.append(folder / library.name)
-            os.replace(library, made[-1])
+            # replaced whole: a process may be running the one before
+            os.replace(shutil.copy(library, folder / f".{library.name}"), made[-1])
     stamp = {
         "sources": sources_stamp(),
         "settings": lane_settings(),
@@ -86,11 +87,17 @@ def write_libraries(
     return tuple(made)
 
 
-def _main(words: list[str]) -> None:
+def _main(words: list[str]) -> int:
     folder = Path(words[0]) if words else FOLDER
-    for path in write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE):
+    try:
+        made = write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE)
+    except ConfigurationError as error:
+        print(f"commonrail: {error}", file=sys.stderr)
+        return error.exit_code
+    for path in made:
         print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+    return 0
 
 
 if __name__ == "__main__":
-    _main(sys.argv[1:])
+    sys.exit(_main(sys.argv[1:]))
