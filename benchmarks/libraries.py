@@ -20,6 +20,7 @@ from typing import Any
 from commonrail.bench.case import POINT, candidates, injector
 from commonrail.bench.timing import Effort, time_best
 from commonrail.choices import Precision
+from commonrail.compile_target import SWITCH
 from commonrail.engine import library, plan
 from commonrail.engine.lanes import compiled
 from commonrail.engine.simulate import simulate_batch
@@ -34,7 +35,7 @@ SIMULATE = ("simulate", "virtual-lino-2016", "--rail-pressure", "160MPa", "--ene
 def environment(kind: str) -> dict[str, str]:
     """Environment of a process that may or may not use the libraries."""
     paths = os.pathsep.join(path for path in sys.path if path)
-    switch = {} if kind == "library" else {library.SWITCH: "off"}
+    switch = {} if kind == "library" else {SWITCH: "off"}
     return os.environ | {"PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"} | switch
 
 

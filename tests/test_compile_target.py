@@ -56,6 +56,8 @@ def test_the_highest_level_that_the_processor_has_is_compiled_for(
         monkeypatch.delenv(name, raising=False)
     found = own_processor()
     assert found == level if level else found.name == llvm.get_host_cpu_name()
+    monkeypatch.setenv("COMMONRAIL_KERNELS", "v3")
+    assert own_processor() == (LEVEL_3 if level else found)
 
 
 @pytest.mark.process

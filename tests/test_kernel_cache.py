@@ -55,6 +55,15 @@ def kept(cache: Path) -> Path:
     return path
 
 
+def test_a_kernel_under_the_name_of_another_is_not_loaded(tmp_path: Path) -> None:
+    """Its bits are others, or a function is sought in it that it has not, and the process ends."""
+    one, other = tmp_path / "one.kernel", tmp_path / "other.kernel"
+    kernel_cache.write(one, b"machine code")
+    assert kernel_cache.read(one) == (b"machine code", "")
+    one.rename(other)
+    assert kernel_cache.read(other) == (None, "is damaged")
+
+
 def test_a_kernel_with_a_flipped_bit_is_compiled_anew_once_with_a_note(
     tmp_path: Path, answer: Callable[[], Answer]
 ) -> None:

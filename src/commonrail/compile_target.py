@@ -1,8 +1,9 @@
 """Target of the compiler: the processor that kernels are compiled for, and the versions of all that computes.
 
 The kernels of the lanes are compiled for a level of x86-64, v4 (AVX-512) or v3 (AVX2 and FMA), the highest that this
-machine has: libraries that were compiled elsewhere hold the same code. Other processors are compiled for by their name,
-and so is the one that ``NUMBA_CPU_NAME`` names. Equal targets give equal bits.
+machine has: libraries that were compiled elsewhere hold the same code. ``COMMONRAIL_KERNELS=v3`` asks for the lower.
+Other processors are compiled for by their name, and so is the one that ``NUMBA_CPU_NAME`` names. Equal targets give
+equal bits.
 """
 
 from __future__ import annotations
@@ -16,15 +17,19 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
+from commonrail.errors import ConfigurationError
+
 __all__ = [
     "LEVEL_3",
     "LEVEL_4",
+    "SWITCH",
     "CompileTarget",
     "Processor",
     "compiler_settings",
     "describe",
     "differences",
     "is_x86",
+    "kernels_switch",
     "lane_settings",
     "may_compile",
     "own_processor",
@@ -35,6 +40,7 @@ __all__ = [
 
 PACKAGES = ("commonrail", "numpy", "scipy", "numba", "llvmlite")
 MOST = 6  # features that a sentence names
+SWITCH = "COMMONRAIL_KERNELS"
 
 
 class CompileTarget(NamedTuple):
@@ -99,12 +105,27 @@ def own_processor() -> Processor:
     named, features = numba_setting("CPU_NAME"), numba_setting("CPU_FEATURES")
     has: Mapping[str, bool] = llvm.get_host_cpu_features()
     if named is None and features is None:
-        for level, needed in ((LEVEL_4, OF_LEVEL_3 + OF_LEVEL_4), (LEVEL_3, OF_LEVEL_3)):
+        levels = ((LEVEL_4, OF_LEVEL_3 + OF_LEVEL_4), (LEVEL_3, OF_LEVEL_3))
+        for level, needed in levels[1:] if kernels_switch() == "v3" else levels:
             if is_x86() and all(has.get(name, False) for name in needed):
                 return level
     if features is None:
         features = "" if named == "generic" else ",".join(f"{'+' if on else '-'}{name}" for name, on in has.items())
     return Processor(named or llvm.get_host_cpu_name(), features)
+
+
+def kernels_switch() -> str:
+    """Value of ``COMMONRAIL_KERNELS``: "off" (no libraries), "v3" or "v4" (at most that level), "" where it is not set.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is none of them.
+    """
+    found = os.environ.get(SWITCH, "")
+    if found not in ("", "off", "v3", "v4"):
+        raise ConfigurationError(f'{SWITCH} is "{found}"; set it to off, v3 or v4, or unset it.')
+    return found
 
 
 def is_x86() -> bool:

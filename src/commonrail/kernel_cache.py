@@ -35,7 +35,7 @@ __all__ = [
 
 LONGEST_WAIT = 120.0  # for another process that compiles the same kernel [s]
 ENDING = ".kernel"
-_HEADER = b"commonrail kernel 1\n"
+_HEADER = b"commonrail kernel 2\n"
 _DIGEST = hashlib.sha256().digest_size  # [bytes]
 # A link is not followed and a pipe not waited for; flags that a system lacks are 0.
 _GUARDED = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
@@ -57,13 +57,14 @@ def read(path: Path) -> tuple[bytes | None, str]:
     if fault:
         return None, fault
     payload = content[len(_HEADER) + _DIGEST :]
-    if content != _sealed(payload):
+    if content != _sealed(path.name, payload):
         return None, "is damaged"
     return payload, ""
 
 
-def _sealed(payload: bytes) -> bytes:
-    return _HEADER + hashlib.sha256(payload).digest() + payload
+def _sealed(name: str, payload: bytes) -> bytes:
+    # with the name: the code of another kernel under it would give other bits, or end the process
+    return _HEADER + hashlib.sha256(name.encode() + payload).digest() + payload
 
 
 def write(path: Path, payload: bytes) -> None:
@@ -71,7 +72,7 @@ def write(path: Path, payload: bytes) -> None:
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".")
     try:
         with open(handle, "wb") as file:
-            file.write(_sealed(payload))
+            file.write(_sealed(path.name, payload))
         os.replace(name, path)
     except OSError:
         os.unlink(name)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from commonrail import kernel_cache
+from commonrail.bench import doctor
 from commonrail.bench.child import run_child
 from commonrail.bench.doctor import OK, Fact, cache_facts, extra_facts, kernel_facts, self_check, usable
 
@@ -104,3 +106,12 @@ def test_what_is_optional_is_named_with_its_cure() -> None:
     facts = {fact.name: fact for fact in extra_facts(lambda module: None)}
     assert "pip install 'commonrail[cluster]'" in facts["distributed"].verdict
     assert usable(list(facts.values()))
+
+
+def test_without_the_compiler_the_machine_is_looked_at_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A library may simulate without it; what it would tell of the processor is not made up."""
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
+    monkeypatch.setattr(doctor, "version", lambda package: "" if package == "llvmlite" else "1.0")
+    facts = {fact.name: fact for fact in doctor.machine_facts()}
+    assert facts["llvmlite"].verdict == "Install it: pip install llvmlite."
+    assert facts["instruction sets"] == Fact("instruction sets", "none known")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks import libraries
+from commonrail.compile_target import SWITCH
 from commonrail.engine import library
 
 
@@ -15,5 +16,5 @@ def test_without_libraries_nothing_is_compared(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_the_other_process_may_not_use_them() -> None:
-    assert libraries.environment("compiled")[library.SWITCH] == "off"
-    assert libraries.environment("library").get(library.SWITCH) != "off"
+    assert libraries.environment("compiled")[SWITCH] == "off"
+    assert libraries.environment("library").get(SWITCH) != "off"

@@ -37,6 +37,11 @@ def end_with(error: BaseException) -> Result:
         (errors.InputError("two\n  lines."), 2, "two lines."),
         (PermissionError(13, "Permission denied", "x.csv"), 2, "x.csv: Permission denied."),
         (KeyboardInterrupt(), 130, "interrupted."),
+        (
+            ModuleNotFoundError("No module named 'llvmlite.binding'", name="llvmlite.binding"),
+            2,
+            "the package llvmlite, which this needs, is not installed: pip install llvmlite.",
+        ),
         (MemoryError(), 2, "not enough memory; close other programs or take a machine with more."),
     ],
 )
@@ -47,10 +52,11 @@ def test_an_error_is_one_line_on_stderr(error: BaseException, status: int, sente
     assert result.stderr == f"commonrail: {sentence}\n"
 
 
-def test_a_fault_of_the_program_asks_for_a_report() -> None:
-    result = end_with(ZeroDivisionError("a\nb"))
+@pytest.mark.parametrize("error", [ZeroDivisionError("a\nb"), ModuleNotFoundError("a b", name="commonrail.absent")])
+def test_a_fault_of_the_program_asks_for_a_report(error: Exception) -> None:
+    result = end_with(error)
     assert result.exit_code == 1
-    assert result.stderr.startswith("commonrail: internal fault (ZeroDivisionError: a b); please")
+    assert result.stderr.startswith(f"commonrail: internal fault ({type(error).__name__}: a b); please")
     assert result.stderr.count("\n") == 1
 
 

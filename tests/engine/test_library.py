@@ -20,7 +20,7 @@ from commonrail.compile_target import LEVEL_3, LEVEL_4, own_processor
 from commonrail.engine import lanes, library
 from commonrail.engine.machine_code import symbol_of
 from commonrail.engine.operating_point import Trace
-from commonrail.errors import SimulationError
+from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.export.lane_library import ALL, CATALOGUE, write_libraries
 from commonrail.files.injector_file import injector_catalogue, load_injector
 from commonrail.fixed_target import missing
@@ -31,7 +31,7 @@ POINT = cr.OperatingPoint(160e6, 300e-6, horizon=6e-4)
 CURRENT = Trace.of([0.0, 40e-6, 3e-4, 3.4e-4], [0.0, 18.0, 18.0, 0.0])
 DIRECT_POINT = cr.OperatingPoint(25e6, [], drive=CURRENT, horizon=6e-4)
 NAMES, VALUES = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
-CACHES = (lanes.compiled, library.objection, library.made_by, library._level)
+CACHES = (lanes.compiled, library.objection, library.made_by, library._level, library._opened)
 REASON = missing() or ("" if shutil.which("cc") else "no C compiler, cc, is on this machine")
 pytestmark = pytest.mark.skipif(
     bool(REASON) or platform.system() != "Linux", reason=REASON or "libraries are made for Linux"
@@ -126,6 +126,16 @@ def test_sources_that_were_changed_are_compiled(use: pytest.MonkeyPatch, rigid: 
     assert library.objection() == "the sources were changed since they were built"
 
 
+def test_libraries_of_another_compiler_than_the_installed_one_are_not_used(use: pytest.MonkeyPatch) -> None:
+    """Results name the installed ones."""
+    use.setattr(library, "package_version", lambda package: "0.1" if package == "numba" else "")
+    forget()
+    assert library.objection().endswith(", and 0.1 is installed")
+    use.setattr(library, "package_version", lambda package: "")
+    forget()
+    assert library.objection() == ""
+
+
 def test_a_wiring_that_a_library_lacks_is_not_found(use: pytest.MonkeyPatch, pwm: cr.Injector) -> None:
     assert library.find(symbol_of(pwm.wired(), Precision.F64)) is None
     assert library.objection() == ""
@@ -138,6 +148,63 @@ def test_a_library_that_cannot_be_loaded_is_not_used(use: pytest.MonkeyPatch, ma
     forget()
     assert library.find("cr_any") is None
     assert library.objection().startswith("they cannot be loaded: ")
+
+
+@pytest.mark.parametrize("level", ["v3", "v4"])
+@pytest.mark.parametrize("spoilt", ["cut", "another", "folder"])
+def test_a_library_that_is_not_the_one_that_was_built_is_never_opened(
+    use: pytest.MonkeyPatch, made: Path, tmp_path: Path, level: str, spoilt: str
+) -> None:
+    """The system maps a cut library without a word and ends the process where a page is missing."""
+    if not (made / f"lanes-{level}.so").exists():
+        pytest.skip(f"this processor has not the level {level}")
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    path = tmp_path / f"lanes-{level}.so"
+    whole = path.read_bytes()
+    path.unlink()
+    if spoilt == "folder":
+        path.mkdir()
+    else:
+        path.write_bytes(whole[: len(whole) // 2] if spoilt == "cut" else whole + b" ")
+    use.setattr(library, "FOLDER", tmp_path)
+    opened: list[str] = []
+    load = ctypes.CDLL
+    use.setattr(ctypes, "CDLL", lambda name: opened.append(name) or load(name))
+    forget()
+    assert library.find("cr_any") is None
+    assert str(path) not in opened
+    assert library.objection().startswith(f"they cannot be loaded: {path} is not the one that was built")
+
+
+def test_a_library_is_replaced_whole(use: pytest.MonkeyPatch, made: Path, tmp_path: Path, rigid: cr.Injector) -> None:
+    """A process that runs the one before keeps it: written over in place, its code would change under it."""
+    path = tmp_path / "lanes-v3.so"
+    path.write_bytes(b"before")
+    with path.open("rb") as running:
+        write_libraries(tmp_path, [rigid.wired()], [Precision.F64], [LEVEL_3])
+        assert running.read() == b"before"
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["lanes-v3.so", library.STAMP]
+
+
+def test_without_a_c_compiler_one_sentence_says_so(tmp_path: Path) -> None:
+    """Before the loops are compiled, which takes minutes."""
+    code = (
+        "import importlib.util, runpy, shutil, sys; shutil.which = lambda name: None; "
+        "found = importlib.util.find_spec; "
+        "importlib.util.find_spec = lambda name, *more: None if name == 'ziglang' else found(name, *more); "
+        f"sys.argv[1:] = [{str(tmp_path)!r}]; "
+        "runpy.run_module('commonrail.export.lane_library', run_name='__main__')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("commonrail: Linking for linux64 needs a C compiler")
+    assert done.stderr.count("\n") == 1
+
+
+def test_an_unknown_value_of_the_switch_is_refused(use: pytest.MonkeyPatch, rigid: cr.Injector) -> None:
+    use.setenv("COMMONRAIL_KERNELS", "OFF")
+    with pytest.raises(ConfigurationError, match='COMMONRAIL_KERNELS is "OFF"; set it to off, v3 or v4, or unset it'):
+        cr.simulate(rigid, POINT)
 
 
 def test_a_damaged_stamp_is_none(use: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def machine_facts() -> Iterator[Fact]:
         yield Fact(package, found or "not installed", OK if found else lacking, True)
     yield Fact("processor", processor())
     sets = instruction_sets()
-    yield Fact("instruction sets", " ".join(sets) or "none known", _vectors(sets))
+    yield Fact("instruction sets", " ".join(sets) or "none known", _vectors(sets) if version("llvmlite") else OK)
     threads, now = usable_threads(), load()
     crowded = "Others keep it busy: simulations take longer, with the same results."
     yield Fact(

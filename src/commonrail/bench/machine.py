@@ -36,9 +36,11 @@ def processor() -> str:
 
 
 def instruction_sets() -> list[str]:
-    """Those of `FEATURES` that the compiler may use here."""
-    from llvmlite import binding
-
+    """Those of `FEATURES` that the compiler may use here; none where it is not installed."""
+    try:
+        from llvmlite import binding
+    except ModuleNotFoundError:
+        return []
     found = binding.get_host_cpu_features()
     return [name for name in FEATURES if found.get(name, False)]
 

@@ -20,6 +20,7 @@ __all__ = ["INTERRUPTED", "guarded", "show_traceback"]
 
 UNEXPECTED = 1
 UNUSABLE = 2
+NEEDED = ("llvmlite", "numba", "scipy")  # loaded where they are used: a simulation by a library does without
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 
 # Cure of too little memory by verb, and of the others.
@@ -66,14 +67,15 @@ def guarded(verb: _Verb) -> _Verb:
                 _end(f"{place} cannot be written ({error.strerror}); make room there.", OutputError.exit_code)
             place = f"{error.filename}: " if error.filename else ""
             _end(f"{place}{error.strerror or error}.", UNUSABLE)
+        except ModuleNotFoundError as error:
+            package = (error.name or "").partition(".")[0]
+            if package not in NEEDED:
+                _end(_fault(error), UNEXPECTED)
+            _end(f"the package {package}, which this needs, is not installed: pip install {package}.", UNUSABLE)
         except MemoryError:
             _end(f"not enough memory; {MEMORY.get(verb.__name__, OTHERS)}.", UNUSABLE)
         except Exception as error:
-            _end(
-                f"internal fault ({type(error).__name__}: {_short(error)}); please report it with "
-                "the command line. `commonrail --traceback ...` shows where it happened.",
-                UNEXPECTED,
-            )
+            _end(_fault(error), UNEXPECTED)
 
     return run  # type: ignore[return-value]
 
@@ -83,6 +85,13 @@ def _end(sentence: str, status: int) -> None:
         say(traceback.format_exc().rstrip())
     say(f"commonrail: {' '.join(sentence.split())}")
     raise typer.Exit(status) from None
+
+
+def _fault(error: Exception) -> str:
+    return (
+        f"internal fault ({type(error).__name__}: {_short(error)}); please report it with "
+        "the command line. `commonrail --traceback ...` shows where it happened."
+    )
 
 
 def _short(error: Exception) -> str:

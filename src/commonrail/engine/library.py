@@ -1,26 +1,28 @@
 """Libraries of lane loops that came with the package, compiled for levels of x86-64 where the package was built.
 
-A library is used if it was made from the sources that are here, for a level that this processor has. A file beside the
-libraries, `STAMP`, tells from which sources and by which compiler they were made.
+A library is used if it was made from the sources that are here, for a level that this processor has, and is whole: a
+cut one would end the process. A file beside the libraries, `STAMP`, tells from which sources and by which compiler they
+were made, and their digests.
 """
 
 from __future__ import annotations
 
 import ctypes
 import functools
+import hashlib
 import json
 import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from commonrail.compile_target import LEVEL_3, LEVEL_4, is_x86
+from commonrail.compile_target import LEVEL_3, LEVEL_4, SWITCH, is_x86, kernels_switch, package_version
 from commonrail.kernel_cache import sources_stamp
 
-__all__ = ["FOLDER", "STAMP", "Shared", "file_of", "find", "objection"]
+__all__ = ["COMPILERS", "FOLDER", "STAMP", "Shared", "digest", "file_of", "find", "objection"]
 
 FOLDER = Path(__file__).resolve().parents[1] / "kernels"
 STAMP = "stamp.json"
-SWITCH = "COMMONRAIL_KERNELS"
+COMPILERS = ("numba", "llvmlite")
 
 
 class Shared(NamedTuple):
@@ -36,6 +38,11 @@ def file_of(processor: str) -> Path:
     return FOLDER / f"lanes-{processor.rpartition('-')[2]}.so"
 
 
+def digest(path: Path) -> str:
+    """Digest of a library, as the stamp keeps it."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 def find(symbol: str, same_bits: bool = False) -> Shared | None:
     """Function of a library by its name; None where there is none that may be used.
 
@@ -44,6 +51,11 @@ def find(symbol: str, same_bits: bool = False) -> Shared | None:
     symbol : str
     same_bits : bool
         Take the library of the fixed processor alone.
+
+    Raises
+    ------
+    ConfigurationError
+        If ``COMMONRAIL_KERNELS`` is none of its values.
     """
     level = None if objection() else _level(same_bits)
     if level is None:
@@ -59,7 +71,7 @@ def find(symbol: str, same_bits: bool = False) -> Shared | None:
 @functools.cache
 def objection() -> str:
     """Reason why no library is used; "" where they are."""
-    if os.environ.get(SWITCH) == "off":
+    if kernels_switch() == "off":
         return f"{SWITCH}=off"
     named = [name for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES") if name in os.environ]
     if named:
@@ -69,18 +81,22 @@ def objection() -> str:
         return "none came with this package"
     if stamp.get("sources") != sources_stamp():
         return "the sources were changed since they were built"
+    for package in COMPILERS:  # the installed ones are named in results, and may round differently
+        own = package_version(package)
+        if own and own != stamp.get(package):
+            return f"they were compiled by {package} {stamp.get(package)}, and {own} is installed"
     if not is_x86():
         return "they are for x86-64 processors"
     try:
         level = _level(False)
     except OSError as error:
         return f"they cannot be loaded: {error}"
-    return "" if level else "they are for processors with AVX2 and FMA"
+    return "" if level else "none is for this processor"
 
 
 @functools.cache
-def made_by() -> dict[str, str] | None:
-    """Stamp of the libraries: sources, versions of compilers; None where there are no libraries."""
+def made_by() -> dict[str, Any] | None:
+    """Stamp of the libraries: sources, versions of compilers, digests; None where there are no libraries."""
     try:
         found = json.loads((FOLDER / STAMP).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -90,16 +106,28 @@ def made_by() -> dict[str, str] | None:
 
 @functools.cache
 def _level(same_bits: bool) -> str | None:
-    """Level whose library is used here: the highest that this processor has, unless `SWITCH` names one."""
+    """Level whose library is used and opened here: the highest that this processor has, unless `SWITCH` names one.
+
+    Raises
+    ------
+    OSError
+        If a library cannot be loaded.
+    """
     lowest = file_of(LEVEL_3.name)
     if not lowest.exists():
         return None
     has = int(_opened(lowest).cr_level())
-    wanted = 3 if same_bits or os.environ.get(SWITCH) == "v3" else 4
+    wanted = 3 if same_bits or kernels_switch() == "v3" else 4
     level = {4: LEVEL_4, 3: LEVEL_3}.get(min(has, wanted))
-    return level.name if level is not None and file_of(level.name).exists() else None
+    if level is None or not file_of(level.name).exists():
+        return None
+    _opened(file_of(level.name))
+    return level.name
 
 
 @functools.cache
 def _opened(path: Path) -> Any:
+    digests = (made_by() or {}).get("libraries")
+    if not path.is_file() or not isinstance(digests, dict) or digests.get(path.name) != digest(path):
+        raise OSError(f"{path} is not the one that was built; build it again, or delete {path.parent}")
     return ctypes.CDLL(str(path))

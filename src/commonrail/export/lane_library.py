@@ -6,6 +6,7 @@ Each level of x86-64 gets one library, of the same objects that the cache of ker
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 import tempfile
@@ -15,8 +16,9 @@ from pathlib import Path
 from commonrail.choices import Actuation, Body, Boundary, Drive, Laws, Precision
 from commonrail.compile_target import LEVEL_3, LEVEL_4, Processor, lane_settings, package_version
 from commonrail.engine.lanes import VECTORS
-from commonrail.engine.library import FOLDER, STAMP, file_of
+from commonrail.engine.library import COMPILERS, FOLDER, STAMP, digest, file_of
 from commonrail.engine.machine_code import object_of, symbol_of
+from commonrail.errors import ConfigurationError
 from commonrail.export.linker import compiler_for, link_shared
 from commonrail.export.objects import target_named
 from commonrail.injector.variants import Variant
@@ -73,21 +75,29 @@ def write_libraries(
             library = place / file_of(level.name).name
             link_shared(compiler, inputs, library, target, ())
             made.append(folder / library.name)
-            shutil.move(library, made[-1])
+            # replaced whole: a process may be running the one before
+            os.replace(shutil.copy(library, folder / f".{library.name}"), made[-1])
     stamp = {
         "sources": sources_stamp(),
         "settings": lane_settings(),
-        **{package: package_version(package) for package in ("numba", "llvmlite")},
+        "libraries": {path.name: digest(path) for path in made},
+        **{package: package_version(package) for package in COMPILERS},
     }
     (folder / STAMP).write_text(json.dumps(stamp, indent=1) + "\n", encoding="utf-8")
     return tuple(made)
 
 
-def _main(words: list[str]) -> None:
+def _main(words: list[str]) -> int:
     folder = Path(words[0]) if words else FOLDER
-    for path in write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE):
+    try:
+        made = write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE)
+    except ConfigurationError as error:
+        print(f"commonrail: {error}", file=sys.stderr)
+        return error.exit_code
+    for path in made:
         print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+    return 0
 
 
 if __name__ == "__main__":
-    _main(sys.argv[1:])
+    sys.exit(_main(sys.argv[1:]))
