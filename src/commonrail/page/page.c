@@ -19,12 +19,12 @@ EXPORT(injected) double *get_injected(void) { return injected; }
 EXPORT(channels) double *get_channels(void) { return channels; }
 EXPORT(figures) double *get_figures(void) { return figures; }
 
-/* Simulates `steps` steps of `inputs`, from rest at the given pressures; keeps the mass injected after every step, and
-   the channels of the start and after every `every` steps (0: never). From step `quiet` on it ends once needle and valve
+/* Simulates `steps` steps of `inputs`, from rest at the given pressures; keeps the mass injected after every `stride` steps,
+   and the channels of the start and after every `every` steps (0: never; then `stride` is 1). From step `quiet` on it ends once needle and valve
    have rested for `patience` steps (0: it does not end). Returns the number of steps, or -1 if the memory does not
    suffice. */
 EXPORT(simulate)
-int32_t simulate(int32_t steps, int32_t every, int32_t ring, int32_t quiet, int32_t patience, double dt, double rail,
+int32_t simulate(int32_t steps, int32_t every, int32_t stride, int32_t ring, int32_t quiet, int32_t patience, double dt, double rail,
                  double cylinder, double low) {
     void *result[2];
     int32_t rows = 0, rested = 0, k = 0;
@@ -33,11 +33,13 @@ int32_t simulate(int32_t steps, int32_t every, int32_t ring, int32_t quiet, int3
     injected[0] = work[CR_INJECTED];
     if (every > 0) cr_kernel_observe(result, result + 1, work, channels);
     while (k < steps && !(patience > 0 && k > quiet && rested > patience)) {
-        cr_kernel_march(result, result + 1, work, waves, ring, k, 1, inputs + 6 * k, dt);
-        injected[++k] = work[CR_INJECTED];
+        int32_t count = steps - k < stride ? steps - k : stride;
+        cr_kernel_march(result, result + 1, work, waves, ring, k, count, inputs + 6 * k, dt);
+        k += count;
+        injected[k] = work[CR_INJECTED];
         if (every > 0 && k % every == 0)
             cr_kernel_observe(result, result + 1, work, channels + ++rows * CR_CHANNELS);
-        rested = work[CR_TIP] <= 0.0 && work[CR_VALVE] <= 0.0 ? rested + 1 : 0;
+        rested = work[CR_TIP] <= 0.0 && work[CR_VALVE] <= 0.0 ? rested + count : 0;
     }
     cr_kernel_figures(result, result + 1, work, inputs[6 * (k - 1) + 1], figures);
     return k;

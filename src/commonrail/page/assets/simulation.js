@@ -63,13 +63,13 @@ class Bench {
     return steps;
   }
 
-  // Simulates a point; the channels are kept every so many steps (0: not at all). Unless it is simulated to its end, it
-  // ends once needle and valve rest.
-  run(point, every, whole) {
+  // Simulates a point; the channels are kept every so many steps (0: not at all), and the mass injected every `stride`.
+  // Unless it is simulated to its end, it ends once needle and valve rest.
+  run(point, every, whole, stride = 1) {
     const wanted = this.setInputs(point), { dt, quiet, resting, ring } = this.model;
     const last = point.pulses.reduce((_, p) => p[0] + p[1], point.courses[3] ? Infinity : point.start) - point.start;
     const after = Math.min(Math.round((last + quiet) / dt), wanted), patience = whole ? 0 : Math.round(resting / dt);
-    const steps = this.m.simulate(wanted, every, ring, after, patience, dt, point.rail, point.cylinder, point.low);
+    const steps = this.m.simulate(wanted, every, stride, ring, after, patience, dt, point.rail, point.cylinder, point.low);
     this.done = Math.max(steps, 0);
     const f = Object.fromEntries(this.model.figures.map((name, i) => [name, this.figures[i]]));
     const rows = every > 0 ? Math.floor(Math.max(steps, 0) / every) : 0;

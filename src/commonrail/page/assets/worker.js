@@ -19,7 +19,7 @@ function fan(state) {
   const point = bench.followed(state);
   return state.fan.map((values) => {
     bench.setParameters(values, state.temperature);
-    const { steps, status } = bench.run(point, 0);
+    const { steps, status } = bench.run(point, 0, false, state.fanEvery);
     if (status === "failed" || status === "not closed") return null;
     const kept = new Float64Array(Math.floor(steps / state.fanEvery) + 1);
     for (let i = 0; i < kept.length; i++) kept[i] = bench.injected[i * state.fanEvery];
