@@ -20,8 +20,8 @@ from commonrail.files.outside_figures import load_outside
 from commonrail.injector.definition import Injector
 
 QUICK = range(16)  # two stiffnesses × two pressures, rigid body, rail volume, four random, four traces, two short
-# Kernels that no other test needs: measured current, the explicit method with regulated drive. The rigid body's, which no
-# other test needs either, stays: nothing else here compares it with the reference.
+# Kernels that no other test needs: measured current, the explicit method with regulated drive. The rigid body's stays:
+# nothing else here compares it with the reference.
 ALONE = (12, 13, 15)
 KEPT = 0.25  # margin that every check leaves to its limit
 
