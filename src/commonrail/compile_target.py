@@ -82,15 +82,26 @@ class CompileTarget(NamedTuple):
 
 
 class Processor(NamedTuple):
-    """Processor that is compiled for: LLVM's name, and instruction sets that it may (+) or must not (-) use beside."""
+    """Processor that is compiled for.
+
+    Attributes
+    ----------
+    name : str
+        LLVM's name.
+    features : str
+        Instruction sets that it may (+) or must not (-) use beside.
+    exact : bool
+        Compile every operation as it stands: nothing fused, nothing reordered, so that all processors round alike.
+    """
 
     name: str
     features: str = ""
+    exact: bool = False
 
     @property
     def is_wide(self) -> bool:
         """True with 32 vector registers of 512 bits."""
-        return self == LEVEL_4 or "+avx512vl" in self.features.split(",")
+        return self.name == LEVEL_4.name or "+avx512vl" in self.features.split(",")
 
 
 LEVEL_3, LEVEL_4 = Processor("x86-64-v3"), Processor("x86-64-v4")
@@ -138,11 +149,11 @@ def describe() -> CompileTarget:
     """Target of this process; loads llvmlite."""
     import llvmlite.binding as llvm
 
-    name, features = own_processor()
+    own = own_processor()
     return CompileTarget(
         str(llvm.get_process_triple()),
-        name,
-        ",".join(sorted(features.split(","), key=lambda feature: feature[1:])),
+        own.name,
+        ",".join(sorted(own.features.split(","), key=lambda feature: feature[1:])),
         lane_settings(),
         f"{platform.machine()} {processor()}".strip(),
         tuple(package_versions().items()),

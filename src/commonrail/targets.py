@@ -2,7 +2,7 @@
 
 Numba compiles for the machine that it runs on. Here it compiles for a processor that is named, so that the code is the
 same whether it is compiled now or was put into a library elsewhere, and inlines the elementary functions of
-`fixed_target`. What comes out is an object file.
+`exact`. What comes out is an object file.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from numba.extending import overload
 
 from commonrail.compile import in_single
 from commonrail.compile_target import Processor
-from commonrail.fixed_target import cosine, exponential, sine
+from commonrail.exact import cosine, exponential, sine
 from commonrail.jit import FASTMATH, INLINED, SINGLE_FASTMATH, by_precision, compiler_choices, offer_overloads
 
-__all__ = ["assembly", "compile_object"]
+__all__ = ["assembly", "compile_object", "module_text"]
 
 
 def compile_object(entry: Callable[..., Any], symbol: str, processor: Processor, real: type = np.float64) -> bytes:
@@ -57,6 +57,22 @@ def assembly(entry: Callable[..., Any], symbol: str, processor: Processor, real:
     return _built(entry, symbol, processor, real, lambda machine, module: str(machine.emit_assembly(module)))
 
 
+def module_text(entry: Callable[..., Any], symbol: str, signature: Any, processor: Processor) -> str:
+    """LLVM text of a function and of what it calls, optimised.
+
+    Parameters
+    ----------
+    entry : function
+        It allocates nothing.
+    symbol : str
+        Name of the function in the text.
+    signature : Numba's signature
+    processor : Processor
+    """
+    with _ONE_AT_A_TIME, compiler_choices(processor.is_wide):
+        return str(_optimised(entry, symbol, signature, processor, False)[1])
+
+
 def _built(
     entry: Callable[..., Any],
     symbol: str,
@@ -66,23 +82,30 @@ def _built(
 ) -> _Emitted:
     with _ONE_AT_A_TIME, compiler_choices(processor.is_wide):
         single = real is not np.float64
-        name, options = _open(processor, single)
-        source = in_single(entry) if single else entry
-        options = {option: value for option, value in options.items() if option != "forceinline"}
-        compiled = numba.njit(source, nogil=True, _nrt=False, _target=name, **options)
-        compiled.compile(types.int64(types.CPointer(types.int64)))  # type: ignore[attr-defined]
-        (overloaded,) = compiled.overloads.values()
-        own, module = overloaded.fndesc.llvm_func_name, overloaded.library._final_module
-        machine = overloaded.library.codegen._tm
-        for other in (*module.functions, *module.global_variables):
-            if not other.is_declaration:
-                other.linkage = "external" if other.name == own else "internal"
-        module.get_function(own).name = symbol
-        builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0))
-        passes = llvm.create_new_module_pass_manager()
-        passes.add_global_dead_code_eliminate_pass()
-        passes.run(module, builder)
-        return emit(machine, module)
+        source, signature = in_single(entry) if single else entry, types.int64(types.CPointer(types.int64))
+        return emit(*_optimised(source, symbol, signature, processor, single))
+
+
+def _optimised(
+    entry: Callable[..., Any], symbol: str, signature: Any, processor: Processor, single: bool
+) -> tuple[Any, Any]:
+    """LLVM's machine of a processor, and an optimised module of a function with what it calls alone."""
+    name, options = _open(processor, single)
+    options = {option: value for option, value in options.items() if option != "forceinline"}
+    compiled = numba.njit(entry, nogil=True, _nrt=False, _target=name, **options)
+    compiled.compile(signature)  # type: ignore[attr-defined]
+    (overloaded,) = compiled.overloads.values()
+    own, module = overloaded.fndesc.llvm_func_name, overloaded.library._final_module
+    machine = overloaded.library.codegen._tm
+    for other in (*module.functions, *module.global_variables):
+        if not other.is_declaration:
+            other.linkage = "external" if other.name == own else "internal"
+    module.get_function(own).name = symbol
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0))
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_global_dead_code_eliminate_pass()
+    passes.run(module, builder)
+    return machine, module
 
 
 _Emitted = TypeVar("_Emitted")
@@ -99,12 +122,14 @@ def _open(processor: Processor, single: bool) -> tuple[str, dict[str, Any]]:
     single : bool
         For kernels that compute in single precision.
     """
-    name = f"commonrail {'f32' if single else 'f64'} {processor.name} {processor.features}".strip()
+    exact = "exact " if processor.exact else ""
+    name = f"commonrail {exact}{'f32' if single else 'f64'} {processor.name} {processor.features}".strip()
     kind = type("LanesCPU", (target_extension.CPU,), {})
     target_extension.target_registry[name] = kind
     target_extension.dispatcher_registry[kind] = _dispatcher(name, processor)
     target_extension.jit_registry[kind] = functools.partial(numba.jit, _target=name)
-    options = INLINED | {"fastmath": SINGLE_FASTMATH if single else FASTMATH}
+    allowed = SINGLE_FASTMATH if single else FASTMATH
+    options = INLINED | {"fastmath": set() if processor.exact else allowed}
     declare = functools.partial(overload, jit_options=options, strict=False, target=name)
     for function, law in ((math.sin, sine), (sine, sine), (math.cos, cosine), (math.exp, exponential)):
         declare(function)(_by_argument(law))

@@ -23,7 +23,6 @@ from commonrail.engine.operating_point import Trace
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.export.lane_library import ALL, CATALOGUE, write_libraries
 from commonrail.files.injector_file import injector_catalogue, load_injector
-from commonrail.fixed_target import missing
 from commonrail.injector.variants import Variant
 from tests.conftest import wired
 
@@ -32,7 +31,9 @@ CURRENT = Trace.of([0.0, 40e-6, 3e-4, 3.4e-4], [0.0, 18.0, 18.0, 0.0])
 DIRECT_POINT = cr.OperatingPoint(25e6, [], drive=CURRENT, horizon=6e-4)
 NAMES, VALUES = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
 CACHES = (lanes.compiled, library.objection, library.made_by, library._level, library._opened)
-REASON = missing() or ("" if shutil.which("cc") else "no C compiler, cc, is on this machine")
+REASON = "" if shutil.which("cc") else "no C compiler, cc, is on this machine"
+if own_processor() not in (LEVEL_3, LEVEL_4):
+    REASON = "this processor is below x86-64-v3"
 pytestmark = pytest.mark.skipif(
     bool(REASON) or platform.system() != "Linux", reason=REASON or "libraries are made for Linux"
 )
@@ -64,18 +65,22 @@ def forget() -> None:
         cache.cache_clear()
 
 
-def figures(injector: cr.Injector, threads: int = 1, precision: Precision = Precision.F64) -> np.ndarray:
+def figures(
+    injector: cr.Injector, threads: int = 1, precision: Precision = Precision.F64, same_bits: bool = False
+) -> np.ndarray:
     """Figures of a batch and a trace of one injection, in a row."""
     point = DIRECT_POINT if injector.variant.actuation is Actuation.DIRECT else POINT
-    batch = cr.simulate_batch(injector, [point], NAMES, VALUES, threads=threads, precision=precision)
-    one = cr.simulate(injector, point, precision=precision)
+    batch = cr.simulate_batch(
+        injector, [point], NAMES, VALUES, threads=threads, precision=precision, same_bits=same_bits
+    )
+    one = cr.simulate(injector, point, precision=precision, same_bits=same_bits)
     assert one.injected_mass > 0.0
     of_batch = (batch.injected_mass, batch.returned_mass, batch.opening, batch.closing, batch.greatest_lift)
     return np.concatenate([np.ravel(array) for array in (*of_batch, one.injected, *one.channels.values())])
 
 
-def origins(injector: cr.Injector) -> tuple[str, str]:
-    code = lanes.compiled(injector.wired(), Precision.F64, False)
+def origins(injector: cr.Injector, same_bits: bool = False) -> tuple[str, str]:
+    code = lanes.compiled(injector.wired(), Precision.F64, same_bits)
     return code.origin, code.processor
 
 
@@ -94,6 +99,18 @@ def test_a_library_gives_the_bits_of_the_compiler(use: pytest.MonkeyPatch, rigid
     np.testing.assert_allclose(found["v3"], found["v4"], rtol=1e-9, atol=1e-12)
 
 
+def test_exact_loops_have_the_same_bits_on_every_level(use: pytest.MonkeyPatch, rigid: cr.Injector) -> None:
+    found = {}
+    for switch in ("off", "v3", "v4"):
+        use.setenv("COMMONRAIL_KERNELS", switch)
+        forget()
+        found[switch] = figures(rigid, same_bits=True)
+        origin, processor = origins(rigid, same_bits=True)
+        assert (origin == "library") == (switch != "off")
+        assert processor == (LEVEL_3.name if switch == "v3" else own_processor().name)
+    assert found["off"].tobytes() == found["v3"].tobytes() == found["v4"].tobytes()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", list(Precision))
 @pytest.mark.parametrize("variant", CATALOGUE, ids=lambda v: v.label)
@@ -104,15 +121,17 @@ def test_every_wiring_has_the_bits_of_the_compiler(
     direct = variant.actuation is Actuation.DIRECT
     injector = load_injector("direct-acting-kr") if direct else wired(variant)
     monkeypatch.setattr(library, "FOLDER", tmp_path)
-    found = {}
+    found, exact = {}, {}
     for switch in ("off", "v3", "v4"):
         monkeypatch.setenv("COMMONRAIL_KERNELS", switch)
         forget()
         found[switch] = figures(injector, precision=precision)
         assert (lanes.compiled(variant, precision, False).origin == "library") == (switch != "off")
+        exact[switch] = figures(injector, precision=precision, same_bits=True).tobytes()
     monkeypatch.undo()
     forget()
     assert found["off"].tobytes() == found["v4"].tobytes()
+    assert len(set(exact.values())) == 1
     # injected masses: last digits, which the needle's bounces magnify
     tolerance = 1e-9 if precision is Precision.F64 else 1e-3
     np.testing.assert_allclose(found["v3"][: len(VALUES)], found["v4"][: len(VALUES)], rtol=tolerance)
@@ -261,4 +280,5 @@ def test_a_simulation_by_a_library_loads_no_compiler(made: Path, rigid: cr.Injec
 def test_the_libraries_hold_what_the_catalogue_needs() -> None:
     assert {load_injector(name).wired() for name in injector_catalogue()} <= set(CATALOGUE) <= set(ALL)
     symbols = [symbol_of(variant, precision) for variant in ALL for precision in Precision]
+    symbols += [symbol_of(variant, Precision.F64, exact=True) for variant in ALL]
     assert len(set(symbols)) == len(symbols)

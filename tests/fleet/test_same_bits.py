@@ -18,7 +18,7 @@ from commonrail.fleet.task import calibrate_study
 from commonrail.injector.variants import Variant
 from tests.conftest import wired
 from tests.fleet.conftest import SEARCH, edited
-from tests.store.test_same_bits import GENERIC
+from tests.store.test_same_bits import LEVEL_3
 from tests.store.test_same_bits import pytestmark as runs_here
 from tools.make_fleet import make_fleet
 
@@ -39,24 +39,20 @@ def bits(record: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in record.items() if name != "target"}
 
 
-@pytest.fixture
-def elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Processes that are started from now on take this processor for another one."""
-    for name, value in GENERIC.variables.items():
+def test_workers_of_another_processor_find_the_bits_of_this_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name, value in LEVEL_3.variables.items():
         monkeypatch.setenv(name, value)
-
-
-@pytest.mark.usefixtures("elsewhere")
-def test_workers_of_another_processor_find_the_bits_of_this_one(tmp_path: Path) -> None:
     file = rigid_fleet(tmp_path / "fleet", same_bits=True)
     studies = [write_study(load_fleet(file), name, tmp_path / name) for name in ("SN000001", "SN000002")]
     run = run_fleet(load_fleet(file), tmp_path / "run", workers=1)
     assert [bits(entry.record) for entry in run.entries] == [bits(calibrate_study(load_study(s))) for s in studies]
 
 
-@pytest.mark.usefixtures("elsewhere")
-def test_without_it_they_are_refused(tmp_path: Path) -> None:
-    """Else the test above could not fail: its workers are of another processor indeed."""
+def test_without_it_they_are_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
+    monkeypatch.setenv("NUMBA_CPU_FEATURES", "+avx2")
     file = rigid_fleet(tmp_path / "fleet", same_bits=False)
     with pytest.raises(StudyError, match="has other software than this run: cpu generic in place of"):
         run_fleet(load_fleet(file), tmp_path / "run", workers=1)

@@ -1,8 +1,7 @@
 """A study with `same_bits`: one result, byte for byte, whatever processor the libraries take this one for.
 
 Other processors are other child processes: NumPy, OpenBLAS and the C library each have a variable of their own that
-hides features of this one, and Numba has one that names another. Machine code is another test's:
-tests/verification/test_machine_code.py.
+hides features of this one, and Numba has one that names another, so that kernels are other machine code.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from typing import NamedTuple
 
 import pytest
 
-from commonrail import fixed_target
+from commonrail import exact
 from commonrail.errors import StudyError
 from commonrail.files.study_file import load_study
 from commonrail.store.content import content_of
@@ -28,9 +27,7 @@ from tests.store.conftest import Whole, stopped_run, timeless, write_small
 
 ROOT = Path(__file__).resolve().parents[2]
 CASES = ROOT / "cases"
-pytestmark = pytest.mark.skipif(
-    fixed_target.missing() is not None, reason="this processor lacks AVX2 or FMA, or is no x86-64"
-)
+pytestmark = pytest.mark.skipif(exact.missing() is not None, reason="this machine is no x86-64")
 
 
 class Machine(NamedTuple):
@@ -42,6 +39,7 @@ class Machine(NamedTuple):
 
 # NumPy names its kernels by level (2.4 and later) or by feature (before); it ignores names that it does not know.
 _WIDE = "X86_V4 AVX512_ICL AVX512_SPR AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL"
+_NARROW = f"{_WIDE} X86_V3 AVX2 FMA3"
 HASWELL = Machine(
     {
         "NPY_DISABLE_CPU_FEATURES": _WIDE,
@@ -51,14 +49,18 @@ HASWELL = Machine(
     },
     ("--threads", "2"),
 )
-GENERIC = Machine(
+OLD = Machine(  # before AVX
     {
-        "NPY_DISABLE_CPU_FEATURES": f"{_WIDE} X86_V3 AVX2 FMA3",
+        "NPY_DISABLE_CPU_FEATURES": _NARROW,
         "OPENBLAS_CORETYPE": "Prescott",
-        "NUMBA_CPU_NAME": "generic",
-        "NUMBA_CPU_FEATURES": "+avx2",
+        "NUMBA_CPU_NAME": "x86-64-v2",
+        "NUMBA_CPU_FEATURES": "",
         "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX2,-FMA",
     },
+    ("--threads", "2"),
+)
+LEVEL_3 = Machine(  # with kernels that other tests compile too, and libraries of an older processor
+    {name: text for name, text in OLD.variables.items() if "NUMBA" not in name} | {"COMMONRAIL_KERNELS": "v3"},
     ("--workers", "2"),
 )
 # Of the cases: the evolution of one, the staged search of the other, and its refinements of fewer steps.
@@ -115,7 +117,9 @@ def exact(tmp_path_factory: pytest.TempPathFactory) -> Whole:
 
 
 @pytest.mark.parametrize(
-    "machine", [pytest.param(HASWELL, marks=pytest.mark.slow), GENERIC], ids=["haswell", "generic"]
+    "machine",
+    [*(pytest.param(one, marks=pytest.mark.slow) for one in (HASWELL, OLD)), LEVEL_3],
+    ids=["haswell", "old", "level-3"],
 )
 def test_another_processor_gives_the_same_bytes(exact: Whole, tmp_path: Path, machine: Machine) -> None:
     """Search with constraints and a logarithmic scale, refinement, scores, standard errors: all of result.json."""
@@ -150,6 +154,6 @@ def test_the_cases_give_the_same_bytes(case: str, tmp_path: Path) -> None:
     study.write_text(text[: text.index("[optimiser]")] + optimiser, encoding="utf-8")
     with_same_bits(study)
     calibrate_into(tmp_path / "run", load_study(study), threads=1)
-    for name, machine in (("haswell", HASWELL), ("generic", GENERIC)):
+    for name, machine in (("haswell", HASWELL), ("old", OLD)):
         run_elsewhere(study, tmp_path / name, machine)
         assert placeless(tmp_path / name) == placeless(tmp_path / "run")

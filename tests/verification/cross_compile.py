@@ -15,14 +15,14 @@ from commonrail.compile_target import own_processor
 from commonrail.engine.entry import make_entry
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.machine_code import symbol_of
-from commonrail.fixed_target import fixed_processor
+from commonrail.exact import exact_processor
 from commonrail.injector.variants import Variant
 
 
 def assembly(precision: Precision, same_bits: bool = False) -> str:
     """Return the text of the regulated variant's kernel."""
     variant, vector = Variant(), VECTORS[precision]
-    processor = fixed_processor() if same_bits else own_processor()
+    processor = exact_processor() if same_bits else own_processor()
     return targets.assembly(make_entry(variant, vector), symbol_of(variant, precision), processor, vector.real)
 
 

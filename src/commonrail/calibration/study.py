@@ -91,7 +91,7 @@ class Study(Shown):
     loss_scale : float
         Residual [mm³/ms of a curve, tolerances of a map] from which the loss `Loss.SOFT_L1` grows in proportion.
     same_bits : bool
-        Give the same result, bit for bit, on every x86-64 processor with AVX2 and FMA; at some cost of speed.
+        Give the same result, bit for bit, on every x86-64 processor; at some cost of speed.
     conditions : tuple of Condition
         Behaviour that a candidate must have at operating points besides the data.
     judgement : Judgement

@@ -100,12 +100,12 @@ def compiled(variant: Variant, precision: Precision, same_bits: bool) -> Machine
     variant : Variant
     precision : Precision
     same_bits : bool
-        For the fixed processor of `fixed_target` in place of this machine's.
+        Exact, so that its bits are those of any processor: see `commonrail.exact`.
 
     Raises
     ------
     ConfigurationError
-        If this machine cannot run what is compiled for the fixed processor, or may not compile.
+        If no bits are promised on this machine, or it may not compile.
     """
     with _FIRST_CALL:
         return machine_code(variant, VECTORS[precision], same_bits)

@@ -43,21 +43,15 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def find(symbol: str, same_bits: bool = False) -> Shared | None:
+def find(symbol: str) -> Shared | None:
     """Function of a library by its name; None where there is none that may be used.
-
-    Parameters
-    ----------
-    symbol : str
-    same_bits : bool
-        Take the library of the fixed processor alone.
 
     Raises
     ------
     ConfigurationError
         If ``COMMONRAIL_KERNELS`` is none of its values.
     """
-    level = None if objection() else _level(same_bits)
+    level = None if objection() else _level()
     if level is None:
         return None
     holder = _opened(file_of(level))
@@ -88,7 +82,7 @@ def objection() -> str:
     if not is_x86():
         return "they are for x86-64 processors"
     try:
-        level = _level(False)
+        level = _level()
     except OSError as error:
         return f"they cannot be loaded: {error}"
     return "" if level else "none is for this processor"
@@ -105,7 +99,7 @@ def made_by() -> dict[str, Any] | None:
 
 
 @functools.cache
-def _level(same_bits: bool) -> str | None:
+def _level() -> str | None:
     """Level whose library is used and opened here: the highest that this processor has, unless `SWITCH` names one.
 
     Raises
@@ -117,7 +111,7 @@ def _level(same_bits: bool) -> str | None:
     if not lowest.exists():
         return None
     has = int(_opened(lowest).cr_level())
-    wanted = 3 if same_bits or kernels_switch() == "v3" else 4
+    wanted = 3 if kernels_switch() == "v3" else 4
     level = {4: LEVEL_4, 3: LEVEL_3}.get(min(has, wanted))
     if level is None or not file_of(level.name).exists():
         return None

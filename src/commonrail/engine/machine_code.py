@@ -14,7 +14,7 @@ from commonrail.compile_target import Processor, lane_settings, may_compile, own
 from commonrail.engine import library
 from commonrail.engine.job import Vector
 from commonrail.errors import ConfigurationError
-from commonrail.fixed_target import fixed_processor
+from commonrail.exact import exact_processor
 from commonrail.injector.variants import Variant
 from commonrail.kernel_cache import ENDING, kept_or_made
 
@@ -42,10 +42,18 @@ class MachineCode(NamedTuple):
     holder: Any
 
 
-def symbol_of(variant: Variant, precision: Precision) -> str:
-    """Name of a loop in an object or a library."""
+def symbol_of(variant: Variant, precision: Precision, exact: bool = False) -> str:
+    """Name of a loop in an object or a library.
+
+    Parameters
+    ----------
+    variant : Variant
+    precision : Precision
+    exact : bool
+        Of one that is compiled for a `Processor` that is exact.
+    """
     words = "_".join(choice.value for choice in variant)
-    return f"cr_{precision.value}_{re.sub('[^a-z]+', '_', words)}"
+    return f"cr_{'exact_' if exact else ''}{precision.value}_{re.sub('[^a-z]+', '_', words)}"
 
 
 def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCode:
@@ -56,18 +64,18 @@ def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCo
     variant : Variant
     vector : Vector
     same_bits : bool
-        For the fixed processor of `fixed_target` in place of this machine's.
+        Exact, so that its bits are those of any processor: see `commonrail.exact`.
 
     Raises
     ------
     ConfigurationError
-        If this machine cannot run what is compiled for the fixed processor, or may not compile.
+        If no bits are promised on this machine, or it may not compile.
     """
-    symbol = symbol_of(variant, vector.precision)
-    shared = library.find(symbol, same_bits)
+    symbol = symbol_of(variant, vector.precision, same_bits)
+    shared = library.find(symbol)
     if shared is not None:
         return MachineCode(_callable(shared.address), "library", shared.processor, shared.holder)
-    processor = fixed_processor() if same_bits else own_processor()
+    processor = exact_processor() if same_bits else own_processor()
     found, made = object_of(variant, vector, processor)
     address, holder = _load(found, symbol)
     return MachineCode(_callable(address), "compiled" if made else "cache", processor.name, holder)
@@ -99,9 +107,10 @@ def object_of(variant: Variant, vector: Vector, processor: Processor) -> tuple[b
         from commonrail.targets import compile_object
 
         made.append(True)
-        return compile_object(make_entry(variant, vector), symbol_of(variant, vector.precision), processor, vector.real)
+        return compile_object(make_entry(variant, vector), symbol, processor, vector.real)
 
-    key = repr((symbol_of(variant, vector.precision), vector.lanes, processor, lane_settings()))
+    symbol = symbol_of(variant, vector.precision, processor.exact)
+    key = repr((symbol, vector.lanes, processor, lane_settings()))
     return kept_or_made(hashlib.sha256(key.encode()).hexdigest()[:24] + ENDING, make), bool(made)
 
 

@@ -122,7 +122,7 @@ def simulate(
                 f"not {sample_interval:g} s."
             )
     real = chosen(precision, Precision, "precision")
-    fixed = _fixed(same_bits, engine)
+    alike = _alike(same_bits, engine)
     if engine is Engine.REFERENCE:
         if real is not Precision.F64:
             raise ConfigurationError(f"The reference computes in f64 alone, not in {real.value}; use the lanes for it.")
@@ -131,7 +131,7 @@ def simulate(
         return simulate_reference(injector, point, sample_interval or 3e-6)
     stride = 1 if sample_interval is None else _stride(sample_interval, time_step)
     prepared = plan.prepare(injector, [point], time_step)
-    how = _How(prepared, injector.wired(), None, False, real, engine, True, same_bits=fixed)
+    how = _How(prepared, injector.wired(), None, False, real, engine, True, same_bits=alike)
     theta = how.prepared.row[None]
     outcome, trace = _run(theta, how, how.prepared.densities)
     states = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T, strict=True))
@@ -213,8 +213,8 @@ def simulate_batch(
     engine : Engine or str
         "lanes", or "cuda" for one simulation on each thread of an NVIDIA GPU; `threads` is then ignored.
     same_bits : bool
-        Compute with machine code for one fixed processor, so that the result has the same bits on every x86-64
-        processor with AVX2 and FMA; of the lanes alone. docs/performance.md states the cost.
+        Compute with machine code in which nothing is fused or reordered, so that the result has the same bits on every
+        x86-64 processor, and in an exported library; of the lanes alone. docs/performance.md states the cost.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def simulate_batch(
         chosen(precision, Precision, "precision"),
         _batch_engine(engine),
         threads=threads or usable_threads(),
-        same_bits=_fixed(same_bits, chosen(engine, Engine, "engine")),
+        same_bits=_alike(same_bits, chosen(engine, Engine, "engine")),
     )
     many = max(AT_A_TIME[how.engine] // len(points), 1)
     parts = [_simulate(names, candidates[first : first + many], how) for first in range(0, len(candidates), many)]
@@ -265,7 +265,7 @@ def _batch_engine(name: Engine | str) -> Engine:
     return engine
 
 
-def _fixed(same_bits: bool, engine: Engine) -> bool:
+def _alike(same_bits: bool, engine: Engine) -> bool:
     if flag(same_bits, "same_bits") and engine is not Engine.LANES:
         raise ConfigurationError(
             f'The same bits on every processor are promised for the engine "lanes" alone, not for "{engine.value}"; '

@@ -27,11 +27,14 @@ class FuelTable(NamedTuple):
         [K].
     series : (coefficients, degree + 1)
         In T_k((2 T − coldest − hottest)/(hottest − coldest)).
+    own : (coefficients,)
+        Those of the model's own temperature, to the last bit.
     """
 
     coldest: float
     hottest: float
     series: NDArray[np.float64]
+    own: NDArray[np.float64]
 
     def at(self, temperature: float) -> NDArray[np.float64]:
         """Coefficients at a temperature [K]."""
@@ -64,6 +67,7 @@ def fuel_table(fuel: Fuel, exact_at: float) -> FuelTable:
     basis = chebyshev.chebvander(nodes, DEGREE)
     weights = np.full(DEGREE + 1, 2.0 / (DEGREE + 1))
     weights[0] *= 0.5
-    table = FuelTable(low, max(high, float(np.nextafter(low, np.inf))), (values.T @ basis) * weights)
-    table.series[:, 0] += np.array(fuel_coefficients(fuel, exact_at)) - table.at(exact_at)
+    own = np.array(fuel_coefficients(fuel, exact_at))
+    table = FuelTable(low, max(high, float(np.nextafter(low, np.inf))), (values.T @ basis) * weights, own)
+    table.series[:, 0] += own - table.at(exact_at)
     return table

@@ -5,6 +5,7 @@ Each level of x86-64 gets one library, of the same objects that the cache of ker
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
@@ -51,7 +52,8 @@ def write_libraries(
     folder : Path
         Made where it is missing; libraries of the same names are replaced.
     variants, precisions, levels : sequences
-        A loop is compiled for each of each, some ten seconds where it is in no cache.
+        A loop is compiled for each of each, some ten seconds where it is in no cache; in double precision an exact one
+        too.
 
     Raises
     ------
@@ -69,9 +71,11 @@ def write_libraries(
             shutil.copy(Path(__file__).with_name("c") / "level.c", place)
             inputs = [place / "level.c"]
             for variant in variants:
-                for precision in precisions:
-                    inputs.append(place / f"{symbol_of(variant, precision)}.o")
-                    inputs[-1].write_bytes(object_of(variant, VECTORS[precision], level)[0])
+                for precision, exact in itertools.product(precisions, (False, True)):
+                    if exact and precision is Precision.F32:
+                        continue  # it screens candidates of some searches: compiled where that is asked for
+                    inputs.append(place / f"{symbol_of(variant, precision, exact)}.o")
+                    inputs[-1].write_bytes(object_of(variant, VECTORS[precision], level._replace(exact=exact))[0])
             library = place / file_of(level.name).name
             link_shared(compiler, inputs, library, target, ())
             made.append(folder / library.name)

@@ -26,6 +26,7 @@ _FAMILIES = {
     ("Darwin", "arm64"): ("darwin-arm64",),
 }
 _WARNINGS = ("-std=c11", "-Wall", "-Wextra", "-Werror")
+_ARITHMETIC = ("-ffp-contract=off",)  # a fused product would give a target bits of its own
 
 
 class Compiler(NamedTuple):
@@ -83,6 +84,7 @@ def link_shared(compiler: Compiler, inputs: Sequence[Path], out: Path, target: T
     command = [
         *compiler.command,
         *_WARNINGS,
+        *_ARITHMETIC,
         "-O2",
         "-g0",
         "-fvisibility=hidden",
@@ -110,7 +112,7 @@ def compile_source(compiler: Compiler, source: Path, out: Path, target: Target, 
         As of `link_shared`.
     """
     position = () if target.suffix == ".dll" else ("-fPIC",)
-    options = [*_WARNINGS, "-O2", "-g0", *(f"-D{name}" for name in defines), *position]
+    options = [*_WARNINGS, *_ARITHMETIC, "-O2", "-g0", *(f"-D{name}" for name in defines), *position]
     run([*compiler.command, *options, "-c", _absolute(source), "-o", _absolute(out)], out.parent)
 
 

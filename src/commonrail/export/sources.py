@@ -248,7 +248,11 @@ def _sentences() -> dict[int, str]:
 
 def _fuel(table: FuelTable) -> str:
     rows = ",\n".join("    {" + ", ".join(map(repr, row.tolist())) + "}" for row in table.series)
-    return f"static const double cr_fuel[CR_FUEL][CR_DEGREE + 1] = {{\n{rows}\n}};"
+    own = ", ".join(map(repr, table.own.tolist()))
+    return (
+        f"static const double cr_fuel[CR_FUEL][CR_DEGREE + 1] = {{\n{rows}\n}};\n"
+        f"static const double cr_own_fuel[CR_FUEL] = {{{own}}};"
+    )
 
 
 def _longest_way(actuation: Actuation) -> str:

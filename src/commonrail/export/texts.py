@@ -1,9 +1,10 @@
 """LLVM text of the entries of a wiring: compiled once by Numba, the same for every target.
 
 A child process compiles for the plainest processor of this machine's architecture, so that the text holds no wide
-vectors and nothing of this machine. `refuse_foreign` checks that no pointer's width, runtime or Python is left in it:
-that is what allows the same text for 32-bit WebAssembly and 64-bit processors. The text is kept beside the compiled
-kernels, under the same stamp of all physics sources.
+vectors and nothing of this machine. Nothing in it may be fused or reordered (`commonrail.exact`), so that every target
+gives the bits of the lanes with `same_bits`. `refuse_foreign` checks that no pointer's width, runtime or Python is left
+in it: that is what allows the same text for 32-bit WebAssembly and 64-bit processors. The text is kept beside the
+compiled kernels, under the same stamp of all physics sources.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import sys
 from pathlib import Path
 
 from commonrail.choices import Actuation, Body, Boundary, Drive, Laws
-from commonrail.compile_target import compiler_settings
+from commonrail.compile_target import Processor, compiler_settings
 from commonrail.errors import ConfigurationError
 from commonrail.injector.variants import Variant
 from commonrail.kernel_cache import kept_or_made
@@ -78,8 +79,6 @@ def _own_stamp(which: str) -> str:
 def _compile(variant: Variant, which: str) -> bytes:
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-        "NUMBA_CPU_NAME": _PLAIN.get(platform.machine(), "generic"),
-        "NUMBA_CPU_FEATURES": "",
         "NUMBA_DISABLE_JIT": "0",
         # plain numbers are the same everywhere; `objects` vectorises the lanes of a block for each processor
         "NUMBA_LOOP_VECTORIZE": "0",
@@ -115,30 +114,15 @@ def refuse_foreign(text: str) -> None:
 
 def _optimised(variant: Variant, which: str) -> dict[str, str]:
     """Compile the entries in this process."""
-    import llvmlite.binding as llvm
-    import numba
-
     from commonrail.export.block_entries import make_block_entries
     from commonrail.export.entries import make_entries
-    from commonrail.jit import INLINED
+    from commonrail.targets import module_text
 
     make = make_block_entries if which == _BLOCK else make_entries
-    # without Numba's runtime: nothing is allocated
-    options = {name: value for name, value in INLINED.items() if name != "forceinline"} | {"_nrt": False}
-    texts = {}
-    for name, (function, signature) in make(variant).items():
-        compiled = numba.njit(function, **options)
-        compiled.compile(signature)
-        ((_, text),) = compiled.inspect_llvm().items()
-        (overload,) = compiled.overloads.values()
-        module = llvm.parse_assembly(text)
-        own = overload.fndesc.llvm_func_name
-        for other in (*module.functions, *module.global_variables):
-            if not other.is_declaration:
-                other.linkage = "external" if other.name == own else "internal"
-        module.get_function(own).name = name
-        texts[name] = str(module)
-    return texts
+    plain = Processor(_PLAIN.get(platform.machine(), "generic"), exact=True)
+    return {
+        name: module_text(function, name, signature, plain) for name, (function, signature) in make(variant).items()
+    }
 
 
 def _main(words: list[str]) -> None:

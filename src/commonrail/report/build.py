@@ -305,7 +305,7 @@ def _facts(record: Record) -> list[tuple[str, str]]:
     speed = f"{significant(clock.get('simulations_per_second'), 3)} injections/s"
     if "injections" in counts:
         speed = f"{counts['injections']:,} injections; {speed}"
-    bits = ", the same bits on every processor with AVX2" if record.get("same_bits") else ""
+    bits = ", the same bits on every x86-64 processor" if record.get("same_bits") else ""
     scale = record.get("loss_scale")
     robust = [("Loss", f"soft L1 of scale {significant(scale, 4)}")] if scale else []
     return [

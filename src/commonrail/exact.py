@@ -1,21 +1,20 @@
-"""One fixed processor for kernels whose bits shall not depend on the machine, and elementary functions for all kernels.
+"""Kernels whose bits do not depend on the processor, and the elementary functions of all kernels.
 
-The machine code of a kernel is a function of its source, of LLVM and of the processor that it is compiled for. Here
-that processor is x86-64-v3 (AVX2 and FMA) on every machine, in place of the machine's own: vectors of 256 bits, the
-same choice of fused multiply-adds, the same instruction order. The elementary functions of the C library, which has
-several versions of each and takes one by processor, are replaced by those of this module in every kernel of the lanes.
+Additions, products, divisions and roots are rounded alike by every processor (IEEE 754). Processors give other bits
+where the compiler fuses a product and a sum, or reorders operations, as it finds best for each. A kernel of
+`exact_processor` is compiled without either. The elementary functions of the C library, which has several versions of
+each and takes one by processor, are replaced by those of this module in every kernel of the lanes and of exports.
 """
 
 from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Mapping
 
-from commonrail.compile_target import LEVEL_3, OF_LEVEL_3, Processor, is_x86
+from commonrail.compile_target import Processor, is_x86, own_processor
 from commonrail.errors import ConfigurationError
 
-__all__ = ["cosine", "exponential", "fixed_processor", "missing", "sine"]
+__all__ = ["cosine", "exact_processor", "exponential", "missing", "sine"]
 
 # ln 2 in two parts; the first has so few digits that its product with a whole number of a kernel's range is exact
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
@@ -24,44 +23,28 @@ _EXPONENTIAL = tuple(1.0 / math.factorial(k) for k in range(14))  # to 0.35 exac
 _SMALLEST = -708.0  # the exponential below is no normal number: zero
 
 
-def missing(has: Mapping[str, bool] | None = None) -> str | None:
-    """Sentence on the feature that this processor lacks; None if kernels of the fixed target run here.
-
-    Parameters
-    ----------
-    has : mapping of str to bool, optional
-        Features of the processor; by default LLVM is asked, which loads llvmlite.
-    """
-    if not is_x86():
-        return (
-            f"The same bits are promised for x86-64 processors with AVX2, and this machine is of kind "
-            f"{platform.machine()}; omit same_bits."
-        )
-    if has is None:
-        import llvmlite.binding as llvm
-
-        has = llvm.get_host_cpu_features()
-    lacking = [name for name in OF_LEVEL_3 if not has.get(name, False)]
-    if lacking:
-        return (
-            f"The same bits are promised for x86-64 processors with AVX2 and FMA, and this one lacks "
-            f"{', '.join(lacking)}; omit same_bits."
-        )
-    return None
+def missing() -> str | None:
+    """Sentence on why no bits are promised on this machine; None where they are."""
+    if is_x86():
+        return None
+    return (
+        f"The same bits are promised for x86-64 processors, and this machine is of kind {platform.machine()}; "
+        "omit same_bits."
+    )
 
 
-def fixed_processor() -> Processor:
-    """Processor of kernels whose bits shall not depend on the machine.
+def exact_processor() -> Processor:
+    """This machine's processor, for kernels whose bits are those of every other; loads llvmlite.
 
     Raises
     ------
     ConfigurationError
-        If this machine cannot run them.
+        If this machine is of another kind.
     """
     fault = missing()
     if fault is not None:
         raise ConfigurationError(fault)
-    return LEVEL_3
+    return own_processor()._replace(exact=True)
 
 
 def sine(x: float) -> float:

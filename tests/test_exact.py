@@ -1,0 +1,112 @@
+"""Kernels of `same_bits`: their functions, their bits, and machines that they are not promised for."""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import commonrail as cr
+from commonrail import exact
+from commonrail.cli.app import app
+from commonrail.compile_target import describe
+from commonrail.engine import lanes, library
+from tests.store.conftest import write_small
+
+ROOT = Path(__file__).resolve().parents[1]
+POINT = cr.OperatingPoint(160e6, 300e-6)
+
+
+def test_sine_cosine_and_exponential_of_the_kernels() -> None:
+    for x in np.linspace(0.0, math.pi, 1001):
+        assert exact.sine(float(x)) == pytest.approx(math.sin(x), abs=2.0 * np.spacing(1.0))
+        assert exact.cosine(float(x)) == pytest.approx(math.cos(x), abs=2.0 * np.spacing(1.0))
+    for x in -np.linspace(0.0, 700.0, 7001):
+        assert exact.exponential(float(x)) == pytest.approx(math.exp(x), rel=8.0 * np.spacing(1.0))
+    assert exact.exponential(-1e6) == 0.0
+
+
+def test_a_machine_of_another_kind_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(platform, "machine", lambda: "x86_64")
+    assert exact.missing() is None
+    monkeypatch.setattr(platform, "machine", lambda: "arm64")
+    with pytest.raises(cr.ConfigurationError, match="this machine is of kind arm64; omit same_bits"):
+        exact.exact_processor()
+
+
+def test_a_study_ends_with_that_sentence_and_status_2(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    study = write_small(tmp_path / "small")
+    study.write_text(study.read_text(encoding="utf-8").replace("seed = 1", "same_bits = true\nseed = 1", 1), "utf-8")
+    monkeypatch.setattr(platform, "machine", lambda: "arm64")
+    monkeypatch.setenv("COMMONRAIL_KERNELS", "off")
+    library.objection.cache_clear()
+    lanes.compiled.cache_clear()  # no kernel of another test
+    try:
+        ended = CliRunner().invoke(app, ["calibrate", str(study), "--out", str(tmp_path / "run")])
+    finally:
+        for cache in (describe, library.objection):
+            cache.cache_clear()
+    assert ended.exit_code == 2
+    assert "this machine is of kind arm64; omit same_bits" in " ".join(ended.output.split())
+
+
+@pytest.mark.parametrize("engine", ["cuda", "reference"])
+def test_other_engines_do_not_promise_bits(monkeypatch: pytest.MonkeyPatch, engine: str, rigid: cr.Injector) -> None:
+    monkeypatch.setattr("commonrail.engine.cuda.missing", lambda: None)
+    with pytest.raises(cr.ConfigurationError, match=f'for the engine "lanes" alone, not for "{engine}"'):
+        cr.simulate(rigid, POINT, engine, same_bits=True)
+
+
+@pytest.mark.skipif(exact.missing() is not None, reason="this machine is no x86-64")
+def test_the_result_is_that_of_this_machine_to_rounding(rigid: cr.Injector) -> None:
+    names, values = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
+    one, two, own = (
+        cr.simulate_batch(rigid, [POINT], names, values, threads=threads, same_bits=same)
+        for threads, same in ((1, True), (2, True), (1, False))
+    )
+    assert one.injected_mass.tobytes() == two.injected_mass.tobytes()
+    # two orders of rounding; the largest difference between one lane and eight was 4e-13
+    np.testing.assert_allclose(one.injected_mass, own.injected_mass, rtol=1e-10)
+
+
+CODE = """
+import sys
+import numpy as np
+import commonrail as cr
+from tests.test_exact import FACTORS, POINT, POINTS
+injector = cr.load_injector(sys.argv[1])
+values = np.array([injector.values[name] for name in FACTORS]) * np.linspace(0.95, 1.05, 19)[:, None]
+batch = cr.simulate_batch(injector, POINTS, FACTORS, values, precision=sys.argv[2], same_bits=True)
+one = cr.simulate(injector, POINT, precision=sys.argv[2], same_bits=True)
+arrays = (batch.injected_mass, batch.returned_mass, batch.opening, batch.closing, batch.greatest_lift, one.injected)
+sys.stdout.buffer.write(b"".join(np.ascontiguousarray(array).tobytes() for array in (*arrays, *one.channels.values())))
+"""
+FACTORS = ("nozzle.discharge_maximum", "valve.spring_preload")
+POINTS = [cr.OperatingPoint(pressure, duration) for pressure in (40e6, 160e6) for duration in (250e-6, 700e-6)]
+LEVELS = {
+    "v2": {"NUMBA_CPU_NAME": "x86-64-v2", "NUMBA_CPU_FEATURES": ""},
+    "v3": {"COMMONRAIL_KERNELS": "v3"},
+    "own": {},
+    "haswell": {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx2,+fma"},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(exact.missing() is not None, reason="this machine is no x86-64")
+@pytest.mark.parametrize("precision", ["f64", "f32"])
+def test_code_for_other_processors_gives_the_same_bits(precision: str) -> None:
+    """Registers of 128, 256 and 512 bits, with and without fused operations, of the same source."""
+    found = {}
+    for level, variables in LEVELS.items():
+        environment = os.environ | {"COMMONRAIL_KERNELS": "off", "PYTHONPATH": os.pathsep.join(sys.path)} | variables
+        command = [sys.executable, "-c", CODE, "virtual-lino-2016", precision]
+        found[level] = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, check=True).stdout
+    assert len(found["own"]) > 8 * 10_000
+    assert all(one == found["own"] for one in found.values()), [len(one) for one in found.values()]
