@@ -82,8 +82,8 @@ def _built(
 ) -> _Emitted:
     with _ONE_AT_A_TIME, compiler_choices(processor.is_wide):
         single = real is not np.float64
-        source, signature = in_single(entry) if single else entry, types.int64(types.CPointer(types.int64))
-        return emit(*_optimised(source, symbol, signature, processor, single))
+        signature = types.int64(types.CPointer(types.int64))  # type: ignore[attr-defined]
+        return emit(*_optimised(in_single(entry) if single else entry, symbol, signature, processor, single))
 
 
 def _optimised(

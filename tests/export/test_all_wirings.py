@@ -198,7 +198,7 @@ def test_fmus_of_every_wiring_have_the_bits_of_the_lanes(variant: Variant, own: 
 @pytest.mark.slow
 @pytest.mark.parametrize("variant", [*SERVO, *DIRECT], ids=label_of)
 def test_modules_of_every_wiring_have_the_bits_of_the_lanes(variant: Variant, tmp_path: Path) -> None:
-    """What a page computes with, in a WebAssembly engine."""
+    """The module of a page, in a WebAssembly engine."""
     if MISSING:
         pytest.skip(MISSING)
     injector = wired(variant)

@@ -10,16 +10,12 @@ import pytest
 
 from commonrail.engine.status import Status
 from tests.export.native import BlockRun, Native, Run
-from tests.export.test_library import ROUNDING
 
 # Operating points and trains of eight injectors that differ in all of them; each train switches between steps too.
 BOUNDARIES = [(60e6 + 15e6 * i, 3e6 + 0.5e6 * i, 0.4e6 + 0.02e6 * i, 0.0) for i in range(8)]
 TRAINS = [((20e-6 * i, 300e-6 + 40e-6 * i), (1100.25e-6 + 10e-6 * i, 200.3e-6)) for i in range(8)]
 STEPS = 1900
 WIDTHS = (1, 4, 8)  # one after another, AVX2, AVX-512
-# A plunger that bounces amplifies rounding: where a rail pressure that differs by one rounding moves a channel by more
-# than `ROUNDING`, the other order of sums in vectors may move it by as much; thrice leaves room for its sign and place.
-AMPLIFIED = 3.0
 
 
 def values_of(native: Native, i: int) -> dict[str, float]:
@@ -55,34 +51,24 @@ def width(request: pytest.FixtureRequest, native: Native) -> int:
 
 
 def test_eight_injectors_are_those_that_they_are_alone(native: Native, width: int) -> None:
+    """To the last bit: nothing is fused or reordered, in vectors neither."""
     values = [values_of(native, i) for i in range(8)]
     block = BlockRun(native, BOUNDARIES, values, width)
     alone = [Run(native, BOUNDARIES[i], values=values[i]) for i in range(8)]
-    moved = [(math.nextafter(one[0], math.inf), *one[1:]) for one in BOUNDARIES]
-    twins = [Run(native, moved[i], values=values[i]) for i in range(8)]
     assert [block.status, native.block_vectors(block.block), native.block_count(block.block)] == [0, width, 8]
     for i in range(8):
-        assert block.plan(i, *TRAINS[i]) == alone[i].plan(*TRAINS[i]) == twins[i].plan(*TRAINS[i]) == 0
-    seen = np.empty((3, STEPS // 10, 8, len(native.channels)))
-    for k in range(STEPS // 10):
+        assert block.plan(i, *TRAINS[i]) == alone[i].plan(*TRAINS[i]) == 0
+    for _ in range(STEPS // 10):
         assert block.march(10) == 0
         for i in range(8):
             alone[i].march(10)
-            twins[i].march(10)
-            for row, found in enumerate((block.observe(i), alone[i].observe(), twins[i].observe())):
-                seen[row, k, i] = list(found.values())
-    peaks = np.maximum(np.max(np.abs(seen[1]), axis=0), 1e-300)
-    deviation, twin = (np.max(np.max(np.abs(seen[row] - seen[1]), axis=0) / peaks, axis=1) for row in (0, 2))
-    if width == 1:
-        assert not deviation.any()
-    assert np.all(deviation <= np.maximum(ROUNDING, AMPLIFIED * twin)), (deviation, twin)
-    assert np.sum(deviation <= ROUNDING) >= 6  # most injectors do not need the room that is left for bouncing
+            assert block.observe(i) == alone[i].observe()
     figures = [block.figures(i) for i in range(8)]
     assert len({one.injected for one in figures}) == 8
     assert min(one.injected for one in figures) > 1e-6
     for i, run in enumerate(alone):
         for name in ("opening", "first_closing", "returned", "greatest_lift", "reference_density"):
-            assert getattr(figures[i], name) == pytest.approx(getattr(run.figures(), name), rel=1e-9, nan_ok=True), name
+            np.testing.assert_equal(getattr(figures[i], name), getattr(run.figures(), name), err_msg=name)
         assert native.block_status(block.block, i) == native.status(run.state)
 
 
@@ -97,7 +83,7 @@ def test_one_that_fails_stands_still_and_the_others_go_on(native: Native, width:
     assert block.march(1000) == Status.STEP_UNSTABLE
     assert [native.block_status(block.block, i) for i in range(3)] == [native.status(run.state) for run in alone]
     for i, run in enumerate(alone):
-        assert block.observe(i) == pytest.approx(run.observe(), rel=1e-9)
+        assert block.observe(i) == run.observe()
     assert block.figures(0).injected > 1e-6
     assert native.block_time(block.block) == pytest.approx(1e-3)
 
@@ -116,7 +102,7 @@ def test_inputs_of_each_step_and_switches_are_those_of_one_alone(native: Native,
         run.march(200)
     block.march(200)
     for i, run in enumerate(alone):
-        assert block.figures(i).injected == pytest.approx(run.figures().injected, rel=1e-9)
+        assert block.figures(i).injected == run.figures().injected
     # measured courses: five pressures that move, in calls of an odd number of steps
     inputs = np.zeros((600, 5, 6))
     inputs[:, :, :3] = [one[:3] for one in BOUNDARIES[:5]]
@@ -128,7 +114,7 @@ def test_inputs_of_each_step_and_switches_are_those_of_one_alone(native: Native,
         assert given.march_inputs(inputs[first : first + 75]) == 0
     for i, run in enumerate(alone):
         run.march_inputs(inputs[:, i])
-        assert given.figures(i).injected == pytest.approx(run.figures().injected, rel=1e-9)
+        assert given.figures(i).injected == run.figures().injected
         assert given.observe(i)["rail_pressure"] == inputs[-1, i, 0]
 
 

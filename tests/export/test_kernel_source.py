@@ -14,7 +14,7 @@ from commonrail.export.library import Library
 from commonrail.export.linker import compiler_for, link_shared
 from commonrail.export.objects import target_named
 from tests.export.native import BlockRun, Native, Run
-from tests.export.test_library import BOUNDARY, ROUNDING
+from tests.export.test_library import BOUNDARY
 
 MODULE = """
 define hidden noundef i32 @cr_toy(ptr %retptr, ptr %excinfo, ptr %arg.x, i64 %arg.n, double %arg.y) {{
@@ -40,7 +40,7 @@ def test_the_sources_compile_without_warnings_to_the_same_injection(library: Lib
             rows.append(run.observe())
     for channel in native.channels:
         one, other = (np.array([row[channel] for row in rows]) for rows in seen)
-        assert np.max(np.abs(one - other)) <= ROUNDING * np.max(np.abs(one)), channel
+        np.testing.assert_array_equal(one, other, err_msg=channel)
     assert seen[0][-1]["injected"] > 1e-6
     # a block that was compiled without vectors
     block = BlockRun(from_sources, [BOUNDARY] * 2)

@@ -7,13 +7,14 @@ becomes a local variable and each block a label; what is not known here is refus
 from __future__ import annotations
 
 import re
+from collections import Counter
 from typing import NamedTuple
 
 from commonrail.export.kernel_expressions import FLAGS, TYPES, VALUE, constant, expression, unknown
 
 __all__ = ["kernel_source"]
 
-_IGNORED = ("llvm.assume", "llvm.lifetime", "llvm.experimental.noalias", "llvm.dbg")
+_UNTRANSLATED = r"llvm\.(?:assume|lifetime|experimental\.noalias|dbg)"
 _HEAD = """/* Generated: the compiled physics of one wiring, written from LLVM's text. Not meant to be read. */
 #include <math.h>
 #include <stdint.h>
@@ -59,7 +60,7 @@ class _Function:
 
     def __init__(self, text: str) -> None:
         head, *lines = text.splitlines()
-        self.head, self.lines = head, _joined(lines[:-1])
+        self.head, self.lines = head, _used(_joined(lines[:-1]))
         self.names: dict[str, str] = {}
         self.kinds: dict[str, str] = {}
         self.labels: dict[str, str] = {}
@@ -174,8 +175,6 @@ class _Function:
         raise unknown(line)
 
     def _effect(self, name: str, arguments: str) -> list[str]:
-        if name.startswith(_IGNORED):
-            return []
         given = [part.split()[-1] for part in arguments.split(", ")]
         if name.startswith("llvm.memset"):
             value, count = self._value(given[1], "i8"), self._value(given[2], "i64")
@@ -203,6 +202,17 @@ def _joined(lines: list[str]) -> list[str]:
             out.append(bare)
         inside = (inside or bare.startswith("switch ")) and not bare.endswith("]")
     return out
+
+
+def _used(lines: list[str]) -> list[str]:
+    """Lines but those of values that nothing reads: what was assumed of them is not translated."""
+    kept = [line for line in lines if not re.match(rf"(?:tail |notail )?call void @(?:{_UNTRANSLATED})", line)]
+    while True:
+        read = Counter(name for line in kept for name in set(re.findall(VALUE, line)))
+        left = [line for line in kept if not (match := re.match(rf"({VALUE}) = ", line)) or read[match.group(1)] > 1]
+        if len(left) == len(kept):
+            return kept
+        kept = left
 
 
 def _label_of(line: str) -> str | None:

@@ -105,7 +105,7 @@ class Family:
 
     @property
     def same_bits(self) -> bool:
-        """Return whether the result of all parts is the same, bit for bit, on every processor with AVX2 and FMA."""
+        """Return whether the result of all parts is the same, bit for bit, on every x86-64 processor."""
         return all(study.same_bits for study in self.parts.values())
 
     @property

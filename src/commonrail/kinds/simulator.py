@@ -89,7 +89,7 @@ class Simulator:
     precision : Precision
         Of batches that ask for none themselves.
     same_bits : bool
-        Simulate to the same bits on every x86-64 processor with AVX2: see `simulate_batch`.
+        Simulate to the same bits on every x86-64 processor: see `simulate_batch`.
     """
 
     def __init__(

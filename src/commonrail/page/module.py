@@ -23,7 +23,7 @@ MOST_STEPS, MOST_ROWS, MOST_SLOTS = 60_000, 20_000, 16_384  # of one simulation:
 _SHIM = Path(__file__).with_name("page.c")
 _FEATURES = "-mcpu=generic+simd128+bulk_memory+nontrapping_fptoint+sign_ext"
 _LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=65536")
-# Without a C library: exp, sin and cos are of zig's own run-time library, which it builds in some seconds.
+# Without a C library: what little is needed of one is in zig's own run-time library, which it builds in some seconds.
 _BARE = "wasm32-freestanding"
 
 
