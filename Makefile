@@ -8,6 +8,9 @@ INSTALL := $(BIN)/python -m pip install -q -c constraints.txt
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Bytecode is kept, also where the environment (of a container, say) forbids it: the tests start hundreds of processes,
+# and each would compile all modules that it imports, which takes Numba's alone two seconds.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-generic test-busy test-lowest line-coverage coverage lint style format verify fuzz soak attack fleet disk kernels bench clean
