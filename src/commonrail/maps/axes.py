@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonrail.arguments import array, settle
 from commonrail.errors import ConfigurationError
+from commonrail.units import to_text
 
 __all__ = ["ENERGISING_TIMES", "MOST_POINTS", "QUANTITIES", "RAIL_PRESSURES", "MapAxes", "increasing"]
 
@@ -91,7 +92,7 @@ def increasing(values: ArrayLike, unit: str, what: str) -> Floats:
     if np.any(steps <= 0.0):
         at = int(np.argmax(steps <= 0.0))
         raise ConfigurationError(
-            f"The {what} must increase strictly, but {found[at + 1]:g} follows {found[at]:g} {unit}; sort them and "
-            "remove repeated ones."
+            f"The {what} must increase strictly, but {to_text(found[at + 1], unit)} follows {to_text(found[at], unit)}; "
+            "sort them and remove repeated ones."
         )
     return found
