@@ -91,8 +91,8 @@ def increasing(values: ArrayLike, unit: str, what: str) -> Floats:
     steps = np.diff(found)
     if np.any(steps <= 0.0):
         at = int(np.argmax(steps <= 0.0))
+        before, after = (to_text(value, unit) for value in found[at : at + 2].tolist())
         raise ConfigurationError(
-            f"The {what} must increase strictly, but {to_text(found[at + 1], unit)} follows {to_text(found[at], unit)}; "
-            "sort them and remove repeated ones."
+            f"The {what} must increase strictly, but {after} follows {before}; sort them and remove repeated ones."
         )
     return found
