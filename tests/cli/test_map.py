@@ -102,6 +102,15 @@ def test_a_measured_map_is_set_beside_the_model(command: Command, tmp_path: Path
         (("--unreachable", "empty", "--out", "et.dcm"), "holds a number in every cell"),
         (("--axes", "nothing.dcm"), "there is no such file"),
         (("--rail-pressure", "1MPa"), "pressure"),
+        (
+            ("--rail-pressure", "400,800,600bar"),
+            "--rail-pressure: the values must increase strictly, but 600 bar follows 800 bar",
+        ),
+        (("--quantity", "2,1mg"), "--quantity: the values must increase strictly, but 1 mg follows 2 mg"),
+        (
+            ("--energising-time", "0.3,0.3ms"),
+            "--energising-time: the values must increase strictly, but 0.3 ms follows",
+        ),
     ],
 )
 def test_what_cannot_be_done_is_refused_with_one_sentence(

@@ -76,3 +76,20 @@ def test_a_sweep_that_cannot_be_done_is_refused_with_one_sentence(
     done = command("sweep", "virtual-lino-2016", *options)
     assert done.status == 2, done.err
     assert word in done.sentence
+
+
+def test_no_output_takes_the_place_of_a_file_of_a_run(command: Command, study: Path, tmp_path: Path) -> None:
+    """Results, the journal and copied data stay; an output of before beside them may be replaced."""
+    run = tmp_path / "run"
+    assert command("calibrate", study, "--out", run, "--threads", "1").status == 0
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    line = ("sweep", "virtual-lino-2016", "--vary", "rail_pressure=80,160MPa", "--threads", "1")
+    for path in (run / "traces.csv", run / "data" / "evi.csv"):
+        done = command(*line, "--out", path)
+        assert done.status == 2, done.err
+        assert done.sentence == f"--out: {path} is a file of the run in {run}; name another file."
+    done = command(*line, "--out", tmp_path / "s.csv", "--report", run / "report.html")
+    assert (done.status, done.sentence[:8]) == (2, "--report")
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+    (run / "mine.csv").write_text("of before", encoding="utf-8")
+    assert command(*line, "--out", run / "mine.csv").status == 0

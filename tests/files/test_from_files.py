@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import commonrail as cr
+from commonrail.files.survey_channels import zero_of
 from tests.cli.conftest import Done, run_command
 from tools.bench_files import INTERVAL, SHOT_POINTS, TRUTH, quantities, rate, true_injector, write_bench_files
 
@@ -110,6 +111,39 @@ def test_the_offset_of_a_trigger_is_to_be_stated(bench: Path, tmp_path: Path) ->
     assert "# STATE IT: offset, from the trigger" in (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
     with pytest.raises(cr.InputError, match=r'data\[1\]\.shots\.offset: "\?" does not start with a number'):
         cr.load_study(tmp_path / "s" / "study.toml")
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "zero"),
+    [(0.0, 2e-3, "0 us"), (1e-5, 2e-3, "0 us"), (-5e-4, 2e-3, "0 us"), (1.2e-4, 2e-3, "?"), (-5e-4, -1e-5, "?")],
+)
+def test_time_zero_is_taken_for_the_start_of_energising_where_the_times_hold_it(
+    first: float, last: float, zero: str
+) -> None:
+    """A first sample may stand at the end of its interval."""
+    assert zero_of((first, last), 200) == {"time_zero": zero}
+
+
+@pytest.mark.parametrize(
+    ("head", "columns"),
+    [("", ",rate [mm3/ms]"), ("", ",800bar_300us [mm3/ms]"), ("p [bar];800\nET [us];300\n", ";rate [mm3/ms]")],
+    ids=["a trace", "named columns", "header rows"],
+)
+def test_time_zero_of_traces_is_not_taken_in_silence(head: str, columns: str, tmp_path: Path) -> None:
+    comma = columns[0]
+    for name, first in (("begins", 0), ("later", 500)):
+        rows = "".join(f"{first + 10 * i}{comma}{i}\n" for i in range(9))
+        (tmp_path / f"{name}.csv").write_text(f"{head}time [us]{columns}\n{rows}", encoding="utf-8")
+    words = [word for name in ("begins", "later") for word in ("--from", tmp_path / f"{name}.csv")]
+    done = run_command("new", tmp_path / "s", "--injector", "virtual-lino-2016", *words)
+    assert done.status == 0, done.err
+    text = (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
+    for line in ('time_zero = "0 us" # CHECK IT: time of the', 'time_zero = "?" # STATE IT: time of the'):
+        assert text.count(line) == 1
+    said = done.out.splitlines()[-3:]
+    assert "data[2].time_zero" in said[0]
+    assert "data[1].time_zero" not in said[0]
+    assert said[1] == "taken to be 0, the start of energising; check: data[1].time_zero"
 
 
 def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:

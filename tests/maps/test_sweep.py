@@ -115,13 +115,13 @@ def test_one_bad_point_of_many_is_refused_with_its_sentence(name: str, value: fl
 
 
 def test_points_are_simulated_some_at_a_time_to_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """While some are simulated a thread prepares the next: none is left out, and none changes place."""
+    """None is left out, and none changes place."""
     variables = [
         Variable("dwell", "s", np.array([3e-4, 1e-3])),
         Variable("rail_pressure", "Pa", np.array([60e6, 80e6, 100e6, 120e6])),
     ]
     whole = sweep(INJECTOR, variables, TWO)
-    monkeypatch.setattr("commonrail.maps.sweep.AT_A_TIME", 3)
+    monkeypatch.setattr("commonrail.maps.many_points.AT_A_TIME", 3)
     parts = sweep(INJECTOR, variables, TWO)
     for name in ("volume", "second", "fused", "opening"):
         assert getattr(parts, name).tobytes() == getattr(whole, name).tobytes(), name
@@ -129,7 +129,7 @@ def test_points_are_simulated_some_at_a_time_to_the_same_bits(monkeypatch: pytes
 
 
 def test_a_point_that_the_fuel_does_not_cover_is_refused_wherever_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("commonrail.maps.sweep.AT_A_TIME", 1)
+    monkeypatch.setattr("commonrail.maps.many_points.AT_A_TIME", 1)
     too_high = Variable("rail_pressure", "Pa", np.array([60e6, 80e6, 900e6]))
     with pytest.raises(cr.ConfigurationError, match="The rail pressure reaches 900 MPa, but the fuel"):
         sweep(INJECTOR, [too_high], TWO)

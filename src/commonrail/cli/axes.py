@@ -16,7 +16,7 @@ MOST_VALUES = 200
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
-def read_axis(text: str, unit: str, option: str) -> NDArray[np.float64]:
+def read_axis(text: str, unit: str, option: str, *, increasing: bool = False) -> NDArray[np.float64]:
     """Values (n,) of an axis in `unit`.
 
     Parameters
@@ -28,17 +28,27 @@ def read_axis(text: str, unit: str, option: str) -> NDArray[np.float64]:
         SI unit of the result.
     option : str
         For messages.
+    increasing : bool
+        Refuse values that do not increase strictly.
 
     Raises
     ------
     InputError
-        If a value cannot be read, or there are none or too many.
+        If a value cannot be read, there are none or too many, or they have to increase and do not.
     """
     if ":" in text:
         return _range(text, unit, option)
-    values = np.array([parse(part, unit, option) for part in _with_units(text.split(","), option)])
+    texts = _with_units(text.split(","), option)
+    values = np.array([parse(one, unit, option) for one in texts])
     if len(values) > MOST_VALUES:
         raise InputError(f"{option}: there are {len(values)} values, and at most {MOST_VALUES} are taken.")
+    falls = np.flatnonzero(np.diff(values) <= 0.0).tolist() if increasing else []
+    if falls:
+        before, after = texts[falls[0] : falls[0] + 2]
+        raise InputError(
+            f"{option}: the values must increase strictly, but {after} follows {before}; sort them and remove repeated "
+            "ones."
+        )
     return values
 
 
@@ -73,7 +83,7 @@ def _with_units(parts: list[str], option: str) -> list[str]:
 
 
 def read_quantities(text: str, density: float, option: str) -> NDArray[np.float64]:
-    """Quantities (n,) by volume [m³]; masses are divided by the reference density.
+    """Quantities (n,) by volume [m³], which increase strictly; masses are divided by the reference density.
 
     Parameters
     ----------
@@ -91,8 +101,8 @@ def read_quantities(text: str, density: float, option: str) -> NDArray[np.float6
     """
     unit = _NUMBER.fullmatch(re.split("[,:]", text)[-1])
     if unit is not None and unit[2] and _is_mass(unit[2]):
-        return read_axis(text, "kg", option) / density
-    return read_axis(text, "m3", option)
+        return read_axis(text, "kg", option, increasing=True) / density
+    return read_axis(text, "m3", option, increasing=True)
 
 
 def _is_mass(unit: str) -> bool:

@@ -19,7 +19,9 @@ __all__ = ["inspect"]
 
 
 def inspect(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="CSV, Excel, MDF4, MAT, Parquet or DCM file.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="CSV, Excel, MDF, LabVIEW (.lvm), MAT, Parquet or DCM file.")
+    ],
     *,
     sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
     encoding: Annotated[

@@ -216,11 +216,11 @@ def _axes(
     if file is not None:
         pressure, wanted = axes_of_dcm(file, density)
     if texts[0] is not None:
-        pressure = read_axis(texts[0], "Pa", "--rail-pressure")
+        pressure = read_axis(texts[0], "Pa", "--rail-pressure", increasing=True)
     if texts[1] is not None:
         wanted = read_quantities(texts[1], density, "--quantity")
     if texts[2] is not None:
-        time = read_axis(texts[2], "s", "--energising-time")
+        time = read_axis(texts[2], "s", "--energising-time", increasing=True)
     return MapAxes(pressure, wanted, time)
 
 

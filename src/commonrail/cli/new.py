@@ -73,7 +73,8 @@ def _of_files(folder: Path, injector: str, sources: list[Path], pressures: tuple
     if json:
         taken = {found.path.name: found.taken_for for found in started.surveys}
         files = [str(path) for path in started.files]
-        print_json({"kind": "new", "files": files, "taken for": taken, "open": list(started.open)})
+        assumed = {"assumed": list(started.assumed)}
+        print_json({"kind": "new", "files": files, "taken for": taken, "open": list(started.open)} | assumed)
         return
     _print(started)
 
@@ -86,4 +87,6 @@ def _print(started: Started) -> None:
         typer.echo(str(path))
     if started.open:
         typer.echo(f"state in {started.study}: {', '.join(started.open)}")
+    if started.assumed:
+        typer.echo(f"taken to be 0, the start of energising; check: {', '.join(started.assumed)}")
     typer.echo(f"next: check {started.study}, then commonrail calibrate {started.study}")

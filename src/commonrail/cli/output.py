@@ -17,7 +17,7 @@ def check_file(path: Path | None, option: str) -> None:
     Raises
     ------
     InputError
-        If it is a folder, or its folder is missing.
+        If it is a folder, its folder is missing, or it is a file that a run has written or copied.
     OutputError
         If it is a symbolic link or a device, or its folder is not writable.
     """
@@ -28,6 +28,10 @@ def check_file(path: Path | None, option: str) -> None:
     if not path.parent.is_dir():
         raise InputError(f"{option}: there is no folder {path.parent}; make it or name another.")
     check_target(path)
+    if path.exists():
+        from commonrail.store.own_files import refuse_file_of_run  # slow to import
+
+        refuse_file_of_run(path, option)
     with writing(path, option):
         if path.exists():
             path.open("ab").close()

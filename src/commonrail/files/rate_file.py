@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from commonrail.engine.operating_point import Energising
 from commonrail.errors import InputError
-from commonrail.files.survey import named_points
+from commonrail.files.named_columns import named_points
 from commonrail.reading.csv_file import CsvFile
 from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.sheet import Sheet, name_and_unit

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 from commonrail.errors import InputError
 from commonrail.files.atomic import replacing, write_text, writing
 from commonrail.files.injector_file import load_injector
-from commonrail.files.survey import UNKNOWN, Survey, survey
+from commonrail.files.survey import Survey, survey
+from commonrail.files.survey_channels import UNKNOWN, ZERO
 from commonrail.injector.definition import Injector
 from commonrail.reading.guarded_file import read_plain
 
@@ -24,6 +25,7 @@ _MEANINGS = {
     "return_pressure": "pressure at the end of the return line",
     "rail_pressure": "the file does not tell it",
     "energising_time": "the file does not tell it",
+    "time_zero": "time of the file at which energising starts",
     "shots": "offset, from the trigger's edge to the start of energising",
 }
 
@@ -36,12 +38,26 @@ class BenchPressures(NamedTuple):
 
 
 class Started(NamedTuple):
-    """A study that was written: its file, all files, what each data file was taken for, and what is to be stated."""
+    """A study that was written.
+
+    Attributes
+    ----------
+    study : Path
+    files : tuple of Path
+        All that were written.
+    surveys : tuple of Survey
+        What each data file was taken for.
+    open : tuple of str
+        Keys that are to be stated.
+    assumed : tuple of str
+        Keys that no file tells and that have a value nevertheless, to be checked.
+    """
 
     study: Path
     files: tuple[Path, ...]
     surveys: tuple[Survey, ...]
     open: tuple[str, ...]
+    assumed: tuple[str, ...]
 
 
 def write_study_from(folder: Path, injector: str, sources: Sequence[Path], pressures: BenchPressures) -> Started:
@@ -85,7 +101,8 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], press
         study = folder / "study.toml"
         text, missing = _text(injector, model, surveys, pressures)
         write_text(study, text)
-    return Started(study, (study, *copies), surveys, missing)
+    assumed = tuple(f"data[{i}].time_zero" for i, s in enumerate(surveys, 1) if s.block.get("time_zero") == ZERO)
+    return Started(study, (study, *copies), surveys, missing, assumed)
 
 
 def _copy(source: Path, target: Path) -> Path:
@@ -139,6 +156,8 @@ def _line(key: str, value: Any) -> str:
         "window": "samples that count, from the start of energising",
         "synthetic": "what about the data is not measured",
     }
+    if key == "time_zero" and value == ZERO:
+        comments[key] = f"CHECK IT: {_MEANINGS[key]}; no file tells it"
     if _open({key: value}) and key in _MEANINGS:
         comments[key] = f"STATE IT: {_MEANINGS[key]}"
     return f"{key} = {_toml(value)}" + (f" # {comments[key]}" if key in comments else "")

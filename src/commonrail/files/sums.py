@@ -12,7 +12,7 @@ from commonrail.errors import InputError
 from commonrail.files.atomic import check_target, write_text, writing
 from commonrail.reading.guarded_file import opened, read_plain
 
-__all__ = ["SUMS", "check_sum", "summed"]
+__all__ = ["SUMS", "check_sum", "listed", "summed"]
 
 SUMS = "SHA256SUMS"
 _LARGEST = 100_000  # [bytes]
@@ -55,13 +55,17 @@ def check_sum(path: Path) -> None:
     sums = path.parent / SUMS
     if not (sums.is_file() and path.is_file()):
         return
-    lines = read_plain(sums, _LARGEST).decode("utf-8", "replace").split("\n")
-    listed = {name: digest for digest, gap, name in (line.partition("  ") for line in lines) if gap}
-    if listed.get(path.name, "") not in ("", _digest(path)):
+    if listed(sums).get(path.name, "") not in ("", _digest(path)):
         raise InputError(
             f"{path}: this is not the file that was written: its SHA-256 is another than in {SUMS} beside it; take a "
             "copy that is whole or make it again, and if it was changed on purpose, copy it to another folder."
         )
+
+
+def listed(sums: Path) -> dict[str, str]:
+    """Digests in a file of checksums by the names of the files."""
+    lines = read_plain(sums, _LARGEST).decode("utf-8", "replace").split("\n")
+    return {name: digest for digest, gap, name in (line.partition("  ") for line in lines) if gap}
 
 
 def _digest(path: Path) -> str:

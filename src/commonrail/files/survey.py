@@ -6,15 +6,13 @@ that are written down in `Survey.block`, to be checked.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from commonrail.errors import InputError
+from commonrail.files.survey_channels import UNKNOWN, block_of, channels_of, zero_of
 from commonrail.reading.channel_sheet import TIME, ChannelSheet
 from commonrail.reading.column_map import find_column_map
 from commonrail.reading.file_form import PLAIN, FileForm
@@ -25,60 +23,14 @@ from commonrail.reading.map_table import FoundMap, GivenUnits, find_map
 from commonrail.reading.mat_file import MatFile
 from commonrail.reading.mat_map import find_mat_map
 from commonrail.reading.parquet_file import ParquetFile
-from commonrail.reading.pattern import ColumnPattern, NamedPoint
-from commonrail.reading.place import Place
-from commonrail.reading.sheet import Column, Sheet
+from commonrail.reading.sheet import Sheet
 from commonrail.reading.tables import open_sheet
 from commonrail.reading.wide_table import find_traces
-from commonrail.units import compatible, to_text
+from commonrail.units import to_text
 
-__all__ = ["OF_CHANNELS", "Channel", "Survey", "named_points", "survey"]
+__all__ = ["OF_CHANNELS", "Survey", "survey"]
 
 OF_CHANNELS = (".mf4", ".mdf", ".lvm", ".mat", ".parquet", ".pq")
-UNKNOWN = "?"  # what a block needs and the file does not tell
-
-# What a channel of this SI unit can be.
-_MEANINGS = {
-    "m3/s": "rate of injection by volume",
-    "kg/s": "rate of injection by mass",
-    "Pa": "pressure",
-    "s": "time",
-    "A": "current",
-    "V": "voltage",
-    "m3": "quantity by volume",
-    "kg": "quantity by mass",
-    "K": "temperature",
-    "m": "lift",
-    "1": "plain number",
-}
-RATES = ("m3/s", "kg/s")
-_TRIGGER = re.compile(r"trig|ttl|sync", re.I)
-_SET = re.compile(r"set|soll|cmd|nominal", re.I)
-_POINT = re.compile(r"(\d+(?:[.,]\d+)?)(\s*[_ ]?)(MPa|bar|hPa|us|µs|ms)(?![A-Za-z])")
-_LAST_NUMBER = re.compile(r"(\d+)(?=\D*$)")
-
-
-class Channel(NamedTuple):
-    """A column or channel: unit of the file, number of values, smallest and largest one, time between samples [s]."""
-
-    name: str
-    unit: str
-    size: int
-    low: float
-    high: float
-    step: float | None = None
-
-    @property
-    def kind(self) -> str:
-        """SI unit of what it measures, empty if that is unknown."""
-        return next((si for si in _MEANINGS if _fits(self.unit, si)), "") if self.unit else ""
-
-    def text(self) -> str:
-        """One line on it."""
-        unit = self.unit or "no unit"
-        every = f", every {to_text(self.step, 's')}" if self.step else ""
-        meaning = f"; {_MEANINGS[self.kind]}" if self.kind else ""
-        return f"{self.size} values, {self.low:.6g} to {self.high:.6g} {unit}{every}{meaning}"
 
 
 @dataclass(frozen=True)
@@ -186,6 +138,7 @@ def _traces(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
     time = wide.table.columns[TIME]
     facts |= {"time": f"{len(time)} samples from {to_text(float(time[0]), 's')} to {to_text(float(time[-1]), 's')}"}
     block = {"kind": "rate", "file": grid.path.name, "layout": "header rows"} | _form_keys(form)
+    block |= zero_of((float(time[0]), float(time[-1])), len(time))
     missing = {key: UNKNOWN for key in ("rail pressure", "energising time") if key not in wide.points}
     block |= {key.replace(" ", "_"): value for key, value in missing.items()}
     taken = f"{len(wide.names)} traces below rows with their operating points"
@@ -207,7 +160,7 @@ def _columns(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
 
 def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
     """Survey of a file with named channels."""
-    channels, unread = _listed(sheet)
+    channels, unread = channels_of(sheet)
     facts = {channel.name: channel.text() for channel in channels} | unread
     if isinstance(sheet, MatFile | ParquetFile):
         try:
@@ -216,102 +169,8 @@ def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
             return Survey(path, found.taken_for, facts | found.facts, found.said, found.block, found.found)
         except InputError as error:
             facts["no map"] = str(error).removeprefix(f"{path}: ")
-    taken, block = _block(path, channels, isinstance(sheet, ChannelSheet))
+    taken, block = block_of(path, channels, isinstance(sheet, ChannelSheet))
     return Survey(path, taken, facts, "", block)
-
-
-def _listed(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
-    """Channels with numbers; what is wrong with others that have a unit, by their names."""
-    own_times = isinstance(sheet, ChannelSheet)
-    found = []
-    unread: dict[str, str] = {}
-    for name in sheet.names:
-        unit = str(sheet.unit(name)) if hasattr(sheet, "unit") else ""
-        wanted = [Column(name, "1", required=False)]
-        try:
-            table = sheet.take([Column(TIME, "s", increasing=True), *wanted] if own_times else wanted)
-        except InputError as error:  # of a column without a unit: texts, or nothing
-            unread |= {name: f"not read: {str(error).removeprefix(f'{sheet.path}: ')}"} if unit else {}
-            continue
-        values = table.columns[name]
-        values = values[np.isfinite(values)]
-        if len(values):
-            times = table.columns[TIME] if own_times else np.empty(0)
-            step = float(np.median(np.diff(times))) if len(times) > 1 else None
-            found.append(Channel(name, unit, len(values), float(values.min()), float(values.max()), step))
-    if not found:
-        reason = next(iter(unread.values()), "no column holds numbers below a header.")
-        raise InputError(f"{sheet.path}: {reason.removeprefix('not read: ')}")
-    return found, unread
-
-
-def _block(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[str, dict[str, Any]]:
-    """Purpose that channels are taken for, and the block of a study that reads them."""
-    rates = [c for c in channels if c.kind in RATES]
-    times = [c for c in channels if c.kind == "s"]
-    base: dict[str, Any] = {"kind": "rate", "file": path.name}
-    if not rates:
-        return "channels without a rate of injection, whose unit would be one such as mm3/ms or mg/ms", {}
-    if not own_times:
-        named = [c for c in times if c.name.rpartition(".")[2].lower() in ("time", "t", "zeit")] or times
-        if len(named) != 1:
-            what = "no column is a time" if not named else f"{_names(named)} may be the time"
-            return f"channels of which the times are not clear: {what}", {}
-        base |= {"time": named[0].name} if named[0].name != TIME else {}
-    pattern = _pattern([c.name for c in rates])
-    if pattern is not None:
-        count = len(rates)
-        return f'{count} traces whose names state their operating points, "{pattern}"', base | {"columns": pattern}
-    if len(rates) > 1:
-        return f"channels of which several may be the rate of injection, {_names(rates)}; name one by rate = …", {}
-    base["rate"] = rates[0].name
-    shots = _shots(channels) if own_times else None
-    if shots is not None:
-        window = {"window": ["-0.1 ms", "3 ms"]}
-        return f'a record of shots, found by the trigger "{shots["trigger"]}"', base | {"shots": shots} | window
-    return "a trace", base | {"rail_pressure": UNKNOWN, "energising_time": UNKNOWN}
-
-
-def _shots(channels: Sequence[Channel]) -> dict[str, Any] | None:
-    """Keys of the shots of a record: its trigger and the channels of the operating point."""
-    triggers = [c for c in channels if _TRIGGER.search(c.name)] or [c for c in channels if c.kind == "V"]
-    if len(triggers) != 1:
-        return None
-    found: dict[str, Any] = {"trigger": triggers[0].name, "offset": UNKNOWN}
-    for key, kind in (("rail_pressure", "Pa"), ("energising_time", "s")):
-        fitting = [c for c in channels if c.kind == kind]
-        chosen = [c for c in fitting if _SET.search(c.name)] if len(fitting) > 1 else fitting
-        found |= {key: chosen[0].name} if len(chosen) == 1 else {}
-    return found
-
-
-def _pattern(names: Sequence[str]) -> str | None:
-    """Pattern of names that state operating points, if all have one form."""
-    if len(names) < 2:
-        return None
-    made = [_POINT.sub(lambda m: _placeholder(m) + m[2] + m[3], name) for name in names]
-    made = made if len(set(made)) == 1 else [_LAST_NUMBER.sub("{shot}", name) for name in made]
-    pattern = made[0]
-    if len(set(made)) > 1 or "{" not in pattern.replace("{shot}", ""):
-        return None
-    try:
-        read = ColumnPattern(pattern, {}, Place(""))
-    except InputError:
-        return None
-    return pattern if all(read.read(name) for name in names) else None
-
-
-def named_points(names: Sequence[str]) -> tuple[NamedPoint, ...]:
-    """Operating points that the names of columns state; empty where there is one name, or not all state one."""
-    text = _pattern(names)
-    if text is None:
-        return ()
-    pattern = ColumnPattern(text, {}, Place(""))
-    return tuple(point for name in names if (point := pattern.read(name)) is not None)
-
-
-def _placeholder(found: re.Match[str]) -> str:
-    return "{et}" if found[3] in ("us", "µs", "ms") else "{p}"
 
 
 def _form_keys(form: FileForm) -> dict[str, Any]:
@@ -319,17 +178,6 @@ def _form_keys(form: FileForm) -> dict[str, Any]:
     return {key: value for key, value in stated.items() if value}
 
 
-def _names(channels: Sequence[Channel]) -> str:
-    return " and ".join(f'"{c.name}"' for c in channels[:4]) + (" and others" if len(channels) > 4 else "")
-
-
 def _shown(row: Sequence[str | float], most: int = 12) -> str:
     heads = [str(cell) for cell in row]
     return ", ".join(heads[:most]) + (f" and {len(heads) - most} more" if len(heads) > most else "")
-
-
-def _fits(unit: str, kind: str) -> bool:
-    try:
-        return compatible(unit, kind)
-    except InputError:
-        return False

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonrail.arguments import array, settle
 from commonrail.errors import ConfigurationError
+from commonrail.units import to_text
 
 __all__ = ["ENERGISING_TIMES", "MOST_POINTS", "QUANTITIES", "RAIL_PRESSURES", "MapAxes", "increasing"]
 
@@ -90,8 +91,8 @@ def increasing(values: ArrayLike, unit: str, what: str) -> Floats:
     steps = np.diff(found)
     if np.any(steps <= 0.0):
         at = int(np.argmax(steps <= 0.0))
+        before, after = (to_text(value, unit) for value in found[at : at + 2].tolist())
         raise ConfigurationError(
-            f"The {what} must increase strictly, but {found[at + 1]:g} follows {found[at]:g} {unit}; sort them and "
-            "remove repeated ones."
+            f"The {what} must increase strictly, but {after} follows {before}; sort them and remove repeated ones."
         )
     return found

@@ -13,10 +13,11 @@ from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.maps.axes import MapAxes
 from commonrail.maps.inverse import Inverse, Rules, invert
+from commonrail.maps.many_points import simulate_many
 from commonrail.maps.quantity_map import InjectionMap, injection_map
 from commonrail.maps.response import Conditions, Response
 from commonrail.maps.samples import Line, knots_of
-from commonrail.maps.sweep import Base, fused_of, run_points
+from commonrail.maps.sweep import Base, fused_of
 
 __all__ = ["Compensation", "compensation", "fusion_dwell"]
 
@@ -92,7 +93,7 @@ def compensation(
     def simulate(rows: NDArray[np.intp], times: Floats) -> Response:
         places = zip(rows_pressure[rows].tolist(), rows_dwell[rows].tolist(), times.tolist(), strict=True)
         points = [Base(p, t, first_energising_time, pause, conditions).point({}) for p, pause, t in places]
-        found = run_points(injector, points, (), None, conditions)
+        found = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
         fused = fused_of(found, first_energising_time + rows_dwell[rows], delay[None, rows])[0]
         apart = ~fused & (found.status[0] == OK)
         return Response(np.where(apart, found.injected_volume[0] - rows_first[rows], np.nan), found.greatest_lift[0])
@@ -112,7 +113,7 @@ def compensation(
 def _first(injector: Injector, rail_pressure: Floats, time: float, conditions: Conditions) -> Batch:
     """First injections alone, at each rail pressure."""
     points = [Base(rail, time, 0.0, 0.0, conditions).point({}) for rail in rail_pressure.tolist()]
-    return run_points(injector, points, (), None, conditions)
+    return simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
 
 
 def _rows(inverse: Inverse, rows: slice) -> Inverse:
@@ -147,7 +148,9 @@ def fusion_dwell(
         places = zip(rail_pressure.tolist(), dwell.tolist(), strict=True)
         points = [Base(rail, times[1], times[0], pause, conditions).point({}) for rail, pause in places]
         found: NDArray[np.bool_] = fused_of(
-            run_points(injector, points, (), None, conditions), times[0] + dwell, delay
+            simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads),
+            times[0] + dwell,
+            delay,
         )[0]
         return found
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
-from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK, STILL_INJECTING, Status
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.errors import SimulationError
 from commonrail.injector.definition import Injector
+from commonrail.maps.many_points import simulate_many
 
 __all__ = ["Conditions", "Response", "density_at", "require_some", "respond", "simulate_points"]
 
@@ -26,7 +26,6 @@ Bools = NDArray[np.bool_]
 # has closed, and one whose needle has not is repeated with the longest horizon.
 AFTER = (2e-3, 0.5)  # [s], [1]
 LONGEST_AFTER = 12e-3  # [s]
-AT_A_TIME = 4096  # points of a batch: Ctrl-C is heeded between batches
 
 
 class Conditions(NamedTuple):
@@ -152,10 +151,6 @@ def _last_end(point: OperatingPoint) -> float:
 def _simulated(
     injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Volumes [m³], lifts [m] and statuses of points, some at a time."""
-    volume, lift, status = np.empty(len(points)), np.empty(len(points)), np.empty(len(points), np.int64)
-    for first in range(0, len(points), AT_A_TIME):
-        part = slice(first, first + AT_A_TIME)
-        batch = simulate_batch(injector, points[part], time_step=conditions.time_step, threads=conditions.threads)
-        volume[part], lift[part], status[part] = batch.injected_volume[0], batch.greatest_lift[0], batch.status[0]
-    return volume, lift, status
+    """Volumes [m³], lifts [m] and statuses of points."""
+    batch = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
+    return batch.injected_volume[0], batch.greatest_lift[0], batch.status[0]

@@ -7,8 +7,7 @@ the two are fused into one, and only the total is a quantity of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,17 +16,14 @@ from numpy.typing import NDArray
 
 from commonrail.display.shown import Shown
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.plan import Prepared, prepare
-from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
-from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError, SimulationError, nearest
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.maps.base_point import Base
-from commonrail.maps.response import AT_A_TIME, Conditions
+from commonrail.maps.many_points import simulate_many
 
-__all__ = ["OPERATING", "Base", "Sweep", "Variable", "fused_of", "run_points", "sweep", "unit_of"]
+__all__ = ["OPERATING", "Base", "Sweep", "Variable", "fused_of", "sweep", "unit_of"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -131,8 +127,14 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     own = [v for v in variables if v.name not in OPERATING]
     columns, count = _columns(moving), int(np.prod([len(v.values) for v in moving]))
     values = np.stack(list(_columns(own).values()), axis=1) if own else None
+    names = [v.name for v in own]
+    _, _, step, threads = base.conditions
+
+    def simulated(points: Sequence[OperatingPoint]) -> Batch:
+        return simulate_many(injector, points, names, values, time_step=step, threads=threads)
+
     whole = base.points(columns, count)
-    both = run_points(injector, whole, own, values, base.conditions)
+    both = simulated(whole)
     two = _two(base, variables)
     total = np.where(both.status == OK, both.injected_volume, np.nan)
     if np.all(np.isnan(total)):
@@ -140,7 +142,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     alone, fused = np.full(total.shape, np.nan), np.zeros(total.shape, bool)
     if two:
         distinct, which = _first_alone(base, columns, count)
-        first = run_points(injector, distinct, own, values, base.conditions)
+        first = simulated(distinct)
         alone = np.where(first.status == OK, first.injected_volume, np.nan)[:, which]
         fused = fused_of(both, whole.last_starts, first.opening[:, which])
     second = np.where(fused, np.nan, total - alone)
@@ -220,47 +222,3 @@ def fused_of(batch: Batch, starts: Floats, delay: Floats) -> Bools:
         From energising to opening, as the first injection alone has it [s]; NaN where it stays shut.
     """
     return np.asarray(np.isfinite(delay) & (batch.first_closing > starts + delay))
-
-
-def run_points(
-    injector: Injector,
-    points: Sequence[OperatingPoint],
-    own: Sequence[Variable],
-    values: Floats | None,
-    conditions: Conditions,
-) -> Batch:
-    """Simulate all candidates at all points, some points at a time to save memory.
-
-    A thread prepares the next points while these are simulated.
-
-    Parameters
-    ----------
-    injector : Injector
-    points : sequence of OperatingPoint
-    own : sequence of Variable
-        Parameters that vary.
-    values : (candidates, parameters) or None
-        Their values; None for the injector itself.
-    conditions : Conditions
-        Time step and number of threads.
-    """
-    names = [v.name for v in own]
-    step = check_step(conditions.time_step)
-    places = [slice(first, first + AT_A_TIME) for first in range(0, len(points), AT_A_TIME)]
-    parts = [
-        simulate_batch(injector, one.points, names, values, time_step=step, threads=conditions.threads, prepared=one)
-        for one in _ahead(lambda place: prepare(injector, points[place], step), places)
-    ]
-    fields = {name: np.concatenate([getattr(p, name) for p in parts], axis=1) for name in Batch.__dataclass_fields__}
-    return Batch(**fields)
-
-
-def _ahead(work: Callable[[slice], Prepared], places: Sequence[slice]) -> Iterator[Prepared]:
-    """Results of `work` in order; while one is used, a thread works out the next."""
-    with ThreadPoolExecutor(max_workers=1) as helper:
-        found = work(places[0])
-        for place in places[1:]:
-            following = helper.submit(work, place)
-            yield found
-            found = following.result()
-        yield found
