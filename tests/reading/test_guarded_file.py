@@ -27,6 +27,7 @@ ALLOWED = {
     "cli/output.py": "tries whether a target can be written, after `check_target`",
     "cli/direct.py": "the null device in place of a closed pipe",
     "cli/command.py": "the null device in place of a closed stream",
+    "files/checked.py": "files of the installed package",
     "files/catalogue.py": "files of the installed package",
     "files/scaffold.py": "files of the installed package",
     "kernel_cache.py": "guards its own folder: files of this user alone",
