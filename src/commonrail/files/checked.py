@@ -26,34 +26,20 @@ ENDING = ".injector"
 MOST = 64  # kept injectors; beyond, the oldest are removed
 MOST_NEW = 8  # kept by one process: a fleet's thousands are read once
 # Sources that decide over what a text means, beside those of the physics.
-DECIDING = tuple(
-    [
-        "arguments",
-        "choices",
-        "elementary",
-        "errors",
-        "unit_table",
-        "units",
-        "reading.faults",
-        "reading.fields",
-        "reading.formulas",
-        "reading.guarded_file",
-        "reading.place",
-        "reading.reach",
-        "reading.text_file",
-        "reading.toml_file",
-        "files.catalogue",
-        "files.checked",
-        "files.drawing",
-        "files.fuel_file",
-        "files.injector_file",
-        "files.injector_model",
-        "files.meter_models",
-        "observation.low_pass",
-        "observation.meter",
-        "observation.quantities",
-    ]
+DECIDING: tuple[str, ...] = (
+    "arguments",
+    "choices",
+    "elementary",
+    "errors",
+    "unit_table",
+    "units",
+    "files.catalogue",
+    "files.checked",
 )
+DECIDING += ("files.drawing", "files.fuel_file", "files.injector_file", "files.injector_model", "files.meter_models")
+DECIDING += ("observation.low_pass", "observation.meter", "observation.quantities", "reading.faults", "reading.fields")
+DECIDING += ("reading.formulas", "reading.guarded_file", "reading.place", "reading.reach", "reading.text_file")
+DECIDING += ("reading.toml_file",)
 _LAWS = ("density_law", "bulk_modulus_law", "isentropic_law", "viscosity_law", "vapour_law")
 
 _new = 0
