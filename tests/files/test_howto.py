@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 
 from commonrail.calibration.conditions import Wanted
 from commonrail.calibration.goal import Loss
-from commonrail.files.injector_file import room_quantities
+from commonrail.files.injector_model import room_quantities
 from commonrail.files.study_models import ConditionModel, ConstraintsModel, ParameterModel, read_optimisers
 from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds.curves.reading import RateModel

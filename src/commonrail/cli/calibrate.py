@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.options import ClusterAddress, Json, StudyFile, Threads, WorkerCount, open_workers
 from commonrail.cli.output import free_run_folder, stem_of
 

@@ -6,8 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.options import Json
 

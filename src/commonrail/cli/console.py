@@ -10,8 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.grid import plain_pairs, plain_rows
 from commonrail.notice import duration
 

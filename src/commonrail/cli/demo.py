@@ -7,8 +7,7 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_table, say
 from commonrail.cli.guard import INTERRUPTED, guarded
 from commonrail.cli.options import Threads
@@ -101,8 +100,10 @@ def _print(outcome: Outcome) -> None:
 
 def main() -> None:
     """Run the demo."""
-    app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-    app.command()(guarded(demo))
+    from typer import Typer
+
+    app = Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+    app.command()(typer.with_typer(guarded(demo)))
     app()
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.options import Json
 

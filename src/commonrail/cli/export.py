@@ -6,8 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, say
 from commonrail.cli.options import Json
 from commonrail.cli.output import check_file, check_folder

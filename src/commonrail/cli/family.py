@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, say
 from commonrail.cli.options import ClusterAddress, Json, Threads, WorkerCount, open_workers
 from commonrail.cli.output import check_file, free_run_folder, stem_of

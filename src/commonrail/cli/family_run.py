@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_rows, print_table, say
 from commonrail.cli.study_run import end_if_stopped, reported
 from commonrail.units import to_text

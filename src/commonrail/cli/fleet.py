@@ -6,8 +6,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import ClusterAddress, Json, check_workers

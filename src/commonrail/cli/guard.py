@@ -10,8 +10,7 @@ from collections.abc import Callable
 from contextvars import ContextVar
 from typing import Any, TypeVar
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import say
 from commonrail.cli.start import INTERRUPTED, raise_interrupts
 from commonrail.errors import CommonrailError, OutputError
@@ -53,8 +52,6 @@ def guarded(verb: _Verb) -> _Verb:
         try:
             raise_interrupts()
             return verb(*args, **options)
-        except (typer.Exit, typer.Abort, typer.BadParameter):
-            raise
         except CommonrailError as error:
             _end(str(error), error.exit_code)
         except KeyboardInterrupt:
@@ -75,6 +72,8 @@ def guarded(verb: _Verb) -> _Verb:
         except MemoryError:
             _end(f"not enough memory; {MEMORY.get(verb.__name__, OTHERS)}.", UNUSABLE)
         except Exception as error:
+            if type(error).__module__.partition(".")[0] == "typer":  # an end, or a mistake for typer to show
+                raise
             _end(_fault(error), UNEXPECTED)
 
     return run  # type: ignore[return-value]

@@ -7,8 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.options import Json, Threads, with_overrides
 from commonrail.cli.output import check_file

@@ -7,8 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.errors import InputError, nearest
 from commonrail.units import parse
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, say
 from commonrail.cli.options import Json, Threads, read_energisings
 from commonrail.cli.output import check_file

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.options import ClusterAddress, Json, Threads, WorkerCount, open_workers
 from commonrail.errors import InputError
 

@@ -7,8 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_rows
 from commonrail.cli.options import Json
 

@@ -8,9 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from commonrail.choices import Precision
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.options import Json, Threads
 from commonrail.cli.progress import Bar, Stage

@@ -6,9 +6,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from commonrail.choices import Body, Engine, Precision
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_pairs, say
 from commonrail.cli.options import (
     Json,

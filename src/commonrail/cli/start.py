@@ -17,7 +17,7 @@ def main() -> None:
     # One that a shell has set to be ignored, as for `commonrail ... &`, stays ignored.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end)
-    from commonrail.cli.app import main as run
+    from commonrail.cli.command import main as run
 
     run()
 

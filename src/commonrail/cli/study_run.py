@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.progress import Bar, Stage

@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from commonrail.cli import typer_later as typer
 from commonrail.cli.console import SIMULATING, print_json, print_table, say
 from commonrail.cli.options import Json, StudyFile
 from commonrail.errors import InputError

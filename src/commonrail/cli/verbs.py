@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, MutableMapping
-from importlib import import_module
 from typing import Any
 
 import typer
@@ -11,41 +10,10 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from commonrail.cli.guard import guarded
+from commonrail.cli.names import VERBS, function_of
+from commonrail.cli.typer_later import with_typer
 
-__all__ = ["PLAIN", "VERBS", "Verbs"]
-
-# In the order of the help; a verb is the function of its name in the module of its name.
-VERBS = (
-    "simulate",
-    "calibrate",
-    "resume",
-    "runs",
-    "validate",
-    "certainty",
-    "next",
-    "predict",
-    "compare",
-    "fleet",
-    "family",
-    "adapt",
-    "sensitivity",
-    "tolerance",
-    "map",
-    "sweep",
-    "inspect",
-    "features",
-    "report",
-    "export",
-    "page",
-    "verify",
-    "catalogue",
-    "new",
-    "virtual-bench",
-    "reproduce",
-    "bench",
-    "optimisers",
-    "doctor",
-)
+__all__ = ["PLAIN", "Verbs"]
 
 # Plain help and errors: they read the same in a terminal, a log and a page of documentation.
 PLAIN: Any = {
@@ -95,10 +63,7 @@ class _Commands(MutableMapping[str, Any]):
 
 
 def _command(name: str) -> Any:
-    """Command of a verb; its function has a `_` at its end where Python has a name of its own."""
-    own = name.replace("-", "_")
-    module = import_module(f"commonrail.cli.{own}")
-    verb = getattr(module, own, None) or getattr(module, f"{own}_")
+    """Command of a verb."""
     alone = typer.Typer(**PLAIN)
-    alone.command(name)(guarded(verb))
+    alone.command(name)(with_typer(guarded(function_of(name))))
     return get_command(alone)

@@ -9,7 +9,6 @@ from typing import Any
 from commonrail.arguments import file_path, instance, instances, known_names, mapping, plain_text
 from commonrail.choices import Actuation
 from commonrail.files.atomic import write_text
-from commonrail.files.fuel_file import fuel_catalogue, load_fuel
 from commonrail.files.toml_text import inline_table, key_text, table_lines, value_text
 from commonrail.fuel.fuel import Fuel, Law
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source
@@ -111,6 +110,8 @@ def _entry(value: float, q: Q, source: Source) -> str:
 
 def _fuel_lines(fuel: Fuel, table: str) -> Iterator[str]:
     """By name if the catalogue has this very fuel, else law by law."""
+    from commonrail.files.fuel_file import fuel_catalogue, load_fuel
+
     if fuel.name in fuel_catalogue() and load_fuel(fuel.name) == fuel:
         yield f"name = {value_text(fuel.name)}"
     else:

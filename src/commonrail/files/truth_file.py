@@ -17,7 +17,8 @@ from commonrail.arguments import source_of
 from commonrail.choices import Body, Boundary, Drive
 from commonrail.engine.reference import Resolution
 from commonrail.files.catalogue import Catalogue
-from commonrail.files.injector_file import ROOMS, load_injector, room_quantities
+from commonrail.files.injector_file import load_injector
+from commonrail.files.injector_model import ROOMS, room_quantities
 from commonrail.injector.definition import Injector, Source
 from commonrail.parts.furniture import Q
 from commonrail.reading.faults import read_model

@@ -1,0 +1,198 @@
+"""Shape of an injector's file: its tables, and the injector that they make."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_type_hints
+
+from pydantic import Field, create_model
+
+from commonrail.choices import Actuation, Body, Boundary, Drive
+from commonrail.files.drawing import DrawnRoom
+from commonrail.files.fuel_file import FuelModel, load_fuel, parse_fuel
+from commonrail.files.meter_models import MeterHead, MeterTables, meters_of_tables
+from commonrail.fuel.fuel import Fuel
+from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.injector.variants import MODELS, Variant
+from commonrail.observation.meter import Meter
+from commonrail.parts.furniture import Q
+from commonrail.reading.faults import read_model
+from commonrail.reading.fields import FileModel, Given, Number, Quantities, Room, Sourced, Stated, Values, choice
+from commonrail.reading.place import Place, located
+from commonrail.reading.reach import Reach
+from commonrail.reading.toml_file import read_toml
+from commonrail.units import to_text
+
+__all__ = ["ROOMS", "injector_of", "meters_of", "room_quantities"]
+
+ROOMS = tuple(dict.fromkeys(room for model in MODELS.values() for room in get_type_hints(model.Parameters)))
+
+_DEFAULT = Source("E", "default of commonrail")
+
+
+def room_quantities(room: str) -> dict[str, Q]:
+    """Unit, meaning and domain of the parameters of a room, by the last part of their names."""
+    return {path.partition(".")[2]: q for path, q in parameter_quantities().items() if path.startswith(f"{room}.")}
+
+
+class _Definition(FuelModel):
+    name: str = "fuel"
+
+
+class _FuelTable(Sourced):
+    """Fuel in one of three forms, and its temperature."""
+
+    name: str | None = None
+    file: str | None = None
+    definition: _Definition | None = None
+    temperature: Annotated[Number, Stated(parameter_quantities()[FUEL_TEMPERATURE])]
+
+
+class _Head(FileModel):
+    """Keys of an injector's file besides its parts."""
+
+    format: Literal["commonrail-injector/1"]
+    name: str | None = None
+    title: str | None = None
+    synthetic: str = ""
+    allow_outside: bool = False
+    fuel: _FuelTable
+    actuation: Annotated[Actuation, choice(Actuation)] = Actuation.SERVO
+    variant: Annotated[Body, choice(Body)] = Body.FLEXIBLE
+    rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
+    drive_kind: Annotated[Drive, choice(Drive)] = Drive.REGULATED
+    meters: MeterTables = Field(default_factory=dict)  # of the bench that it was calibrated on: see `load_meters`
+
+
+_kinds = dict.fromkeys(ROOMS, Room) | {"plunger_needle": DrawnRoom}
+_rooms: Any = {room: (Annotated[kind, Quantities(room_quantities(room))], kind()) for room, kind in _kinds.items()}
+_InjectorModel = create_model("_InjectorModel", __base__=_Head, **_rooms)
+
+
+def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
+    """Meters of a parsed file.
+
+    Parameters
+    ----------
+    document : mapping
+        Its tables.
+    at : Place
+        The file.
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        As `load_meters`.
+    """
+    tables: Mapping[str, MeterHead] = read_model(_InjectorModel, document, at).meters
+    for name, table in tables.items():
+        for key, amount in table.amounts():
+            if amount.free:
+                raise (at / "meters" / name / key).error("bounds belong in a study; give a value here")
+    return tuple(meters_of_tables(tables, at / "meters").values())
+
+
+def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | None) -> Injector:
+    """Injector of a parsed file.
+
+    Parameters
+    ----------
+    document : mapping
+        Its tables.
+    at : Place
+        The file.
+    stem : str
+        Name of an injector whose file gives none.
+    reach : Reach or None
+        Where the file of its fuel may lie.
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        As `load_injector`.
+    """
+    model = read_model(_InjectorModel, document, at)
+    given: dict[str, Given] = {}
+    own = tuple(get_type_hints(MODELS[model.actuation].Parameters))
+    for room in ROOMS:
+        if room in own:
+            given |= _room(room, getattr(model, room).values(), at / room)
+        elif room in model.model_fields_set:
+            raise (at / room).error(
+                f'an injector with actuation = "{model.actuation.value}" has no such part; its parts are '
+                f"{', '.join(own)}"
+            )
+    _check_knots(given, document.get("nozzle", {}), at / "nozzle")
+    given[FUEL_TEMPERATURE] = model.fuel.temperature.given(model.fuel.origin())
+    fuel = _fuel(model.fuel, at / "fuel", reach or Reach(Path(at.file), model.allow_outside))
+    name = stem if model.name is None else model.name
+    with located(at):  # a drawing may lead to a stiffness without bounds
+        return Injector(
+            name,
+            name if model.title is None else model.title,
+            {path: given[path].value for path in parameter_quantities(model.actuation)},
+            fuel,
+            Variant(model.variant, model.rail_boundary, model.drive_kind, actuation=model.actuation),
+            {path: item.source for path, item in given.items()},
+            synthetic=model.synthetic,
+        )
+
+
+def _room(room: str, values: Values, at: Place) -> Values:
+    """Values of a room by dotted name: as given, else the default."""
+    quantities = room_quantities(room)
+    missing = [name for name, q in quantities.items() if name not in values and q.default is None]
+    if missing:
+        first, *others = missing
+        more = f", nor for {', '.join(others)}" if others else ""
+        raise at.error(f"there is no value for {first}, the {quantities[first].meaning}{more}; add it")
+    defaults = {name: Given(q.default, _DEFAULT) for name, q in quantities.items() if q.default is not None}
+    return {f"{room}.{name}": values.get(name) or defaults[name] for name in quantities}
+
+
+def _check_knots(given: Values, stated: Mapping[str, Any], at: Place) -> None:
+    """Refuse knots of the shape of c_d over lift that do not rise; one of zero behind the first is none.
+
+    Parameters
+    ----------
+    given : mapping of str to Given
+        All values by dotted name.
+    stated : mapping of str to Any
+        Those that the file states for the nozzle, by key.
+    at : Place
+        Of the table of the nozzle.
+    """
+    names = [f"knot_{i}" for i in range(1, 9)]
+    lifts = {name: given[f"nozzle.{name}"].value for name in names}
+    known = [name for name in names if lifts[name] > 0.0 or name == names[0]]
+    for before, name in itertools.pairwise(known):
+        if not lifts[name] > lifts[before]:
+            low, high = to_text(lifts[before], "m"), to_text(lifts[name], "m")
+            raise (at / (name if name in stated else before)).error(
+                f"the knots must rise, and {before} is at {low}, {name} at {high}; correct them, or set knots that are "
+                "not wanted to zero"
+            )
+
+
+def _fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
+    fuel = _read_fuel(table, at, reach)
+    temperature, (low, high) = table.temperature.value, fuel.temperature_range
+    if not low - 1e-6 <= temperature <= high + 1e-6:  # rounding of a conversion from °C
+        raise (at / "temperature").error(
+            f"{temperature:g} K lies outside the range of {fuel.name}, {low:g} K to {high:g} K"
+        )
+    return fuel
+
+
+def _read_fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
+    if [table.name, table.file, table.definition].count(None) != 2:
+        raise at.error('give either name = "iso4113" (a fuel of the catalogue) or file = "my-fuel.toml"')
+    if table.definition is not None:
+        return table.definition.fuel(table.definition.name)
+    if table.file is not None:
+        path = reach.path(Path(at.file).parent, table.file, at / "file")
+        return parse_fuel(read_toml(path)[0], path.stem, str(path))
+    with located(at / "name"):
+        return load_fuel(table.name or "")
