@@ -40,6 +40,7 @@ DOUBLE = (
 OTHERS = (
     "engine/test_precision.py::test_mass_is_kept",
     "engine/test_explicit.py",
+    "stepper/test_stepper.py::test_stepping_gives",
     "analysis/test_virtual_bench.py",
     "store/test_same_bits.py",
     "engine/test_reference.py",

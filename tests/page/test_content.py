@@ -19,7 +19,9 @@ from commonrail.kinds import Role, of_role
 from commonrail.page.build import FIRST_POINT
 from commonrail.page.content import content
 from commonrail.page.fan import MEMBERS, WORSE
+from commonrail.page.sliders import Slid
 from commonrail.page.subject import Subject, read_subject
+from commonrail.stepper.course import CoursePlan
 
 
 @pytest.fixture(scope="module")
@@ -93,11 +95,27 @@ def test_a_model_has_usual_sliders_and_those_that_are_asked_for() -> None:
     assert subject.synthetic == (subject.injector.synthetic,)
 
 
-@pytest.mark.slow  # no other test compiles this wiring
-def test_a_direct_acting_injector_has_a_page_too(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def direct() -> cr.Injector:
+    """Direct-acting injector that follows a planned current."""
     traced = cr.load_injector("direct-acting-kr")
-    regulated = replace(traced, variant=traced.variant._replace(drive=Drive.REGULATED))
-    cr.dump_injector(regulated, tmp_path / "direct.toml")
+    return replace(traced, variant=traced.variant._replace(drive=Drive.REGULATED))
+
+
+def test_numbers_of_a_direct_acting_injector_are_in_the_columns_of_its_parts(direct: cr.Injector) -> None:
+    slid = Slid("armature.idle_stroke", 20e-6, 90e-6)
+    found = content(Subject("direct", direct, (slid,), 1e-6, {}, (), (), None), FIRST_POINT, "0")
+    assert "armature_lift" in found["channels"]
+    assert not any("control" in name or "valve" in name for name in found["channels"])
+    theta = unpacked(found["theta"])
+    assert len(theta) == found["columns"] == candidate_matrix(direct, (), np.empty((1, 0))).shape[1]
+    assert theta[found["columnOf"][slid.name]] == direct.values[slid.name]
+    assert found["ring"] == CoursePlan(direct, FIRST_POINT, 1e-6).ring
+
+
+@pytest.mark.slow  # the fan is simulated, and no other test compiles this wiring
+def test_a_direct_acting_injector_has_a_page_too(direct: cr.Injector, tmp_path: Path) -> None:
+    cr.dump_injector(direct, tmp_path / "direct.toml")
     subject = read_subject(str(tmp_path / "direct.toml"))
     found = content(subject, FIRST_POINT, "0")
     assert "armature_lift" in found["channels"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import pytest
@@ -9,8 +10,10 @@ import pytest
 from commonrail.analysis.virtual_bench import Bench
 from commonrail.files.injector_file import load_injector
 from commonrail.files.truth_file import load_truth
-from commonrail.reproduction import paper
+from commonrail.kinds import RateData
+from commonrail.reproduction import paper, repetition
 from commonrail.reproduction.paper import Configuration
+from commonrail.reproduction.repetition import measure
 from commonrail.reproduction.run import Reproduction, reproduce
 
 
@@ -29,14 +32,23 @@ def shorten(patch: pytest.MonkeyPatch) -> None:
         patch.setattr(paper, name, value)
 
 
+@functools.cache
+def measured(seed: int) -> tuple[RateData, ...]:
+    """Curves of the virtual test bench, simulated once: they depend on their arguments alone, as another test shows."""
+    return measure(bench("virtual-lino-2016"), seed)
+
+
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> Bench:
-    """The virtual test bench with short searches."""
+    """The virtual test bench with short searches, and with curves that are simulated once."""
     shorten(monkeypatch)
+    monkeypatch.setattr(repetition, "measure", lambda _, seed: measured(seed))
     return bench("virtual-lino-2016")
 
 
 @pytest.fixture(scope="session")
 def done() -> Reproduction:
     """Two repetitions on two threads."""
-    return reproduce(bench("virtual-lino-2016"), (1, 2), threads=2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(repetition, "measure", lambda _, seed: measured(seed))
+        return reproduce(bench("virtual-lino-2016"), (1, 2), threads=2)

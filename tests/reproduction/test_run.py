@@ -18,7 +18,7 @@ from commonrail.calibration.run import calibrate
 from commonrail.calibration.study import Method, Study
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.files.reproduction_folder import read_reproduction, write_reproduction
-from commonrail.reproduction import paper
+from commonrail.reproduction import paper, repetition
 from commonrail.reproduction.record import reproduction_record
 from commonrail.reproduction.repetition import LABELS, measure, search
 from commonrail.reproduction.run import Reproduction, reproduce
@@ -33,9 +33,10 @@ def folder(done: Reproduction, tmp_path_factory: pytest.TempPathFactory) -> Path
     return path
 
 
-def test_a_repetition_depends_on_its_seed_alone(short: Bench) -> None:
-    (alone,) = reproduce(short, (2,), threads=1).repetitions
+def test_a_repetition_depends_on_its_seed_alone(short: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     first, other = reproduce(short, (1, 2), threads=2).repetitions
+    monkeypatch.setattr(repetition, "measure", measure)
+    (alone,) = reproduce(short, (2,), threads=1).repetitions
     np.testing.assert_array_equal(alone.best.members, other.best.members)
     for label in LABELS:
         np.testing.assert_array_equal(alone.rates[label], other.rates[label])

@@ -38,14 +38,16 @@ def test_engines_agree_with_each_law(regulated: Injector, law: str) -> None:
     assert abs(fast.injected_mass / plain.injected_mass - 1.0) > 2e-3 or abs(fast.closing - plain.closing) > 5e-6
 
 
-def test_a_varying_law_is_computed_where_the_injector_has_none(regulated: Injector) -> None:
+@pytest.mark.parametrize("drive", ["regulated", "pwm"])
+def test_a_varying_law_is_computed_where_the_injector_has_none(request: pytest.FixtureRequest, drive: str) -> None:
+    injector = request.getfixturevalue(drive)
     names = ["plunger_needle.friction", "nozzle.shape_2"]
     values = {"plunger_needle.friction": 10.0, "nozzle.shape_2": 0.07}
-    alone = simulate_batch(regulated.with_values(values), [POINT])
-    among = simulate_batch(regulated, [POINT], names, [[0.0, 0.0], [10.0, 0.07]])
+    alone = simulate_batch(injector.with_values(values), [POINT])
+    among = simulate_batch(injector, [POINT], names, [[0.0, 0.0], [10.0, 0.07]])
     assert among.injected_mass[1, 0] == alone.injected_mass[0, 0]
     # at zero the extended laws are the paper's, in another order of sums
-    assert among.injected_mass[0, 0] == pytest.approx(simulate_batch(regulated, [POINT]).injected_mass[0, 0], rel=1e-9)
+    assert among.injected_mass[0, 0] == pytest.approx(simulate_batch(injector, [POINT]).injected_mass[0, 0], rel=1e-9)
 
 
 def test_only_what_needs_them_has_the_extended_laws(regulated: Injector) -> None:
