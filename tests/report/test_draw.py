@@ -9,8 +9,8 @@ import pytest
 
 from commonrail.display.chart import MARKERS, Band, Bars, Boxes, Figure, Panel, Series
 from commonrail.display.heat_map import HeatMap
-from commonrail.report.draw import NARROW, WIDE, figure_html, figure_svg
-from commonrail.report.draw_map import heat_map_svg
+from commonrail.report.draw import NARROW, SIZE, WIDE, figure_html, figure_svg, text_width
+from commonrail.report.draw_map import SMALLEST, heat_map_svg
 from commonrail.report.figures import figures_of
 from tests.report.samples import map_record, rate_record, rate_traces
 
@@ -140,6 +140,31 @@ def test_a_heat_map_writes_its_numbers_and_leaves_empty_cells_out() -> None:
     svg = heat_map_svg(heat)
     assert svg.count("<title>") == 3
     assert "y b; x 1: −2 %" in svg
+
+
+@pytest.mark.parametrize("columns", [4, 17, 60])
+def test_a_heat_map_on_a_telephone_is_whole(columns: int) -> None:
+    """Nothing beyond its edge, and its numbers as small as they must be; of very many columns the colours alone."""
+    x = tuple(str(10 * j) for j in range(1, columns + 1))
+    row = tuple(float(1000 + j) for j in range(columns))
+    heat = HeatMap("t", "", "x", "y", x, ("a",), (row,), (tuple(f"{v:.0f}" for v in row),), "us")
+    svg = heat_map_svg(heat, width=NARROW)
+    assert 'class="figure map narrow"' in svg
+    assert f'viewBox="0 0 {NARROW} ' in svg
+    rows = re.findall(r'<rect x="([^"]*)" y="[^"]*" width="([^"]*)"', svg)
+    assert max(float(x) + float(width) for x, width in rows) <= NARROW
+    sizes = [float(size) for size in re.findall(r'font-size="([^"]*)" text-anchor', svg)]
+    assert len(sizes) == (0 if columns == 60 else columns)
+    cell = float(rows[1][0]) - float(rows[0][0])
+    assert all(size >= SMALLEST and size * text_width("1000") / SIZE < cell for size in sizes)
+
+
+def test_words_below_narrow_columns_stand_upright_and_whole() -> None:
+    names = ("z_hole_diameter", "a_hole_diameter", "discharge_maximum", "spring_preload", "J")
+    table = tuple((0.5,) * 5 for _ in names)
+    heat = HeatMap("t", "", "", "", names, names, table, tuple(("+0.5",) * 5 for _ in names), "", True)
+    drawn = texts(heat_map_svg(heat, width=NARROW))
+    assert all(drawn.count(name) == 2 for name in names)
 
 
 def test_colours_of_a_difference_are_white_at_zero_and_alike_on_both_sides() -> None:

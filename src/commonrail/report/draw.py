@@ -12,7 +12,19 @@ from commonrail.display.chart import Bars, Boxes, Figure, Panel, Series
 from commonrail.report.axis import Axis, span
 from commonrail.report.pane import DASHES, TENTHS, colour_of, line_of, marker_path, pane_svg
 
-__all__ = ["FONT", "NARROW", "WIDE", "cut", "drawings", "figure_html", "figure_svg", "small_html", "text_width"]
+__all__ = [
+    "FONT",
+    "INK",
+    "NARROW",
+    "SIZE",
+    "WIDE",
+    "cut",
+    "drawings",
+    "figure_html",
+    "figure_svg",
+    "small_html",
+    "text_width",
+]
 
 INK, SOFT, GRID = "#1d2733", "#586472", "#e3e7eb"
 FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from markupsafe import Markup, escape
 
 from commonrail.display.heat_map import HeatMap
 from commonrail.display.text import significant
-from commonrail.report.draw import FONT, INK, WIDE, cut, text_width
+from commonrail.report.draw import FONT, INK, NARROW, SIZE, WIDE, cut, text_width
 
 __all__ = ["heat_map_html", "heat_map_svg"]
 
@@ -18,12 +19,30 @@ _DIVERGING = ("#5b9fcd", "#ffffff", "#e0907a")
 NUMBERS = 9.5  # size of the numbers in the cells [px]
 NARROWEST, BROADEST = 31.0, 84.0  # columns: narrower ones show no numbers [px]
 LOWEST = 84.0  # map, whatever its rows: its vertical title has room [px]
-SCALE, TALL = 58.0, 21.0  # width of the scale of colours with its numbers; height of a row, unless stated [px]
+SCALE, TALL = 58.0, 21.0  # room of the scale of colours with its numbers; height of a row, unless stated [px]
 TOP, BELOW, RIGHT = 12.0, 40.0, 12.0
+SMALLEST = 5.6  # numbers in the narrow columns of a telephone, which draws twice to three times as fine [px]
+LONGEST = 120.0  # words that stand upright below narrow columns [px]
+
+
+class _Frame(NamedTuple):
+    """Places of a map [px]: width of the picture, left edge and bottom of its cells, their size, room below them."""
+
+    width: float
+    left: float
+    bottom: float
+    cell: float
+    tall: float
+    below: float
+
+    @property
+    def is_narrow(self) -> bool:
+        """True for the picture on a telephone, whose scale lies below the map."""
+        return self.width < WIDE
 
 
 def heat_map_html(figure: HeatMap, key: str, height: int = 0) -> str:
-    """Element of a page that shows a heat map; on a telephone it is moved sideways under the finger.
+    """Element of a page that shows a heat map, drawn for a page and for a telephone.
 
     Parameters
     ----------
@@ -33,56 +52,135 @@ def heat_map_html(figure: HeatMap, key: str, height: int = 0) -> str:
     height : int
         [px]; by default a fixed one for each row.
     """
-    drawn = Markup(heat_map_svg(figure, height))
-    return Markup('<div class="drawing heat" id="{}" tabindex="0">{}</div>').format(key, drawn)
+    wide, narrow = Markup(heat_map_svg(figure, height)), Markup(heat_map_svg(figure, width=NARROW))
+    return Markup('<div class="drawing" id="{}">{}{}</div>').format(key, wide, narrow)
 
 
-def heat_map_svg(figure: HeatMap, height: int = 0) -> str:
-    """Picture of a heat map; `height` [px], by default a fixed one for each row."""
-    rows, columns = len(figure.y), len(figure.x)
-    left = max(map(text_width, figure.y), default=0.0) + 32.0
-    cell = min((WIDE - left - SCALE - RIGHT) / max(columns, 1), BROADEST)
-    tall = (height - TOP - BELOW) / max(rows, 1) if height else max(TALL, LOWEST / max(rows, 1))
-    bottom = TOP + tall * rows
+def heat_map_svg(figure: HeatMap, height: int = 0, width: int = WIDE) -> str:
+    """Picture of a heat map.
+
+    Parameters
+    ----------
+    figure : HeatMap
+    height, width : int
+        [px]; the height by default a fixed one for each row. A narrow picture has its scale of colours below the map.
+    """
+    frame = _frame(figure, height, float(width))
+    size = _number_size(figure, frame)
     parts = [
-        _cell(figure, i, j, (left + cell * j, bottom - tall * (i + 1), cell, tall))
-        for i in range(rows)
-        for j in range(columns)
+        _cell(figure, (i, j), _place(frame, i, j), frame.is_narrow, size)
+        for i in range(len(figure.y))
+        for j in range(len(figure.x))
     ]
-    names = [(left + cell * (j + 0.5), bottom + 15.0, "middle", name) for j, name in _column_names(figure.x, cell)]
-    names += [(left - 6.0, bottom - tall * (i + 0.5) + 4.0, "end", name) for i, name in enumerate(figure.y)]
-    names.append((left + cell * columns / 2, bottom + 33.0, "middle", figure.x_title))
-    parts += [f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{at}">{escape(text)}</text>' for x, y, at, text in names]
-    turned = f'transform="translate(13 {(TOP + bottom) / 2:.1f}) rotate(-90)" text-anchor="middle"'
-    parts += [f"<text {turned}>{escape(figure.y_title)}</text>", _scale(figure, left + cell * columns + 10.0, bottom)]
+    parts += _names(figure, frame)
+    middle = TOP + 0.5 * (frame.bottom - TOP)
+    turned = f'transform="translate(13 {middle:.1f}) rotate(-90)" text-anchor="middle"'
+    parts += [f"<text {turned}>{escape(figure.y_title)}</text>", _scale(figure, frame)]
+    total, name = round(frame.bottom + frame.below), "narrow" if frame.is_narrow else "wide"
     return (
-        f'<svg class="figure map" viewBox="0 0 {WIDE} {round(bottom + BELOW)}" xmlns="http://www.w3.org/2000/svg" '
+        f'<svg class="figure map {name}" viewBox="0 0 {width} {total}" xmlns="http://www.w3.org/2000/svg" '
         f'font-family="{escape(FONT)}" font-size="11" fill="{INK}" role="img" aria-label="{escape(figure.title)}">'
         f"{''.join(parts)}</svg>"
     )
 
 
+def _frame(figure: HeatMap, height: int, width: float) -> _Frame:
+    rows, columns, narrow = max(len(figure.y), 1), max(len(figure.x), 1), width < WIDE
+    left = max(map(text_width, figure.y), default=0.0) + 32.0
+    left = min(left, 0.45 * width) if narrow else left
+    cell = min((width - left - (0.0 if narrow else SCALE) - RIGHT) / columns, BROADEST)
+    upright = _upright(figure.x, cell) if narrow else 0.0
+    below = BELOW + upright + (34.0 if narrow else 0.0)
+    tall = (height - TOP - below) / rows if height else max(TALL, LOWEST / rows)
+    return _Frame(width, left, TOP + tall * rows, cell, tall, below)
+
+
+def _place(frame: _Frame, i: int, j: int) -> tuple[float, float, float, float]:
+    """Left, top, width and height of a cell [px]."""
+    return frame.left + frame.cell * j, frame.bottom - frame.tall * (i + 1), frame.cell, frame.tall
+
+
+def _upright(names: Sequence[str], width: float) -> float:
+    """Room for words that stand upright below columns of a width, as they do not fit there [px]."""
+    longest = max(map(text_width, names), default=0.0)
+    return min(longest, LONGEST) if not _are_numbers(names) and longest > width - 4.0 else 0.0
+
+
+def _are_numbers(names: Sequence[str]) -> bool:
+    return all(name[:1].isdigit() for name in names)
+
+
+def _number_size(figure: HeatMap, frame: _Frame) -> float:
+    """Size of the numbers in the cells [px]: smaller in the narrow columns of a telephone, 0 where they do not fit."""
+    longest = max((text_width(text) for row in figure.texts for text in row), default=0.0) / SIZE
+    if not frame.is_narrow:
+        return NUMBERS
+    fitting = min((frame.cell - 3.0) / max(longest, 1.0), NUMBERS)
+    return fitting if fitting >= SMALLEST else 0.0
+
+
+def _names(figure: HeatMap, frame: _Frame) -> list[str]:
+    """Names of rows and columns, and the title below the columns."""
+    bottom, upright = frame.bottom, _upright(figure.x, frame.cell) if frame.is_narrow else 0.0
+    found = []
+    for j, name in enumerate(figure.x) if upright else _column_names(figure.x, frame.cell):
+        x = frame.left + frame.cell * (j + 0.5)
+        if upright:
+            at = f'transform="translate({x + 4.0:.1f} {bottom + 6.0:.1f}) rotate(-90)" text-anchor="end"'
+            found.append(f"<text {at}>{escape(cut(name, LONGEST))}</text>")
+        else:
+            found.append(f'<text x="{x:.1f}" y="{bottom + 15.0:.1f}" text-anchor="middle">{escape(name)}</text>')
+    for i, name in enumerate(figure.y):
+        y = bottom - frame.tall * (i + 0.5) + 4.0
+        short = cut(name, frame.left - 32.0) if frame.is_narrow else name
+        found.append(f'<text x="{frame.left - 6.0:.1f}" y="{y:.1f}" text-anchor="end">{escape(short)}</text>')
+    x, y = frame.left + frame.cell * len(figure.x) / 2, bottom + 33.0 + upright
+    return [*found, f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle">{escape(figure.x_title)}</text>']
+
+
 def _column_names(names: Sequence[str], width: float) -> list[tuple[int, str]]:
     """Names below columns of a width [px]: words are cut, and of numbers that do not fit only some are shown."""
-    if not all(name[:1].isdigit() for name in names):
+    if not _are_numbers(names):
         return [(j, cut(name, width - 4.0)) for j, name in enumerate(names)]
     every = int(-(-max(map(text_width, names), default=1.0) // max(width - 4.0, 1.0)))
     return list(enumerate(names))[:: max(every, 1)]
 
 
-def _cell(figure: HeatMap, i: int, j: int, place: tuple[float, float, float, float]) -> str:
-    """Cell with its number, and with its place and number in words."""
+def _cell(
+    figure: HeatMap, at: tuple[int, int], place: tuple[float, float, float, float], narrow: bool, size: float
+) -> str:
+    """Cell with its number, and on a page, which a mouse moves over, with its place and number in words.
+
+    Parameters
+    ----------
+    figure : HeatMap
+    at : (int, int)
+        Row and column.
+    place : (float, float, float, float)
+        Left, top, width and height [px].
+    narrow : bool
+        On a telephone.
+    size : float
+        Of the number [px]; 0 for none.
+    """
+    i, j = at
     value, text = figure.values[i][j], figure.texts[i][j]
     if value is None and not text.strip():
         return ""
     x, y, width, height = place
     colour = "#ffffff" if value is None else _colour(figure, value)
     said = f"{figure.y_title} {figure.y[i]}; {figure.x_title} {figure.x[j]}: {text} {figure.unit}"
-    shown = text if width >= min(NARROWEST, text_width(text)) else ""
+    title = "" if narrow else f"<title>{escape(said)}</title>"
+    fits = size > 0.0 if narrow else width >= min(NARROWEST, text_width(text))
+    number = (
+        f'<text x="{x + width / 2:.1f}" y="{y + height / 2 + 0.36 * size:.1f}" font-size="{size:.3g}" '
+        f'text-anchor="middle">{escape(text)}</text>'
+        if fits
+        else ""
+    )
     return (
-        f'<g><title>{escape(said)}</title><rect x="{x + 0.5:.1f}" y="{y + 0.5:.1f}" width="{width - 1:.1f}" '
-        f'height="{height - 1:.1f}" fill="{colour}"/><text x="{x + width / 2:.1f}" y="{y + height / 2 + 3.4:.1f}" '
-        f'font-size="{NUMBERS}" text-anchor="middle">{escape(shown)}</text></g>'
+        f'<g>{title}<rect x="{x + 0.5:.1f}" y="{y + 0.5:.1f}" width="{width - 1:.1f}" '
+        f'height="{height - 1:.1f}" fill="{colour}"/>{number}</g>'
     )
 
 
@@ -105,17 +203,27 @@ def _colour(figure: HeatMap, value: float) -> str:
     return "#" + "".join(f"{round(a + (place - first) * (b - a)):02x}" for a, b in zip(*pair, strict=True))
 
 
-def _scale(figure: HeatMap, x: float, bottom: float) -> str:
-    """Colours from the lowest value to the highest, with their numbers, beside a map that ends at a place [px]."""
-    low, high = _ends(figure)
-    steps = 24
-    tall = (bottom - TOP) / steps
+def _scale(figure: HeatMap, frame: _Frame) -> str:
+    """Colours from the lowest value to the highest, with their numbers, beside the map or below a narrow one."""
+    (low, high), steps = _ends(figure), 24
+    texts = [significant(value, 3).replace("-", "−") for value in (low, 0.5 * (low + high), high)]
+    colours = [_colour(figure, low + (k + 0.5) / steps * (high - low)) for k in range(steps)]
+    x, bottom, long = frame.left + frame.cell * len(figure.x) + 10.0, frame.bottom, frame.bottom - TOP
+    if frame.is_narrow:
+        x, bottom, long = frame.left, frame.bottom + frame.below - 28.0, frame.width - frame.left - RIGHT
+    step = long / steps
+    if frame.is_narrow:
+        places = [(x + step * k, bottom, step + 0.5, 10.0) for k in range(steps)]
+        numbers = [(x + 0.5 * long * k, bottom + 22.0, anchor) for k, anchor in enumerate(("start", "middle", "end"))]
+    else:
+        places = [(x, bottom - step * (k + 1), 10.0, step + 0.5) for k in range(steps)]
+        numbers = [(x + 13.0, y, "start") for y in (bottom, (TOP + bottom) / 2 + 4.0, TOP + 8.0)]
     parts = [
-        f'<rect x="{x:.1f}" y="{bottom - tall * (k + 1):.1f}" width="10" height="{tall + 0.5:.1f}" '
-        f'fill="{_colour(figure, low + (k + 0.5) / steps * (high - low))}"/>'
-        for k in range(steps)
+        f'<rect x="{px:.1f}" y="{py:.1f}" width="{width:.1f}" height="{height:.1f}" fill="{colour}"/>'
+        for (px, py, width, height), colour in zip(places, colours, strict=True)
     ]
-    places = (TOP + 8.0, (TOP + bottom) / 2 + 4.0, bottom)
-    for y, value in zip(places, (high, 0.5 * (low + high), low), strict=True):
-        parts.append(f'<text x="{x + 13:.1f}" y="{y:.1f}">{significant(value, 3).replace("-", "−")}</text>')
+    parts += [
+        f'<text x="{px:.1f}" y="{py:.1f}" text-anchor="{anchor}">{text}</text>'
+        for (px, py, anchor), text in zip(numbers, texts, strict=True)
+    ]
     return "".join(parts)

@@ -145,7 +145,8 @@ class Plot {
       const x = Math.round(px(i * xStep)) + 0.5;
       g.moveTo(x, top);
       g.lineTo(x, top + tall);
-      g.fillText(String(+(i * xStep).toPrecision(6)), x, top + tall + 4);
+      const text = String(+(i * xStep).toPrecision(6)), half = g.measureText(text).width / 2;
+      g.fillText(text, Math.min(x, this.width - half), top + tall + 4); // the last one within the canvas
     }
     g.stroke();
     if (this.options.x) g.fillText(this.options.x, left + wide / 2, this.height - 13);
