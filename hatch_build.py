@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,8 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         if not self._is_asked():
             return
         root = Path(self.root)
-        folder = Path(self.directory) / "kernels"
+        self._made = tempfile.TemporaryDirectory(prefix="commonrail-kernels-")  # removed at the latest with the process
+        folder = Path(self._made.name)
         environment = os.environ | {"PYTHONPATH": str(root / "src")}
         command = [sys.executable, "-m", "commonrail.export.lane_library", str(folder)]
         if subprocess.run(command, env=environment, check=False).returncode != 0:
@@ -35,6 +37,11 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
             build_data["force_include"][str(path)] = f"commonrail/kernels/{path.name}"
         build_data["pure_python"] = False
         build_data["tag"] = os.environ.get(TAG, "py3-none-linux_x86_64")
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove the libraries, which are in the wheel now."""
+        if self._is_asked():
+            self._made.cleanup()
 
     @staticmethod
     def _is_asked() -> bool:

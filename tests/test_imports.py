@@ -191,3 +191,14 @@ def test_a_calibration_without_refinements_loads_neither_scipy_nor_tomlkit(tmp_p
     code += f"app(['calibrate', str(folder / 'study.toml'), '--out', {str(tmp_path / 'run')!r}], standalone_mode=False)"
     assert loaded(code, ("scipy", "tomlkit")) == []
     assert (tmp_path / "run" / "report.html").is_file()
+
+
+@pytest.mark.process
+def test_a_map_of_an_injector_that_was_read_before_loads_no_models_of_files() -> None:
+    code = "from commonrail.files.injector_file import load_injector; load_injector('cri2-16')"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    code = "import sys, commonrail.cli.map, commonrail.report.map, commonrail.maps.quantity_map\n"
+    code += "from commonrail.files.model_name import read_model_names\nread_model_names(['cri2-16'])\n"
+    code += "print(*(m for m in ('pydantic', 'commonrail.kinds', 'commonrail.calibration.study') if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []

@@ -113,5 +113,16 @@ def test_without_the_compiler_the_machine_is_looked_at_all_the_same(monkeypatch:
     monkeypatch.setitem(sys.modules, "llvmlite", None)
     monkeypatch.setattr(doctor, "version", lambda package: "" if package == "llvmlite" else "1.0")
     facts = {fact.name: fact for fact in doctor.machine_facts()}
-    assert facts["llvmlite"].verdict == "Install it: pip install llvmlite."
+    assert facts["llvmlite"].verdict.endswith("Install it: pip install llvmlite.")
     assert facts["instruction sets"] == Fact("instruction sets", "none known")
+
+
+@pytest.mark.parametrize("package", ["scipy", "numba", "llvmlite", "numpy"])
+def test_a_package_is_essential_unless_libraries_do_without(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
+    monkeypatch.setattr(doctor, "version", lambda name: "" if name == package else "1.0")
+    lacking, with_libraries = (
+        next(fact for fact in doctor.package_facts(found) if fact.verdict != OK) for found in (False, True)
+    )
+    assert lacking == Fact(package, "not installed", f"Install it: pip install {package}.", True)
+    assert with_libraries.essential == (package == "numpy")
+    assert with_libraries.verdict.startswith("Simulations by a library do without") == (package != "numpy")

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commonrail.calibration.comparison import Comparison, check_drive, check_labels, compare
+from commonrail.calibration.comparison import Comparison, check_drive, compare
+from commonrail.calibration.labels import check_labels
 from commonrail.calibration.comparison_record import comparison_record
 from commonrail.calibration.result import validate
 from commonrail.calibration.study import Study

@@ -16,13 +16,29 @@ from commonrail.engine.lanes import VECTORS
 from commonrail.engine.library import objection
 from commonrail.engine.simulate import usable_threads
 
-__all__ = ["OK", "Fact", "cache_facts", "examine", "extra_facts", "kernel_facts", "machine_facts", "usable"]
+__all__ = [
+    "OK",
+    "Fact",
+    "cache_facts",
+    "examine",
+    "extra_facts",
+    "kernel_facts",
+    "machine_facts",
+    "package_facts",
+    "usable",
+]
 
 OK = "ok"
 PATIENCE = 600.0  # for the first simulation, which may compile [s]
 # The paper's injector at 160 MPa, 700 us [m³]. The physics may be refined by less than the room; miscompiled it is not.
 VOLUME, ROOM = 53.8e-9, 0.05
 BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
+# Packages that a simulation needs where no library holds it, and what needs them in any case.
+WITHOUT_LIBRARIES = {
+    "scipy": "the reference engine, refinements and some analyses need",
+    "numba": "injectors wired in other ways than the catalogue's need",
+    "llvmlite": "injectors wired in other ways than the catalogue's need",
+}
 EXTRAS = {
     "distributed": ("distributed", "to calibrate on a cluster", "pip install 'commonrail[cluster]'"),
     "cryptography": ("cryptography", "for --cluster local", "pip install 'commonrail[cluster]'"),
@@ -56,10 +72,7 @@ def usable(facts: list[Fact]) -> bool:
 def machine_facts() -> Iterator[Fact]:
     """Versions, processor, instruction sets, threads."""
     yield Fact("Python", platform.python_version())
-    for package in ("numpy", "scipy", "numba", "llvmlite"):
-        found = version(package)
-        lacking = f"Install it: pip install {package}."
-        yield Fact(package, found or "not installed", OK if found else lacking, True)
+    yield from package_facts(has_libraries=not objection())
     yield Fact("processor", processor())
     sets = instruction_sets()
     yield Fact("instruction sets", " ".join(sets) or "none known", _vectors(sets) if version("llvmlite") else OK)
@@ -74,6 +87,22 @@ def machine_facts() -> Iterator[Fact]:
         f"{vector.lanes} candidates side by side in {precision.value}" for precision, vector in VECTORS.items()
     )
     yield Fact("kernel", kernels)
+
+
+def package_facts(has_libraries: bool) -> Iterator[Fact]:
+    """Versions of the packages that simulate.
+
+    Parameters
+    ----------
+    has_libraries : bool
+        Libraries of compiled simulations are used: what is in them needs NumPy alone.
+    """
+    for package in ("numpy", *WITHOUT_LIBRARIES):
+        found = version(package)
+        needless = has_libraries and package in WITHOUT_LIBRARIES
+        lacking = f"Simulations by a library do without; {WITHOUT_LIBRARIES[package]} it. " if needless else ""
+        cure = f"{lacking}Install it: pip install {package}."
+        yield Fact(package, found or "not installed", OK if found else cure, not needless)
 
 
 def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fact]:

@@ -9,6 +9,7 @@ from os import PathLike
 from typing import NamedTuple
 
 from commonrail.arguments import instance, instances, mapping, thread_count
+from commonrail.calibration.labels import check_labels
 from commonrail.calibration.study import Study
 from commonrail.choices import Drive
 from commonrail.display.shown import Shown
@@ -21,16 +22,9 @@ from commonrail.kinds.metering import with_meters
 from commonrail.kinds.simulator import Simulator
 from commonrail.observation.meter import Meter
 
-__all__ = ["MOST_MODELS", "Comparison", "Failure", "check_drive", "check_labels", "compare"]
-
-MOST_MODELS = 8  # colours and markers that can be told apart
+__all__ = ["Comparison", "Failure", "check_drive", "compare"]
 
 _TRACES = (Drive.CURRENT, Drive.VOLTAGE)
-# Names that the results give to other things than models.
-_RESERVED = frozenset(
-    {"data", "dead_time", "measured", "quantity", "synthetic", "time_s"}
-    | {"rail_pressure", "cylinder_pressure", "return_pressure", "energising_time"}
-)
 
 
 class Failure(NamedTuple):
@@ -128,23 +122,6 @@ def _several(studies: Sequence[Study]) -> tuple[Study, ...]:
     if not found:
         raise ConfigurationError("The studies must be at least one; its data are what the models are compared on.")
     return found
-
-
-def check_labels(labels: Sequence[str]) -> None:
-    """Refuse no model, too many, and labels that tables and files cannot carry.
-
-    Raises
-    ------
-    ConfigurationError
-        With the label.
-    """
-    if not 1 <= len(labels) <= MOST_MODELS:
-        raise ConfigurationError(f"Between 1 and {MOST_MODELS} models can be compared at a time, not {len(labels)}.")
-    for label in labels:
-        if label in _RESERVED:
-            raise ConfigurationError(f'"{label}" cannot be the label of a model: results use it; choose another one.')
-        if not label.strip() or not label.isprintable():
-            raise ConfigurationError(f"{label!r} cannot be the label of a model; choose a short printable text.")
 
 
 def check_drive(injector: Injector, study: Study, label: str) -> None:

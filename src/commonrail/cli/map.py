@@ -123,13 +123,14 @@ def map_(
       commonrail map cri2-16 --cylinder-pressure 0.5MPa --out et.dcm --label InjVlv_tiET_MAP --report map.html
       commonrail map runs/a cri2-16 --rail-pressure 20:160:20MPa --quantity 1,2,5,10,20,50mm3 --report change.html
     """
-    from commonrail.files.map_file import check_map_file
     from commonrail.maps.inverse import Rules
     from commonrail.maps.quantity_map import injection_map
     from commonrail.maps.response import Conditions
 
     targets, forward = list(out or []), list(quantity_out or [])
     for path in (*targets, *forward):
+        from commonrail.files.map_file import check_map_file
+
         check_file(path, "--out")
         check_map_file(path)
     check_file(report, "--report")
@@ -227,6 +228,8 @@ def _write(
     paths: list[Path], table: Callable[[MapUnits], MapTable], units: tuple[str | None, str | None, str | None]
 ) -> list[str]:
     """Write a table into files, in the units that were asked for or that suit the format."""
+    if not paths:
+        return []
     from commonrail.files.map_file import write_map_file
     from commonrail.maps.table import ECU_UNITS, MapUnits
 

@@ -109,10 +109,10 @@ def resume_study(
 
 
 def _told(title: str, folder: Path, work: Callable[[Listener], Calibration]) -> Outcome:
-    from commonrail.files.run_folder import read_run
+    from commonrail.files.run_folder import read_result
 
     report, _ = reported(title, folder, work)
-    return Outcome(folder, report, read_run(folder)[0])
+    return Outcome(folder, report, read_result(folder))
 
 
 def reported(

@@ -8,7 +8,7 @@ from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
 
-from commonrail.calibration.comparison import check_labels
+from commonrail.calibration.labels import check_labels
 from commonrail.choices import Body, Boundary, Drive
 from commonrail.errors import InputError, nearest
 from commonrail.files.injector_file import injector_catalogue, load_injector, load_meters

@@ -32,8 +32,10 @@ __all__ = [
     "new_run_folder",
     "rate_curves",
     "read_fit",
+    "read_result",
     "read_run",
     "refuse_used",
+    "write_judgement",
     "write_results",
     "write_run",
 ]
@@ -136,6 +138,26 @@ def write_results(folder: Path, calibration: Calibration, identified: Mapping[st
         _write_traces(folder / TRACES, calibration)
 
 
+def write_judgement(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write result.json again, with what was judged since `write_results`; the other files stay.
+
+    Parameters
+    ----------
+    folder : Path
+    calibration : Calibration
+        That was written.
+    identified : mapping
+        As `identify(calibration)` returns it.
+    """
+    with summed(folder, RESULT, CALIBRATED, TRACES, *_members(folder)):
+        write_record(folder / RESULT, result_record(calibration, identified))
+
+
+def read_result(folder: Path) -> dict[str, Any]:
+    """result.json of a run folder; raises as `read_run`."""
+    return read_record(folder / RESULT, "commonrail calibrate")
+
+
 def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
     """result.json, and per injection curve the arrays time_s [s] and rates [m³/s] by label.
 
@@ -147,7 +169,7 @@ def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
         If it is no path.
     """
     folder = file_path(folder, "folder")
-    return read_record(folder / RESULT, "commonrail calibrate"), read_traces(folder / TRACES)
+    return read_result(folder), read_traces(folder / TRACES)
 
 
 def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
@@ -161,7 +183,7 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
         If it is no path.
     """
     folder = file_path(folder, "folder")
-    record = read_record(folder / RESULT, "commonrail calibrate")
+    record = read_result(folder)
     study = load_study(folder / STUDY)
     try:
         best = {str(p["name"]): float(p["best"]) for p in record["parameters"]}
@@ -190,7 +212,7 @@ def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str
         If the file cannot be written.
     """
     folder = file_path(folder, "folder")
-    record = read_record(folder / RESULT, "commonrail calibrate")
+    record = read_result(folder)
     record[CERTAINTY] = dict(certainty)
     known = {one["name"]: one for one in certainty["parameters"]}
     for parameter in record["parameters"]:

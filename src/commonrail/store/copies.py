@@ -33,13 +33,14 @@ def copies_of(study: Study) -> list[str]:
     return [place.as_posix() for place in _places(list(study.files)).values()] if study.files else []
 
 
-def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study]:
+def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study, str]:
     """Copy the files of a study into a run folder, and read the study again from there.
 
     Returns
     -------
-    list of Input, Study
+    list of Input, Study, str
         The files; none, and the study itself, if it was made or changed in Python beyond its seed and generations.
+        With the fingerprint of the study.
 
     Raises
     ------
@@ -49,7 +50,7 @@ def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study]:
         If a copy cannot be written.
     """
     if not study.files:
-        return [], study
+        return [], study, content_of(study)
     inputs = _copy_files(study.files, folder, _places(list(study.files)))
     with quiet():
         own = load_study(folder / STUDY)
@@ -62,11 +63,12 @@ def copy_study(study: Study, folder: Path) -> tuple[list[Input], Study]:
         write_text(folder / STUDY, text)
         inputs[0] = inputs[0]._replace(copy=sha256(text.encode()))
         own = with_generations(replace(own, seed=study.seed, text=text), wanted)
-    if content_of(own) == content_of(study):
-        return inputs, own
+    content = content_of(study)
+    if content_of(own) == content:
+        return inputs, own, content
     for item in inputs:
         (folder / item.name).unlink()
-    return [], study
+    return [], study, content
 
 
 def places_apart(sources: Iterable[Path], main: str) -> dict[Path, Path]:

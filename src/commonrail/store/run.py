@@ -18,7 +18,7 @@ from commonrail.calibration.search import Progress, objective_of
 from commonrail.calibration.study import Study
 from commonrail.errors import ConfigurationError, StudyError
 from commonrail.files.atomic import write_text
-from commonrail.files.run_folder import STUDY, write_results
+from commonrail.files.run_folder import STUDY, write_judgement, write_results
 from commonrail.files.study_file import load_study
 from commonrail.reading.guarded_file import sha256
 from commonrail.store.beginning import Copied, begun, ending, refuse_wrong
@@ -187,7 +187,7 @@ def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener
         workers = how["workers"]
         identified.refits = refits_of(calibration, threads=how["threads"], workers=workers, note=listener.note)
         journal.check_place()
-        write_results(journal.folder, calibration, identified)
+        write_judgement(journal.folder, calibration, identified)
         journal.end_session(calibration.status, calibration.reason)
     return calibration
 
@@ -197,12 +197,12 @@ def _begun(folder: Path, study: Study) -> Iterator[tuple[Journal, Study]]:
     """A new run's journal and its study, read from the copy in the folder; nothing stays if nothing was simulated."""
 
     def copied() -> Copied[Study]:
-        inputs, own = copy_study(study, folder)
+        inputs, own, content = copy_study(study, folder)
         facts = {
             "title": study.title,
             "given": study.text,
             "study": own.text,
-            "content": content_of(own),
+            "content": content,
             "generations": str(own.method.evolution.generations),
         }
         return Copied(own, facts, inputs)

@@ -1,0 +1,124 @@
+"""Wheels as they are built: pure without being asked, and with libraries of kernels where they are asked for."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import subprocess
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from commonrail.choices import Precision
+from commonrail.compile_target import LEVEL_3
+from commonrail.errors import ConfigurationError
+from commonrail.export.lane_library import CATALOGUE, write_libraries
+from commonrail.export.linker import compiler_for
+from commonrail.export.objects import target_named
+
+wheels = pytest.importorskip("hatchling.builders.wheel", reason="hatchling, which builds wheels, is not installed")
+
+ROOT = Path(__file__).resolve().parents[1]
+ASKED, TAG = "COMMONRAIL_BUILD_KERNELS", "COMMONRAIL_WHEEL_TAG"
+
+
+def has_compiler() -> bool:
+    """Whether libraries can be linked here."""
+    try:
+        compiler_for(target_named("linux64"))
+    except ConfigurationError:
+        return False
+    return True
+
+
+@pytest.fixture(autouse=True)
+def not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is asked for by the environment of whoever runs the tests."""
+    for name in (ASKED, TAG):
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Copy of what a wheel is built from, with libraries that a developer has made in it."""
+    root = tmp_path_factory.mktemp("tree")
+    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE", ".gitignore"):
+        shutil.copy(ROOT / name, root)
+    ignored = shutil.ignore_patterns("__pycache__", "kernels")
+    shutil.copytree(ROOT / "src", root / "src", ignore=ignored)
+    own = root / "src" / "commonrail" / "kernels"
+    own.mkdir()
+    (own / "lanes-v3.so").write_bytes(b"of a developer")
+    return root
+
+
+def build(tree: Path, target: Path) -> tuple[str, dict[str, bytes]]:
+    """Build a wheel; returns its name and its files of the folder of kernels, and checks that nothing else is left."""
+    made = Path(next(wheels.WheelBuilder(str(tree)).build(directory=str(target), versions=["standard"])))
+    assert [path.name for path in target.iterdir()] == [made.name]
+    with zipfile.ZipFile(made) as wheel:
+        names = wheel.namelist()
+        assert {"commonrail/py.typed", "commonrail/fuel/catalogue/iso4113.toml"} <= set(names)
+        return made.name, {Path(n).name: wheel.read(n) for n in names if n.startswith("commonrail/kernels/")}
+
+
+def test_a_wheel_is_pure_unless_it_is_asked_for_libraries(tree: Path, tmp_path: Path) -> None:
+    name, kernels = build(tree, tmp_path)
+    assert name.endswith("-py3-none-any.whl")
+    assert kernels == {}
+
+
+@pytest.mark.skipif(not has_compiler(), reason="no C compiler for x86-64 Linux is installed")
+@pytest.mark.parametrize("tag", ["", "py3-none-manylinux_2_28_x86_64"])
+def test_a_wheel_has_the_libraries_that_were_asked_for(
+    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tag: str
+) -> None:
+    folders: list[Path] = []
+    link = subprocess.run
+
+    def run(command: list[str], **settings: Any) -> Any:
+        if command[1:2] != ["-m"]:
+            return link(command, **settings)  # the C compiler
+        assert command[2] == "commonrail.export.lane_library"
+        assert settings["env"]["PYTHONPATH"] == str(tree / "src")
+        folders.append(Path(command[3]))
+        write_libraries(folders[-1], CATALOGUE[:1], (Precision.F64,), (LEVEL_3,))  # all of them take minutes
+        (folders[-1] / ".lanes-v4.so").write_bytes(b"of an interrupted build")
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(subprocess, "run", run)
+    monkeypatch.setenv(ASKED, "1")
+    if tag:
+        monkeypatch.setenv(TAG, tag)
+    name, kernels = build(tree, tmp_path)
+    assert name.endswith(f"-{tag or 'py3-none-linux_x86_64'}.whl")
+    assert set(kernels) == {"lanes-v3.so", "stamp.json"}
+    stamp = json.loads(kernels["stamp.json"])
+    assert stamp["libraries"] == {"lanes-v3.so": hashlib.sha256(kernels["lanes-v3.so"]).hexdigest()}
+    assert not folders[0].exists()  # nor in the temporary folder
+
+
+def test_without_its_libraries_a_wheel_that_was_asked_for_them_is_not_built(
+    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failed: subprocess.CompletedProcess[str] = subprocess.CompletedProcess([], 3)
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: failed)
+    monkeypatch.setenv(ASKED, "1")
+    with pytest.raises(SystemExit, match="without it the wheel has none"):
+        build(tree, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_compiler_is_asked_for_with_the_libraries_alone(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def needed() -> set[str]:
+        builder = wheels.WheelBuilder(str(tree))
+        hooks = builder.get_build_hooks(tempfile.gettempdir())
+        return {word for hook in hooks.values() for word in hook.dependencies()}
+
+    assert needed() == set()
+    monkeypatch.setenv(ASKED, "1")
+    assert any(word.startswith("numba") for word in needed())
