@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.estimate import Estimate, estimate, estimate_at
+from commonrail.analysis.certainty.estimate import Estimate, estimate, estimate_at, with_outliers
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.neighbourhood import around
 from commonrail.analysis.posterior.proposals import bounded
@@ -277,4 +277,4 @@ def _about(found: Estimate, point: Floats) -> Estimate:
         covariance = found.covariance
         return replace(found, covariance=covariance._replace(discrepancy=covariance.discrepancy + np.outer(away, away)))
     errors = own.residuals(point[None])[0]
-    return estimate_at(own, unit, errors, own.jacobian(unit[None])[0])
+    return with_outliers(estimate_at(own, unit, errors, own.jacobian(unit[None])[0]))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import covariance_of
-from commonrail.analysis.certainty.estimate import Estimate, pulls_of
+from commonrail.analysis.certainty.estimate import Estimate, pulls_of, with_outliers
 from commonrail.analysis.certainty.laws import scale_of
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import Law
@@ -131,7 +131,7 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
     ]
     wide = own.with_noises(noises)
     covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, pulls_of(wide, found.unit))
-    return replace(found, likelihood=wide, covariance=covariance)
+    return with_outliers(replace(found, likelihood=wide, covariance=covariance))
 
 
 def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
