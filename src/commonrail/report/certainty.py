@@ -14,6 +14,7 @@ __all__ = ["certainty_lines", "certainty_tables", "posterior_table"]
 DIGITS = 5
 MOST_PERCENT = 1000.0  # of a value, above which half an interval or a move is no figure any more
 OPEN = "open"  # interval
+FRICTION = "friction"  # suspect of the test that fits it
 
 
 def certainty_tables(record: Record) -> list[Table]:
@@ -41,6 +42,7 @@ def certainty_lines(record: Record) -> list[str]:
         *_stated(found["parameters"]),
         *_sensitivity(found),
         *_visible(found),
+        *_friction(found),
         *_cures(found["parameters"]),
     ]
 
@@ -175,6 +177,18 @@ def _visible(found: Record) -> list[str]:
     return [
         f"A delay of the meter of {to_text(delay, 's', 2)}, which the study lacks, would be found in 9 of 10 benches "
         "with this noise; a smaller one mostly stays hidden in the parameters."
+    ]
+
+
+def _friction(found: Record) -> list[str]:
+    """Sentence on a test of friction that found none; what it finds withdraws the verdicts, which is said elsewhere."""
+    done = next((test for test in found.get("tests", []) if test["suspect"] == FRICTION and not test["found"]), None)
+    if done is None:
+        return []
+    return [
+        "All parameters were fitted once more with dry and viscous friction of the guides free: it explains the curves "
+        f"no better than chance does (probability {significant(done['score'], 2)}). Small friction may stay hidden in "
+        "the parameters."
     ]
 
 

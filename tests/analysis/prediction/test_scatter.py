@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ from scipy.stats import t
 
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.prediction.band import Band, band_from_slopes, union
-from commonrail.analysis.prediction.scatter import LEAST, left_out, scatter_of
+from commonrail.analysis.prediction.predict import _Fit
+from commonrail.analysis.prediction.scatter import LEAST, curve_scatter, left_out, scatter_of
 from commonrail.calibration.prior import Prior
 from commonrail.calibration.space import Parameter, Space
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.kinds import DataSet, QuantityData, Role
 from commonrail.kinds.noise import Correlation, Law, Noise
+from commonrail.kinds.simulator import Simulator
 from tests.analysis.certainty.linear import fitted, likelihood
 
 PLAIN = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE)
@@ -189,3 +192,23 @@ def test_the_band_of_several_optima_is_the_union_of_theirs() -> None:
 def test_the_quantile_is_that_of_the_degrees_of_freedom_of_the_values_left_out() -> None:
     ((low, high),) = band_from_slopes(np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), np.ones(1), 7.0, [0.9]).values()
     assert 0.5 * (high - low)[0] == pytest.approx(t.ppf(0.95, 7.0))
+
+
+def test_a_fitted_curve_scatters_as_it_does_itself_and_others_as_the_worst() -> None:
+    """A stroke with noise of 0.6 beside a mean of many with 0.1; a curve that is not fitted may be either."""
+    rng, x = np.random.default_rng(6), np.random.default_rng(7).normal(size=(300, 3))
+    pair = [x @ MIDDLE + sigma * rng.standard_normal(300) for sigma in (0.6, 0.1)]
+    found = fitted(likelihood(pair, [x, x], [PLAIN, PLAIN], room=space(1e6)))
+    stroke, mean = (replace(quantities(np.zeros(300)), name=name) for name in ("stroke", "mean"))
+    fit = _Fit(
+        cast(Simulator, None),
+        found,
+        found.point[None],
+        scatter_of(found, [stroke, mean]),
+        curve_scatter(found, [stroke, mean]),
+    )
+    # a standard deviation of 300 values is known to 4 %
+    assert fit.scatter_about(stroke).factor == pytest.approx(0.6, rel=0.12)
+    assert fit.scatter_about(mean).factor == pytest.approx(0.1, rel=0.12)
+    other = replace(quantities(np.zeros(300), Role.VALIDATION), name="mean")
+    assert fit.scatter_about(other).factor == fit.scatter_about(stroke).factor

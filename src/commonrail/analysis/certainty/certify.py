@@ -24,6 +24,7 @@ from commonrail.calibration.constraint_text import parse_constraints
 from commonrail.calibration.study import Study
 from commonrail.display.shown import Shown
 from commonrail.errors import ConfigurationError
+from commonrail.kinds.noise import Law
 
 __all__ = ["Certainty", "certify", "friction_withdraws"]
 
@@ -262,6 +263,8 @@ def _local_label(found: Estimate) -> str:
     orders = [noise.autoregression.order for noise in found.likelihood.noises]
     white = f"AR({max(orders)})" if max(orders) else "white"
     parts = [f"curvature of the likelihood ({', '.join(laws)}, {white}), t quantile"]
+    if Law.STUDENT.value in laws:
+        parts.append("outliers integrated out")
     if found.likelihood.nuisances:
         parts.append("uncertain quantities added")
     if any(block.noise.discrepancy for block in found.likelihood.blocks):

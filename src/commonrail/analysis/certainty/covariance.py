@@ -3,11 +3,12 @@
 With whitened derivatives J_b of block b, the bread is B = Σ m_b J_bᵀJ_b, m_b being the mean slope of its law, and the
 covariance is V = B⁻¹ (Σ τ_b J_bᵀJ_b) B⁻¹ with τ_b = K² Σψ²/ν_b (Huber's factor K): that of the estimator in use,
 whatever its law. A Gaussian block has m = τ = 1. Priors are a block with stated deviations. Bounds and constraints are
-not projected out.
+not projected out. Of a block under Student's t the noise's part is replaced at the end, see `integrated`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.kinds.noise import Law
 from commonrail.probability import student_quantile
 
-__all__ = ["Covariance", "covariance_of", "half_widths", "moved_by", "student"]
+__all__ = ["Covariance", "combined_freedom", "covariance_of", "half_widths", "moved_by", "student"]
 
 Floats = NDArray[np.float64]
 
@@ -47,6 +48,8 @@ class Covariance(NamedTuple):
         Parameters that each block pays for.
     ratios : (blocks,)
         Mean slope over scatter of ψ of each block, by which differences of its cost are scaled.
+    beyond : (d,)
+        Standard errors by noise over those of the likelihood's curvature; 1 but where outliers were integrated out.
     """
 
     inverse: Floats
@@ -58,6 +61,7 @@ class Covariance(NamedTuple):
     alone: Floats
     used: Floats
     ratios: Floats
+    beyond: Floats
 
     @property
     def root(self) -> Floats:
@@ -96,17 +100,21 @@ def covariance_of(likelihood: Likelihood, slopes: Floats, errors: Floats, shifts
     spread = [inverse @ (t * part) @ inverse for t, part in zip(meat, parts, strict=True)]
     spread.append(inverse @ prior @ inverse)
     shares = np.array([np.diag(part) for part in spread])
-    freedoms = np.array([*(noise.freedom for noise in likelihood.noises), np.inf])
-    variance = shares.sum(axis=0)
-    shares = shares / np.maximum(variance, 1e-300)
-    freedom = 1.0 / np.maximum(np.sum(shares**2 / freedoms[:, None], axis=0), 1e-300)
+    shares = shares / np.maximum(shares.sum(axis=0), 1e-300)
+    freedom = combined_freedom(shares, [noise.freedom for noise in likelihood.noises])
     noise = np.sum(spread, axis=0)
     noise[loose, loose] = np.inf
     with np.errstate(divide="ignore"):
         alone = 1.0 / np.sqrt(np.diag(bread))
     moved = moved_by(likelihood, inverse, tangents, innovations, likelihood.whiten(shifts))
     held = _discrepancy(likelihood, inverse, tangents, innovations)
-    return Covariance(inverse, noise, moved, held, shares, freedom, alone, used, ratios)
+    return Covariance(inverse, noise, moved, held, shares, freedom, alone, used, ratios, np.ones(len(bread)))
+
+
+def combined_freedom(shares: Floats, freedoms: Sequence[float]) -> Floats:
+    """Degrees of freedom (d,) of variances with shares (blocks + 1, d), the last of which is exactly known."""
+    parts = np.array([*freedoms, np.inf])
+    return np.asarray(1.0 / np.maximum(np.sum(shares**2 / parts[:, None], axis=0), 1e-300))
 
 
 def _bread(

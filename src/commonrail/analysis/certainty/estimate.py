@@ -11,14 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.ascent import FEW, climb, promised_step
+from commonrail.analysis.certainty.ascent import FEW, Ascent, climb, promised_step
 from commonrail.analysis.certainty.covariance import Covariance, covariance_of, half_widths, moved_by
+from commonrail.analysis.certainty.integrated import with_integration
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.errors import SimulationError
+from commonrail.kinds.noise import Law
 
-__all__ = ["ROUNDS", "Estimate", "estimate", "estimate_at", "library", "pulls_of", "starts_from"]
+__all__ = ["ROUNDS", "Estimate", "estimate", "estimate_at", "library", "pulls_of", "starts_from", "with_outliers"]
 
 Floats = NDArray[np.float64]
 
@@ -192,10 +194,39 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
         own = likelihood.estimated(errors, known.used.tolist(), known.root.T @ slopes)
         tolerance = 0.1 if last < rounds - 1 else 1e-3
         near = climb(own, unit[None], errors=errors[None], slopes=slopes[None], turns=10, tolerance=tolerance)
+        if last == 0 and len(starts) > 1 and _heavier(likelihood, own):
+            near, agreeing = _again(own, near, starts, turns)
         unit, errors, slopes = near.unit[0], near.errors[0], near.slopes[0]
-    found = _ended(estimate_at(own, unit, errors, own.jacobian(unit[None])[0]))
+    found = with_outliers(_ended(estimate_at(own, unit, errors, own.jacobian(unit[None])[0])))
     simulated += own.simulated + likelihood.simulated - before
     return replace(found, starts=len(starts), agreeing=agreeing, simulated=simulated)
+
+
+def _heavier(likelihood: Likelihood, own: Likelihood) -> bool:
+    """True if outliers were recognised that the first search took for normal noise."""
+    stated = [block.noise.law for block in likelihood.blocks]
+    return any(law is Law.AUTO and noise.law is not Law.GAUSSIAN for law, noise in zip(stated, own.noises, strict=True))
+
+
+def _again(own: Likelihood, near: Ascent, starts: Floats, turns: int) -> tuple[Ascent, int]:
+    """Best end of all starts under noise with outliers, and the number of ends that agree.
+
+    Outliers can pull the search by least squares, with all of its starts, to another optimum.
+
+    Parameters
+    ----------
+    own : Likelihood
+    near : Ascent
+        From the best end of the first search.
+    starts : (k, d)
+        Of the first search.
+    turns : int
+    """
+    others = climb(own, starts, turns=turns, tolerance=0.1)
+    ends = Ascent(*(np.concatenate(pair) for pair in zip(near, others, strict=True)))
+    best = int(np.argmin(ends.cost))
+    agreeing = int(np.count_nonzero(others.cost - ends.cost[best] < AGREED))
+    return Ascent(*(part[best : best + 1] for part in ends)), agreeing
 
 
 def pulls_of(likelihood: Likelihood, unit: Floats) -> Floats:
@@ -208,7 +239,7 @@ def pulls_of(likelihood: Likelihood, unit: Floats) -> Floats:
 
 
 def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Floats) -> Estimate:
-    """Estimate at an end of the search, its noise known.
+    """Estimate at an end of the search, its noise known; by the curvature alone, see `with_outliers`.
 
     Parameters
     ----------
@@ -233,6 +264,13 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
     cost = float(likelihood.block_costs(innovations).sum() + likelihood.priors.costs(point[None])[0])
     _, gain = _promised(likelihood, unit, slopes, errors, covariance)
     return Estimate(likelihood, unit, point, cost, errors, slopes, shifts, bends, covariance, 1, 1, gain, 0)
+
+
+def with_outliers(found: Estimate) -> Estimate:
+    """The estimate, outliers of Student's t integrated out of its covariance, see `integrated`."""
+    own = found.likelihood
+    pulls = pulls_of(own, found.unit)
+    return replace(found, covariance=with_integration(found.covariance, own, found.slopes, found.errors, pulls))
 
 
 def _ended(found: Estimate) -> Estimate:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import covariance_of
-from commonrail.analysis.certainty.estimate import ROUNDS, Estimate, estimate_at, pulls_of
+from commonrail.analysis.certainty.estimate import ROUNDS, Estimate, estimate_at, pulls_of, with_outliers
 from commonrail.analysis.certainty.lack_of_fit import lack_of_fit
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls, constrained_step
@@ -102,7 +102,7 @@ def estimate_near(likelihood: Likelihood, unit: Floats) -> Estimate:
         known = covariance_of(own, slopes, errors, nothing, pulls)
         own = own.estimated(errors, known.used.tolist(), known.root.T @ slopes)
     step = _to_top(own, unit, first, slopes, errors)
-    found = estimate_at(own, unit, first + step @ slopes, slopes)
+    found = with_outliers(estimate_at(own, unit, first + step @ slopes, slopes))
     covariance = found.covariance
     covariance = covariance._replace(discrepancy=covariance.discrepancy + np.outer(step, step))
     simulated = likelihood.simulated - before + own.simulated

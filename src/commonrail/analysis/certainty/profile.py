@@ -96,14 +96,15 @@ class _Ends:
         covariance, freedom = estimate.covariance.noise, estimate.covariance.freedom
         variance = np.diag(covariance)
         self.error = np.sqrt(np.where(np.isfinite(variance), variance, 0.25))[self.column]
-        self.wanted = student(freedom, level)[self.column]
+        reach = student(freedom, level)[self.column]
+        self.wanted = reach * estimate.covariance.beyond[self.column]
         tangents = np.where(np.isfinite(variance), covariance / variance, 0.0).T
         self.tangent = tangents[self.column]
         self.tangent[np.arange(len(self.column)), self.column] = 1.0
         self.limit = self._limits()
         many = len(self.column)
         self.at = np.tile(estimate.unit, (many, 1))
-        self.step = self.wanted * self.error
+        self.step = reach * self.error
         self.inner, self.inner_root = np.zeros(many), np.zeros(many)
         self.outer, self.outer_root = np.full(many, np.inf), np.full(many, np.inf)
         self.done, self.wall = np.zeros(many, bool), np.zeros(many, bool)

@@ -15,13 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.estimate import Estimate, estimate, estimate_at
+from commonrail.analysis.certainty.estimate import Estimate, estimate, estimate_at, with_outliers
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.neighbourhood import around
 from commonrail.analysis.posterior.proposals import bounded
 from commonrail.analysis.prediction.band import Band, Edges, band_from_draws, band_from_slopes, union
 from commonrail.analysis.prediction.ensemble import drawn_about, falls_below_zero
-from commonrail.analysis.prediction.scatter import Scatter, floored, scatter_of
+from commonrail.analysis.prediction.scatter import Scatter, curve_scatter, floored, scatter_of
 from commonrail.arguments import instance, instances, number, thread_count
 from commonrail.calibration.study import Study
 from commonrail.display.shown import Shown
@@ -84,6 +84,8 @@ class _Fit(NamedTuple):
         Calibrated values [SI], then other optima that explain the data as well.
     scatter : mapping of str to Scatter
         By the kind of the data.
+    curves : mapping of str to Scatter
+        Of fitted curves, by their names.
     draws : (m, d) or None
         From the posterior, if they are wanted.
     """
@@ -92,7 +94,13 @@ class _Fit(NamedTuple):
     estimate: Estimate
     points: Floats
     scatter: Mapping[str, Scatter]
+    curves: Mapping[str, Scatter]
     draws: Floats | None = None
+
+    def scatter_about(self, data: DataSet) -> Scatter:
+        """Scatter of the measured values of a data set: a fitted curve has its own, all others that of their kind."""
+        own = self.curves.get(data.name) if data.role is Role.FIT else None
+        return self.scatter[data.kind] if own is None else own
 
 
 def predict(
@@ -170,7 +178,7 @@ def _fit(study: Study, found: Estimate, points: Floats, threads: int | None) -> 
     fitted = in_order(of_role(study.data, Role.FIT))
     wide = floored(found, fitted)
     simulator = Simulator(study.injector, study.space.names, study.time_step, threads, same_bits=study.same_bits)
-    return _Fit(simulator, wide, points, scatter_of(wide, fitted))
+    return _Fit(simulator, wide, points, scatter_of(wide, fitted), curve_scatter(wide, fitted))
 
 
 def _label(fit: _Fit, bands: Sequence[Band]) -> str:
@@ -216,7 +224,7 @@ def _band(data: DataSet, fit: _Fit, levels: tuple[float, ...], measured: bool) -
             f'No data of the kind "{data.kind}" are fitted, so nothing is known of the scatter of {data.name}; fit '
             "some, or predict another kind."
         )
-    scatter = fit.scatter[data.kind]
+    scatter = fit.scatter_about(data)
     if fit.draws is not None:
         drawn = data.simulated(fit.simulator, np.vstack([fit.points[:1], fit.draws]))
         values = drawn[0]
@@ -245,7 +253,7 @@ def _local(data: DataSet, fit: _Fit, point: Floats, levels: tuple[float, ...]) -
     values = data.simulated(fit.simulator, place.values)
     if not np.isfinite(values[0]).any():
         raise SimulationError(f"{data.name} cannot be simulated with the best values, so it has no band.")
-    scatter = fit.scatter[data.kind]
+    scatter = fit.scatter_about(data)
     covariance = scatter.calibration**2 * bounded(_about(fit.estimate, point))
     deviations = scatter.calibration * scatter.deviations(data, values[0])
     edges, alone = (
@@ -277,4 +285,4 @@ def _about(found: Estimate, point: Floats) -> Estimate:
         covariance = found.covariance
         return replace(found, covariance=covariance._replace(discrepancy=covariance.discrepancy + np.outer(away, away)))
     errors = own.residuals(point[None])[0]
-    return estimate_at(own, unit, errors, own.jacobian(unit[None])[0])
+    return with_outliers(estimate_at(own, unit, errors, own.jacobian(unit[None])[0]))

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import covariance_of
-from commonrail.analysis.certainty.estimate import Estimate, pulls_of
+from commonrail.analysis.certainty.estimate import Estimate, pulls_of, with_outliers
 from commonrail.analysis.certainty.laws import scale_of
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import Law
 
-__all__ = ["LEAST", "Scatter", "floored", "left_out", "scatter_of"]
+__all__ = ["LEAST", "Scatter", "curve_scatter", "floored", "left_out", "scatter_of"]
 
 Floats = NDArray[np.float64]
 
@@ -131,7 +131,7 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
     ]
     wide = own.with_noises(noises)
     covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, pulls_of(wide, found.unit))
-    return replace(found, likelihood=wide, covariance=covariance)
+    return with_outliers(replace(found, likelihood=wide, covariance=covariance))
 
 
 def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
@@ -147,21 +147,15 @@ def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]
     fitted : sequence of DataSet
         In the order of the blocks.
     """
-    own = found.likelihood
     scatter: dict[str, Scatter] = {}
     levels: dict[str, Scatter] = {}  # where residuals exceed a noise that is not estimated from them, they count
     tails: dict[str, float] = {}  # errors are weighted as their law asks: their mean square is of its scale
-    for i, (data, noise, block) in enumerate(zip(fitted, own.noises, own.blocks, strict=True)):
-        extra = block.noise.discrepancy if block.noise.length else 0.0
-        tail = TAILS.get(noise.law, np.inf)
+    for i, data in enumerate(fitted):
+        one, level = _of_set(found, i, data)
+        tail = TAILS.get(found.likelihood.noises[i].law, np.inf)
         tails[data.kind] = min(tail, tails.get(data.kind, np.inf))
-        one = Scatter(float(np.hypot(noise.sigma, extra)) / data.residual_scale, min(noise.freedom, tail))
         _keep_larger(scatter, data.kind, one)
-        if noise.known or block.shots is not None:
-            freedom = max(block.size - float(found.covariance.used[i]), 1.0)
-            level = scale_of(noise.law, found.errors[block.rows], freedom) / data.residual_scale
-            one = one if level <= one.factor else Scatter(level, min(freedom, tail))
-        _keep_larger(levels, data.kind, one)
+        _keep_larger(levels, data.kind, level)
     for kind, one in scatter.items():
         scatter[kind] = levels[kind]
         rows = _rows(found, fitted, kind)
@@ -170,6 +164,41 @@ def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]
             size, freedom = float(np.sqrt(np.mean(judged.errors**2))), min(judged.freedom, tails[kind])
             scatter[kind] = one._replace(calibration=size, freedom=freedom, left_out=len(judged.errors))
     return scatter
+
+
+def curve_scatter(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
+    """Scatter of each fitted curve by its name: its own, which for a mean of many strokes is that of the mean.
+
+    Parameters
+    ----------
+    found : Estimate
+        Of `floored`.
+    fitted : sequence of DataSet
+        In the order of the blocks.
+    """
+    blocks = found.likelihood.blocks
+    return {data.name: _of_set(found, i, data)[1] for i, data in enumerate(fitted) if blocks[i].ordered}
+
+
+def _of_set(found: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatter]:
+    """Scatter of a data set by its noise, and the larger one of its residuals where these exceed a known noise.
+
+    Parameters
+    ----------
+    found : Estimate
+    index : int
+        Of the block.
+    data : DataSet
+    """
+    noise, block = found.likelihood.noises[index], found.likelihood.blocks[index]
+    extra = block.noise.discrepancy if block.noise.length else 0.0
+    tail = TAILS.get(noise.law, np.inf)
+    one = Scatter(float(np.hypot(noise.sigma, extra)) / data.residual_scale, min(noise.freedom, tail))
+    if not (noise.known or block.shots is not None):
+        return one, one
+    freedom = max(block.size - float(found.covariance.used[index]), 1.0)
+    level = scale_of(noise.law, found.errors[block.rows], freedom) / data.residual_scale
+    return one, one if level <= one.factor else Scatter(level, min(freedom, tail))
 
 
 def _keep_larger(scatter: dict[str, Scatter], kind: str, one: Scatter) -> None:

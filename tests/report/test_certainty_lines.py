@@ -1,0 +1,31 @@
+"""Sentences of the report on the tests that a fit has passed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from commonrail.report.certainty import certainty_lines
+
+
+def record(found: bool) -> dict[str, Any]:
+    """Record of one parameter, whose fit was tested for friction of the guides."""
+    test = {"name": "guides", "score": 0.001 if found else 0.42, "size": None, "suspect": "friction", "found": found}
+    certainty = {
+        "starts": 1,
+        "adopted": 0,
+        "withdrawn": "friction in the guides explains the curves better" if found else "",
+        "parameters": [{"name": "k7", "moved_by": [], "cure": ""}],
+        "sensitivity": [],
+        "tests": [test],
+    }
+    return {"certainty": certainty}
+
+
+def test_a_test_of_friction_that_found_nothing_is_told_with_its_probability() -> None:
+    (line,) = [one for one in certainty_lines(record(False)) if "friction" in one]
+    assert "no better than chance does (probability 0.42)" in line
+
+
+def test_friction_that_was_found_is_told_as_the_reason_alone() -> None:
+    (line,) = [one for one in certainty_lines(record(True)) if "friction" in one]
+    assert line.startswith("No parameter is called pinned")
