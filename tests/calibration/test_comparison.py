@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from commonrail.calibration.comparison import Comparison, check_drive, compare
-from commonrail.calibration.labels import check_labels
 from commonrail.calibration.comparison_record import comparison_record
+from commonrail.calibration.labels import check_labels
 from commonrail.calibration.result import validate
 from commonrail.calibration.study import Study
 from commonrail.choices import Body, Drive
