@@ -27,7 +27,7 @@ ASKED, TAG = "COMMONRAIL_BUILD_KERNELS", "COMMONRAIL_WHEEL_TAG"
 
 
 def has_compiler() -> bool:
-    """Whether libraries can be linked here."""
+    """True if libraries can be linked here."""
     try:
         compiler_for(target_named("linux64"))
     except ConfigurationError:
