@@ -75,6 +75,13 @@ def test_units_of_file_and_study_become_those_of_the_fmu(study):
     assert {path.name for path in found.files} == {"study.toml", "decay.fmu", "decay.csv", "ends.csv"}
 
 
+def test_times_without_a_unit_are_in_seconds(study, tmp_path):
+    rows = "".join(f"{t!r},{x!r}\n" for t, x in zip(TIMES.tolist(), decay().tolist(), strict=True))
+    (tmp_path / "decay.csv").write_text('"time","x"\n' + rows)
+    (found, _) = load_fmu_study(study).data
+    assert (found.runs[0].times.tolist(), found.measured.tolist()) == (TIMES.tolist(), decay().tolist())
+
+
 def test_a_tolerance_in_degrees_celsius_is_a_difference(study, decay_fmu, tmp_path):
     with zipfile.ZipFile(decay_fmu) as given, zipfile.ZipFile(tmp_path / "decay.fmu", "w") as warm:
         for name in given.namelist():

@@ -199,7 +199,7 @@ def _data(model: _DataModel, reading: _Reading, at: Place) -> FmuData:
     path = reading.reach.path(reading.reach.file.parent, model.file, at / "file")
     if model.rows or model.stop is not None:
         return _rows(model, reading.fmu, path, columns, settings, more, at)
-    time = Column(model.time, "s", increasing=True)
+    time = _time(model.time)
     table = read_columns(path, [time, *columns.values()], 1)
     measured = {name: table.columns[column.name] for name, column in columns.items()}
     with located(at):
@@ -239,6 +239,11 @@ def _column(name: str, variable: FmuVariable) -> Column:
     return Column(name, variable.known_unit, otherwise=variable.known_unit)
 
 
+def _time(name: str) -> Column:
+    """Column of times; without a unit they are in seconds, the unit of time in an FMU."""
+    return Column(name, "s", increasing=True, otherwise="s")
+
+
 def _tolerances(model: _DataModel, variables: Mapping[str, FmuVariable], at: Place) -> dict[str, float]:
     found = {}
     for i, one in enumerate(model.output):
@@ -258,5 +263,5 @@ def _inputs(model: _InputsModel | None, reading: _Reading, at: Place) -> FmuInpu
     for name, column in model.columns.items():
         with located(at / "columns" / name):
             columns[name] = _column(column, reading.fmu.number(name))
-    table = read_columns(path, [Column(model.time, "s", increasing=True), *columns.values()], 2)
+    table = read_columns(path, [_time(model.time), *columns.values()], 2)
     return FmuInputs(table.columns[model.time], {name: table.columns[one.name] for name, one in columns.items()})

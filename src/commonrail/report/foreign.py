@@ -99,11 +99,11 @@ def fmu_tables(record: Record) -> list[Table]:
     if failures:
         columns: list[Column] = [
             ("status", "status"),
+            ("candidates", lambda f: str(f["count"])),  # before the texts, which a narrow page cuts
             ("meaning", "sentence"),
             ("first message", lambda f: record["messages"].get(f["status"], "")),
-            ("candidates", lambda f: str(f["count"])),
         ]
-        found.append(tabulated("Failures", failures, columns, "", 3))
+        found.append(tabulated("Failures", failures, columns, "", 4))
     return found
 
 

@@ -25,6 +25,7 @@ __all__ = ["Refinement", "RefinementSettings"]
 FloatArray = NDArray[np.float64]
 
 HOP = 0.06  # standard deviation of a hop away from the best, as a share of each range
+SHORTER = 6  # times that a hop to where nothing can be simulated is halved
 
 # differences over 1 % of a range: a smaller step measures the ripple of bouncing valves and needles
 SOLVER = LeastSquaresSettings(step=1e-2)
@@ -72,6 +73,7 @@ class Refinement(Optimiser):
         self._improved: Best | None = None
         self.end_costs: FloatArray = np.empty(0)  # costs of the ends
         self._solving: Generator[FloatArray, FloatArray, Polished] | None = None
+        self._halvings: int | None = None  # left until the start is taken as it is; None once it has been simulated
 
     @property
     def total(self) -> int:
@@ -99,9 +101,13 @@ class Refinement(Optimiser):
 
     def _propose(self) -> Trials:
         """First points of a refinement."""
+        self._halvings = SHORTER
+        return self._begin(self._starts[self.steps] if self.steps < len(self._starts) else self._near_best())
+
+    def _begin(self, start: FloatArray) -> Trials:
+        """Start (1, d) of a refinement, which is the solver's first question."""
         scale = np.inf if self.settings.squares else SOLVER.residual_scale
         settings = replace(SOLVER, iterations=self.settings.iterations, residual_scale=scale)
-        start = self._starts[self.steps] if self.steps < len(self._starts) else self._near_best()
         exact = self.settings.same_bits
         self._solving = conversation(lambda call: LeastSquares(self.space, call, settings, exact).run(start))
         return _trials(next(self._solving), Wanted.RESIDUALS)
@@ -113,6 +119,10 @@ class Refinement(Optimiser):
             if told[0] < self.best.cost:
                 self._improved = Best(trials.x[0], float(told[0]))
             return None
+        halvings, self._halvings = self._halvings, None
+        if halvings and not np.isfinite(told).all():  # the search would end where it began, and tell nothing
+            self._halvings = halvings - 1
+            return self._begin(self._nearer(trials.x[0]))
         try:
             return _trials(self._solving.send(told), Wanted.RESIDUALS)
         except StopIteration as stop:
@@ -123,8 +133,17 @@ class Refinement(Optimiser):
         """A feasible point (d,) some hops of the bounds' width away from the best."""
         space, best = self.space, self.best.x
         hop = self._rng.normal(0.0, HOP, space.dimension)
-        there = space.from_unit(np.clip(space.to_unit(best) + hop, 0.0, 1.0))
-        return there if space.satisfies(there) else space.pull_back(best, there)
+        return self._feasible(np.clip(space.to_unit(best) + hop, 0.0, 1.0))
+
+    def _nearer(self, start: FloatArray) -> FloatArray:
+        """A feasible point (d,) half as far from the best as a start."""
+        space = self.space
+        return self._feasible(0.5 * (space.to_unit(start) + space.to_unit(self.best.x)))
+
+    def _feasible(self, unit: FloatArray) -> FloatArray:
+        """The point (d,) at unit coordinates, drawn towards the best where it breaks a constraint."""
+        there = self.space.from_unit(unit)
+        return there if self.space.satisfies(there) else self.space.pull_back(self.best.x, there)
 
     def _kept(self) -> dict[str, Any]:
         best, cost = self._improved or (None, None)
