@@ -53,7 +53,7 @@ def heat_map_html(figure: HeatMap, key: str, height: int = 0) -> str:
         [px]; by default a fixed one for each row.
     """
     wide, narrow = Markup(heat_map_svg(figure, height)), Markup(heat_map_svg(figure, width=NARROW))
-    return Markup('<div class="drawing" id="{}">{}{}</div>').format(key, wide, narrow)
+    return Markup('<div class="drawing heat" id="{}">{}{}</div>').format(key, wide, narrow)
 
 
 def heat_map_svg(figure: HeatMap, height: int = 0, width: int = WIDE) -> str:
