@@ -21,7 +21,7 @@ NARROWEST, BROADEST = 31.0, 84.0  # columns: narrower ones show no numbers [px]
 LOWEST = 84.0  # map, whatever its rows: its vertical title has room [px]
 SCALE, TALL = 58.0, 21.0  # room of the scale of colours with its numbers; height of a row, unless stated [px]
 TOP, BELOW, RIGHT = 12.0, 40.0, 12.0
-SMALLEST = 5.6  # numbers in the narrow columns of a telephone, which draws twice to three times as fine [px]
+SMALLEST = 4.4  # numbers in the narrow columns of a telephone, which draws twice to three times as fine [px]
 LONGEST = 120.0  # words that stand upright below narrow columns [px]
 
 
@@ -53,7 +53,7 @@ def heat_map_html(figure: HeatMap, key: str, height: int = 0) -> str:
         [px]; by default a fixed one for each row.
     """
     wide, narrow = Markup(heat_map_svg(figure, height)), Markup(heat_map_svg(figure, width=NARROW))
-    return Markup('<div class="drawing" id="{}">{}{}</div>').format(key, wide, narrow)
+    return Markup('<div class="drawing heat" id="{}">{}{}</div>').format(key, wide, narrow)
 
 
 def heat_map_svg(figure: HeatMap, height: int = 0, width: int = WIDE) -> str:
@@ -115,7 +115,7 @@ def _number_size(figure: HeatMap, frame: _Frame) -> float:
     longest = max((text_width(text) for row in figure.texts for text in row), default=0.0) / SIZE
     if not frame.is_narrow:
         return NUMBERS
-    fitting = min((frame.cell - 3.0) / max(longest, 1.0), NUMBERS)
+    fitting = min((frame.cell - 2.0) / max(longest, 1.0), NUMBERS)
     return fitting if fitting >= SMALLEST else 0.0
 
 
