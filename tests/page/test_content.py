@@ -19,9 +19,7 @@ from commonrail.kinds import Role, of_role
 from commonrail.page.build import FIRST_POINT
 from commonrail.page.content import content
 from commonrail.page.fan import MEMBERS, WORSE
-from commonrail.page.sliders import Slid
-from commonrail.page.subject import Subject, read_subject
-from commonrail.stepper.course import CoursePlan
+from commonrail.page.subject import Slid, Subject, read_subject
 
 
 @pytest.fixture(scope="module")
@@ -95,27 +93,28 @@ def test_a_model_has_usual_sliders_and_those_that_are_asked_for() -> None:
     assert subject.synthetic == (subject.injector.synthetic,)
 
 
-@pytest.fixture(scope="module")
-def direct() -> cr.Injector:
-    """Direct-acting injector that follows a planned current."""
-    traced = cr.load_injector("direct-acting-kr")
-    return replace(traced, variant=traced.variant._replace(drive=Drive.REGULATED))
-
-
-def test_numbers_of_a_direct_acting_injector_are_in_the_columns_of_its_parts(direct: cr.Injector) -> None:
+def test_numbers_of_a_direct_acting_injector_are_in_the_columns_of_its_parts() -> None:
+    """With the measured current, whose wiring other tests simulate."""
+    direct = cr.load_injector("direct-acting-kr")
+    current = cr.Trace((0.0, 280e-6, 400e-6, 600e-6, 640e-6), (0.0, 11.0, 2.5, 2.5, 0.0))
+    point = cr.OperatingPoint(20e6, [], 0.1e6, 0.1e6, drive=current, horizon=1.3e-3)
+    data = cr.RateData("traced", Role.FIT, point, np.linspace(0.0, 1.3e-3, 131), np.zeros(130), 1.0, "none", "zeros")
     slid = Slid("armature.idle_stroke", 20e-6, 90e-6)
-    found = content(Subject("direct", direct, (slid,), 1e-6, {}, (), (), None), FIRST_POINT, "0")
-    assert "armature_lift" in found["channels"]
-    assert not any("control" in name or "valve" in name for name in found["channels"])
+    found = content(Subject("direct", direct, (slid,), 1e-6, {}, (data,), (), None), FIRST_POINT, "0")
+    assert {"armature_lift", "needle_lift"} <= set(found["channels"])
     theta = unpacked(found["theta"])
-    assert len(theta) == found["columns"] == candidate_matrix(direct, (), np.empty((1, 0))).shape[1]
+    assert len(theta) == found["columns"]
     assert theta[found["columnOf"][slid.name]] == direct.values[slid.name]
-    assert found["ring"] == CoursePlan(direct, FIRST_POINT, 1e-6).ring
+    assert found["traced"]
+    # J of a rate of zero is all that is injected
+    assert found["data"][0]["reference"] > 1.0
 
 
 @pytest.mark.slow  # the fan is simulated, and no other test compiles this wiring
-def test_a_direct_acting_injector_has_a_page_too(direct: cr.Injector, tmp_path: Path) -> None:
-    cr.dump_injector(direct, tmp_path / "direct.toml")
+def test_a_direct_acting_injector_has_a_page_too(tmp_path: Path) -> None:
+    traced = cr.load_injector("direct-acting-kr")
+    regulated = replace(traced, variant=traced.variant._replace(drive=Drive.REGULATED))
+    cr.dump_injector(regulated, tmp_path / "direct.toml")
     subject = read_subject(str(tmp_path / "direct.toml"))
     found = content(subject, FIRST_POINT, "0")
     assert "armature_lift" in found["channels"]
