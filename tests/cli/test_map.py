@@ -44,6 +44,12 @@ def test_an_axis_that_cannot_be_read_is_refused(text: str, word: str) -> None:
         read_axis(text, "Pa", "--rail-pressure")
 
 
+@pytest.mark.parametrize("text", ["20:80:20degC", "20degC:80degC:20K", "293.15:353.15:20K", "20:80degC:20K"])
+def test_the_step_of_temperatures_is_a_difference(text: str) -> None:
+    """A step of 20 degC read as 293 K would leave the first value alone."""
+    assert read_axis(text, "K", "--vary temperature").tolist() == pytest.approx([293.15, 313.15, 333.15, 353.15])
+
+
 def test_quantities_by_mass_are_divided_by_the_density() -> None:
     assert read_quantities("1,2mg", 800.0, "--quantity").tolist() == pytest.approx([1e-6 / 800.0, 2e-6 / 800.0])
     assert read_quantities("1,2mm3", 800.0, "--quantity").tolist() == pytest.approx([1e-9, 2e-9])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError
-from commonrail.units import compatible, parse
+from commonrail.units import compatible, parse, parse_difference
 
 __all__ = ["read_axis", "read_quantities"]
 
@@ -56,7 +56,9 @@ def _range(text: str, unit: str, option: str) -> NDArray[np.float64]:
     parts = text.split(":")
     if len(parts) != 3:
         raise InputError(f'{option} "{text}": a range is FIRST:LAST:STEP, such as 20:180:10MPa.')
-    first, last, step = (parse(part, unit, option) for part in _with_units(parts, option))
+    texts = _with_units(parts, option)
+    first, last = (parse(one, unit, option) for one in texts[:2])
+    step = parse_difference(texts[2], unit, option)  # of a temperature: 20 degC between two values, not 293 K
     if not (step > 0.0 and last >= first):
         raise InputError(
             f'{option} "{text}": the step of a range must be greater than zero, the last value not smaller.'

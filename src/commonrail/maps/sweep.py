@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from commonrail.display.shown import Shown
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
-from commonrail.engine.status import OK
+from commonrail.engine.status import OK, Status
 from commonrail.errors import ConfigurationError, SimulationError, nearest
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.maps.base_point import Base
@@ -138,7 +138,8 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     two = _two(base, variables)
     total = np.where(both.status == OK, both.injected_volume, np.nan)
     if np.all(np.isnan(total)):
-        raise SimulationError(f"{injector.name}: no point of the sweep could be simulated; check its operating points.")
+        status = Status(int(both.status.flat[0]))
+        raise SimulationError(f"{injector.name}: no point of the sweep could be simulated. {status.sentence}")
     alone, fused = np.full(total.shape, np.nan), np.zeros(total.shape, bool)
     if two:
         distinct, which = _first_alone(base, columns, count)
