@@ -117,6 +117,13 @@ def test_values_that_the_fit_meets_exactly_give_no_interval() -> None:
     assert np.isinf(found.half_widths()).all()
 
 
+def test_a_flat_top_ends_no_profile_sooner() -> None:
+    """Normal noise under Student's t: the curvature at the top is smaller than the law says of such values."""
+    stated = Noise(law=Law.STUDENT, correlation=Correlation.WHITE)
+    found = fitted(likelihood([curve(normal, 5)], [design()], [stated]))
+    assert (found.covariance.beyond >= 1.0).all()
+
+
 def test_profiles_under_outliers_are_as_wide_as_the_intervals() -> None:
     found = fitted(likelihood([curve(outliers, 3)], [design()], [Noise(correlation=Correlation.WHITE)]))
     assert found.likelihood.noises[0].law is Law.STUDENT

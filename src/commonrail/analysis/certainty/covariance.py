@@ -50,7 +50,8 @@ class Covariance(NamedTuple):
     ratios : (blocks,)
         Mean slope over scatter of ψ of each block, by which differences of its cost are scaled.
     beyond : (d,)
-        Standard errors by noise over those of the likelihood's curvature; 1 but where outliers were integrated out.
+        Standard errors by noise over those of the likelihood's curvature, 1 at least; more only where outliers were
+        integrated out.
     """
 
     inverse: Floats

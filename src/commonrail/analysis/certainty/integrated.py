@@ -119,7 +119,8 @@ def _integrated(known: Covariance, likelihood: Likelihood, slopes: Floats, error
     local = np.einsum("ij,jk,ik->i", root, np.linalg.pinv(curved, hermitian=True), root)
     if np.linalg.eigvalsh(curved)[0] <= 0.0:  # an outlier decides: the curvature at the top is no measure of the width
         local = variance
-    beyond = np.sqrt(np.where(local > 0.0, variance / np.where(local > 0.0, local, 1.0), 1.0))
+    # an outlier at the turn of its weight makes the top nearly flat, which is no reason for a profile to end sooner
+    beyond = np.sqrt(np.maximum(np.where(local > 0.0, variance / np.where(local > 0.0, local, 1.0), 1.0), 1.0))
     moment[loose, loose] = np.inf
     freedoms = [np.inf if one else noise.freedom for one, noise in zip(heavy, likelihood.noises, strict=True)]
     return known._replace(noise=moment, freedom=combined_freedom(known.shares, freedoms), beyond=beyond)
