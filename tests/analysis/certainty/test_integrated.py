@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -77,6 +78,50 @@ def test_a_parameter_that_nothing_holds_has_no_interval_among_outliers() -> None
     x[:, 1] = 0.0
     found = fitted(likelihood([curve(outliers, 2)], [x]))
     assert np.isfinite(found.half_widths()).tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("law", [Law.AUTO, Law.STUDENT])
+@pytest.mark.parametrize("draw", [normal, outliers])
+def test_exact_zeros_before_and_after_an_injection_are_no_sample_of_the_noise(
+    law: Law, draw: Callable[[np.random.Generator, int], Floats]
+) -> None:
+    """1500 values that meter and model both state as zero change neither law nor intervals."""
+    stated, y, x = [Noise(law=law, correlation=Correlation.WHITE)], curve(draw, 3), design()
+    alone = fitted(likelihood([y], [x], stated))
+    longer = fitted(likelihood([np.append(y, np.zeros(1500))], [np.vstack([x, np.zeros((1500, 3))])], stated))
+    assert longer.likelihood.noises[0].law is alone.likelihood.noises[0].law
+    # the draws know a standard error to 2 %
+    np.testing.assert_allclose(longer.half_widths(), alone.half_widths(), rtol=0.06)
+
+
+def test_a_stated_sigma_is_not_estimated_beside_outliers() -> None:
+    """Of 5, where the values scatter by 0.2: the intervals are those of nearly normal noise of that size."""
+    widths = []
+    for law in (Law.STUDENT, Law.GAUSSIAN):
+        stated = Noise(law=law, correlation=Correlation.WHITE, sigma=5.0)
+        widths.append(fitted(likelihood([curve(outliers, 3)], [design()], [stated])).half_widths())
+    assert widths[0] == pytest.approx(widths[1], rel=0.06)  # 30 degrees of freedom at most, and the draws know 2 %
+
+
+def test_a_sigma_of_few_degrees_of_freedom_lies_between_a_known_and_an_estimated_one() -> None:
+    widths = []
+    for sigma, freedom in ((None, np.inf), (1.0, 2.0), (1.0, 50.0), (1.0, np.inf)):
+        stated = Noise(law=Law.STUDENT, correlation=Correlation.WHITE, sigma=sigma, freedom=freedom)
+        widths.append(fitted(likelihood([curve(outliers, 3)], [design()], [stated])).half_widths()[0])
+    assert widths == sorted(widths)
+    assert widths[-1] > 1.5 * widths[1]
+
+
+def test_values_that_the_fit_meets_exactly_give_no_interval() -> None:
+    found = fitted(likelihood([curve(outliers, 1, 3)], [design(3)], [Noise(law=Law.STUDENT)]))
+    assert np.isinf(found.half_widths()).all()
+
+
+def test_a_flat_top_ends_no_profile_sooner() -> None:
+    """Normal noise under Student's t: the curvature at the top is smaller than the law says of such values."""
+    stated = Noise(law=Law.STUDENT, correlation=Correlation.WHITE)
+    found = fitted(likelihood([curve(normal, 5)], [design()], [stated]))
+    assert (found.covariance.beyond >= 1.0).all()
 
 
 def test_profiles_under_outliers_are_as_wide_as_the_intervals() -> None:

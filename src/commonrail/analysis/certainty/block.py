@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.autoregression import Autoregression, estimate
-from commonrail.analysis.certainty.laws import LAWS, DensityLaw, scale_of
+from commonrail.analysis.certainty.laws import LAWS, DensityLaw, scale_of, unequal
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import NOISE, Correlation, Law, Noise
 
@@ -202,7 +202,7 @@ def fit_noise(
         whole = math.hypot(sigma, floor)
         freedom = block.noise.freedom * (whole / sigma) ** 4  # Satterthwaite: the discrepancy is exactly known
         return FittedNoise(law, whole * regression.innovation_share, freedom, regression, known=True)
-    freedom = max(len(errors) - used, 1.0)
+    freedom = max(len(unequal(errors)) - used, 1.0)
     scale = scale_of(law, regression.whiten(errors), freedom)
     return FittedNoise(law, max(scale, np.finfo(float).tiny ** 0.25), freedom, regression)
 
@@ -215,9 +215,9 @@ def _law(block: Block, errors: Floats, off: Floats, correlated: bool) -> Law:
     white = WHITE
     if block.ordered and block.noise.correlation is not Correlation.WHITE:
         white = _regression(errors, off, Law.STUDENT)
-    innovations = np.abs(white.whiten(errors))
+    innovations = unequal(np.abs(white.whiten(errors)))
     robust = _NORMAL * float(np.median(innovations))
-    many = len(errors) >= FAR_LEAST and np.mean(innovations > FAR * robust) > FAR_SHARE
+    many = len(innovations) >= FAR_LEAST and np.mean(innovations > FAR * robust) > FAR_SHARE
     return Law.STUDENT if many else Law.GAUSSIAN
 
 
@@ -232,5 +232,5 @@ def _cut(errors: Floats, law: Law) -> Floats:
     """Errors, outliers cut where the law expects them."""
     if law is Law.GAUSSIAN:
         return errors
-    limit = _CLIP * _NORMAL * float(np.median(np.abs(errors)))
+    limit = _CLIP * _NORMAL * float(np.median(np.abs(unequal(errors))))
     return np.clip(errors, -limit, limit)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.analysis.certainty.laws import unequal
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.kinds.noise import Law
 from commonrail.probability import student_quantile
@@ -49,7 +50,8 @@ class Covariance(NamedTuple):
     ratios : (blocks,)
         Mean slope over scatter of ψ of each block, by which differences of its cost are scaled.
     beyond : (d,)
-        Standard errors by noise over those of the likelihood's curvature; 1 but where outliers were integrated out.
+        Standard errors by noise over those of the likelihood's curvature, 1 at least; more only where outliers were
+        integrated out.
     """
 
     inverse: Floats
@@ -122,9 +124,11 @@ def _bread(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Bread (d, d), parameters that each block pays for, scatter of ψ, and slope over scatter."""
     many = len(parts)
+    sizes = np.empty(many)
     slope, mean_square, spread = np.ones(many), np.ones(many), np.zeros(many)
     for i, (block, noise) in enumerate(zip(likelihood.blocks, likelihood.noises, strict=True)):
-        u = innovations[block.rows]
+        u = unequal(innovations[block.rows])
+        sizes[i] = len(u)
         slopes = noise.density.slope(u)
         slope[i] = max(float(slopes.mean()), 0.05)
         spread[i] = float(slopes.var()) / slope[i] ** 2
@@ -133,11 +137,11 @@ def _bread(
     bread = np.sum([m * part for m, part in zip(slope, parts, strict=True)], axis=0) + prior
     inverse, _ = _inverse(bread)
     used = np.array([m * np.sum(inverse * part) for m, part in zip(slope, parts, strict=True)])
-    sizes = np.array([block.size for block in likelihood.blocks])
     huber = (1.0 + used / sizes * spread) ** 2
     known = np.array([noise.known and noise.law is Law.GAUSSIAN for noise in likelihood.noises])
     meat = np.where(known, 1.0, huber * mean_square * sizes / np.maximum(sizes - used, 1.0))
-    return bread, used, meat, slope / meat
+    with np.errstate(divide="ignore"):
+        return bread, used, meat, slope / meat
 
 
 def _inverse(matrix: Floats) -> tuple[Floats, NDArray[np.bool_]]:
@@ -171,7 +175,7 @@ def _sloped(likelihood: Likelihood, tangents: Floats, innovations: Floats) -> Fl
     """Derivatives times the slope of each value's law."""
     found = tangents.copy()
     for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
-        found[:, block.rows] *= max(float(noise.density.slope(innovations[block.rows]).mean()), 0.05)
+        found[:, block.rows] *= max(float(noise.density.slope(unequal(innovations[block.rows])).mean()), 0.05)
     return found
 
 

@@ -30,6 +30,7 @@ Floats = NDArray[np.float64]
 FREEDOMS = np.exp(np.linspace(0.0, math.log(30.0), 12))  # of Student's t: from a Cauchy to nearly a normal distribution
 SCALES = 41  # tried about the fitted one
 REACH, SPREAD = 0.35, 4.0  # logarithm of these: change by another freedom, and standard errors of the estimate
+STATED = 2.0  # of the same, over the root of the degrees of freedom of a stated scale
 CHAINS, BEFORE, KEPT = 32, 6, 12  # chains, and their turns before and while the moments are collected
 SEED = 1
 AT_ONCE = 2_000_000  # numbers of the chains that are in memory together
@@ -49,12 +50,15 @@ class Robust(NamedTuple):
         Those with which the most likely values were found.
     used : float
         Parameters that the data set pays for.
+    stated : float
+        Degrees of freedom of a stated scale, infinite where it is exactly known; zero where it is estimated.
     """
 
     innovations: Floats
     tangents: Floats
     weights: Floats
     used: float
+    stated: float = 0.0
 
 
 def with_integration(
@@ -75,9 +79,23 @@ def with_integration(
     pulls : (p, d)
         Derivatives of the residuals of the priors.
     """
-    heavy = [noise.law is Law.STUDENT for noise in likelihood.noises]
-    if not any(heavy):
+    if not any(noise.law is Law.STUDENT for noise in likelihood.noises):
         return known
+    try:
+        return _integrated(known, likelihood, slopes, errors, pulls)
+    except np.linalg.LinAlgError:  # no value is left that tells of the noise, so nothing bounds the interval
+        return known._replace(noise=np.diag(np.full(len(known.noise), np.inf)))
+
+
+def _integrated(known: Covariance, likelihood: Likelihood, slopes: Floats, errors: Floats, pulls: Floats) -> Covariance:
+    """Covariance with the outliers integrated out, see `with_integration`.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the fit meets all values that hold a parameter.
+    """
+    heavy = [noise.law is Law.STUDENT for noise in likelihood.noises]
     root, unseen = _root(known.inverse)
     tangents, innovations = root.T @ likelihood.whiten(slopes), likelihood.whiten(errors)
     held = pulls @ root
@@ -87,7 +105,11 @@ def with_integration(
         u, own = innovations[block.rows], tangents[:, block.rows]
         slope = noise.density.slope(u)
         if heavy[i]:
-            robust.append(Robust(u, own, noise.density.weight(u), float(known.used[i])))
+            if not np.isfinite(known.ratios[i]):
+                raise np.linalg.LinAlgError("no scatter")
+            live = u != 0.0  # exact agreement, as before an injection, is no sample of the noise
+            weights, stated = noise.density.weight(u[live]), noise.freedom if noise.known else 0.0
+            robust.append(Robust(u[live], own[:, live], weights, float(known.used[i]), stated))
             curved += known.ratios[i] * (own * slope) @ own.T
         else:
             part = known.ratios[i] * max(float(slope.mean()), 0.05) * own @ own.T
@@ -97,7 +119,8 @@ def with_integration(
     local = np.einsum("ij,jk,ik->i", root, np.linalg.pinv(curved, hermitian=True), root)
     if np.linalg.eigvalsh(curved)[0] <= 0.0:  # an outlier decides: the curvature at the top is no measure of the width
         local = variance
-    beyond = np.sqrt(np.where(local > 0.0, variance / np.where(local > 0.0, local, 1.0), 1.0))
+    # an outlier at the turn of its weight makes the top nearly flat, which is no reason for a profile to end sooner
+    beyond = np.sqrt(np.maximum(np.where(local > 0.0, variance / np.where(local > 0.0, local, 1.0), 1.0), 1.0))
     moment[loose, loose] = np.inf
     freedoms = [np.inf if one else noise.freedom for one, noise in zip(heavy, likelihood.noises, strict=True)]
     return known._replace(noise=moment, freedom=combined_freedom(known.shares, freedoms), beyond=beyond)
@@ -141,7 +164,7 @@ def _noises(block: Robust, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Scales, over the fitted one, and degrees of freedom (`CHAINS`,): evenly spread over their posterior."""
     square = block.innovations**2
     n = len(square)
-    reach = REACH + SPREAD / math.sqrt(n)
+    reach = REACH + SPREAD / math.sqrt(n) + (STATED / math.sqrt(block.stated) if block.stated else 0.0)
     scales = np.exp(np.linspace(-reach, reach, SCALES))
     half = 0.5 * (FREEDOMS + 1.0)
     constants = np.array([math.lgamma(h) - math.lgamma(h - 0.5) - 0.5 * math.log(2.0 * h - 1.0) for h in half])
@@ -149,10 +172,19 @@ def _noises(block: Robust, rng: np.random.Generator) -> tuple[Floats, Floats]:
     for i, scale in enumerate(scales.tolist()):
         tails = np.log1p(square / (scale**2 * FREEDOMS[:, None])).sum(axis=1)
         logarithms[i] = n * constants - half * tails - max(n - block.used, 1.0) * math.log(scale)
+    if block.stated:
+        logarithms += _stated(scales, block.stated)[:, None]
     share = np.cumsum(np.exp(logarithms - logarithms.max()))
     wanted = (rng.permutation(CHAINS) + 0.5) / CHAINS
     chosen = np.searchsorted(share / share[-1], wanted)
     return scales[chosen // len(FREEDOMS)], FREEDOMS[chosen % len(FREEDOMS)]
+
+
+def _stated(scales: Floats, freedom: float) -> Floats:
+    """Logarithm of the density (`SCALES`,) of scales over a stated one of some degrees of freedom."""
+    if math.isinf(freedom):
+        return np.where(np.arange(SCALES) == SCALES // 2, 0.0, -np.inf)
+    return np.asarray(-freedom * (np.log(scales) + 0.5 / scales**2))
 
 
 def _chains(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from commonrail.kinds.noise import Law
 
-__all__ = ["LAWS", "DensityLaw", "scale_of"]
+__all__ = ["LAWS", "DensityLaw", "scale_of", "unequal"]
 
 Floats = NDArray[np.float64]
 
@@ -75,6 +75,16 @@ LAWS: dict[Law, DensityLaw] = {
 }
 
 
+def unequal(errors: Floats) -> Floats:
+    """Errors that are not exactly zero, or all where none is.
+
+    Meters and evaluations state exactly zero before and after an injection, as the model does: such agreement is no
+    sample of the noise, and as one it would make outliers of all others.
+    """
+    found = errors[errors != 0.0]
+    return found if len(found) else errors
+
+
 def scale_of(law: Law, errors: Floats, freedom: float) -> float:
     """Scale of errors (n,): the root of Σ weight · error²/freedom, which the weights depend on.
 
@@ -84,11 +94,11 @@ def scale_of(law: Law, errors: Floats, freedom: float) -> float:
         Not "auto".
     errors : (n,)
     freedom : float
-        Degrees of freedom, n less what the fit has used.
+        Degrees of freedom: errors that are not exactly zero, less what the fit has used.
     """
     if law is Law.GAUSSIAN:
         return float(np.sqrt(np.sum(errors**2) / freedom))
-    variance = max((_NORMAL * float(np.median(np.abs(errors)))) ** 2, np.finfo(float).tiny)
+    variance = max((_NORMAL * float(np.median(np.abs(unequal(errors))))) ** 2, np.finfo(float).tiny)
     for _ in range(_TURNS):
         variance = float(np.sum(LAWS[law].weight(errors / math.sqrt(variance)) * errors**2) / freedom)
         if not variance > 0.0:
