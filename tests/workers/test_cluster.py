@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +115,25 @@ def test_the_folder_of_a_cluster_here_is_private_and_ends_with_it(
         assert list(folder.iterdir())  # of the workers
         assert folder.stat().st_mode & 0o777 == 0o700
     assert not folder.exists()
+
+
+def test_no_garbage_is_collected_while_dask_starts_a_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An abandoned client that was collected there waited for ever for the lock that its own thread held."""
+    utils = pytest.importorskip("distributed.utils", reason=NO_DASK)
+    collecting: list[bool] = []
+    for name in ("_start_unlocked", "_stop_unlocked"):
+        call = getattr(utils.LoopRunner, name)
+
+        def watched(self: object, *given: object, call: Callable[..., None] = call) -> None:
+            collecting.append(gc.isenabled())
+            call(self, *given)
+
+        monkeypatch.setattr(utils.LoopRunner, name, watched)
+    with cluster(1):
+        assert gc.isenabled()
+    assert len(collecting) >= 2
+    assert not any(collecting)
+    assert gc.isenabled()
 
 
 def test_a_worker_that_dies_is_waited_for_beyond_dasks_patience(tmp_path: Path) -> None:

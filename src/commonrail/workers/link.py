@@ -7,6 +7,7 @@ configuration says (``distributed.comm.tls``).
 
 from __future__ import annotations
 
+import gc
 import logging
 import re
 import tempfile
@@ -62,7 +63,7 @@ class Link:
 
     def __init__(self, address: str, count: int) -> None:
         self.address = address
-        with ExitStack() as opened:
+        with _uncollected(), ExitStack() as opened:
             self.client: Client = _local(count, opened) if address == LOCAL else _connect(address)
             opened.callback(self._leave)
             self._opened = opened.pop_all()
@@ -117,7 +118,7 @@ class Link:
 
     def close(self) -> None:
         """Leave the cluster; end it if it is "local"."""
-        with _quiet():
+        with _quiet(), _uncollected():
             self._opened.close()
 
     def _leave(self) -> None:
@@ -191,6 +192,23 @@ def _local(count: int, opened: ExitStack) -> Client:
         )
         opened.enter_context(cluster)
         return distributed.Client(cluster, set_as_default=False)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Keep the garbage collector away from Dask's lock: an abandoned client that it met there would wait for that lock.
+
+    Dask holds it while a loop is started or stopped, and a client closes itself when it is collected: one whose
+    scheduler gave no answer is collected at any time after.
+    """
+    was_on = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def _configured(values: Mapping[str, Any]) -> Any:
