@@ -16,9 +16,10 @@ import pytest
 from commonrail.choices import Precision
 from commonrail.compile_target import LEVEL_3
 from commonrail.errors import ConfigurationError
-from commonrail.export.lane_library import CATALOGUE, write_libraries
+from commonrail.export.lane_library import write_libraries
 from commonrail.export.linker import compiler_for
 from commonrail.export.objects import target_named
+from commonrail.injector.definition import Injector
 
 wheels = pytest.importorskip("hatchling.builders.wheel", reason="hatchling, which builds wheels, is not installed")
 
@@ -75,7 +76,7 @@ def test_a_wheel_is_pure_unless_it_is_asked_for_libraries(tree: Path, tmp_path: 
 @pytest.mark.skipif(not has_compiler(), reason="no C compiler for x86-64 Linux is installed")
 @pytest.mark.parametrize("tag", ["", "py3-none-manylinux_2_28_x86_64"])
 def test_a_wheel_has_the_libraries_that_were_asked_for(
-    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tag: str
+    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rigid: Injector, tag: str
 ) -> None:
     folders: list[Path] = []
     link = subprocess.run
@@ -86,7 +87,8 @@ def test_a_wheel_has_the_libraries_that_were_asked_for(
         assert command[2] == "commonrail.export.lane_library"
         assert settings["env"]["PYTHONPATH"] == str(tree / "src")
         folders.append(Path(command[3]))
-        write_libraries(folders[-1], CATALOGUE[:1], (Precision.F64,), (LEVEL_3,))  # all of them take minutes
+        # all of them take minutes; these loops are compiled for tests of the libraries too
+        write_libraries(folders[-1], [rigid.wired()], (Precision.F64,), (LEVEL_3,))
         (folders[-1] / ".lanes-v4.so").write_bytes(b"of an interrupted build")
         return subprocess.CompletedProcess(command, 0)
 
