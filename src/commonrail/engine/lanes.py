@@ -91,6 +91,12 @@ class Misfit(NamedTuple):
         return self._replace(density=np.where(np.isnan(self.density), own, self.density))
 
 
+@functools.lru_cache(maxsize=4)
+def _no_samples(points: int) -> Samples:
+    """Nothing to compare with at so many points."""
+    return Misfit.none(points).samples(1.0, np.zeros(points, np.int64))
+
+
 @functools.cache
 def compiled(variant: Variant, precision: Precision, same_bits: bool) -> MachineCode:
     """The block loop of a variant.
@@ -153,7 +159,7 @@ def run(
     """
     n, lanes = job.points.shape
     loop, vector, steps = compiled(variant, precision, same_bits), VECTORS[precision], job.courses.steps
-    samples = (misfit or Misfit.none(len(steps))).samples(job.dt, steps)
+    samples = _no_samples(len(steps)) if misfit is None else misfit.samples(job.dt, steps)
     out = np.empty((n, lanes, len(Outcome._fields)))
     rows = 1 if injected_only else len(trace_paths(variant))
     kept = (int(steps.max()) + 1, rows, min(lanes, len(job.theta) * len(steps)))

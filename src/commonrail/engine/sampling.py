@@ -41,8 +41,8 @@ def sampled_rates(
     prepared : Prepared, optional
         Of the injector at this point and time step, known already.
     """
-    theta = candidate_matrix(injector, names, values)
     prepared = prepared or plan.prepare(injector, [point], time_step)
+    theta = candidate_matrix(injector, names, values, prepared.row)
     job = plan.make_job(prepared, theta, False)
     outcome, trace = lanes.run(job, injector.wired(names), traced=True, injected_only=True, same_bits=same_bits)
     injected = np.moveaxis(trace[:, :, 0, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]

@@ -9,6 +9,7 @@ answers must hold more than a wave draws from it in a step.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from commonrail.choices import Actuation, Body, Boundary
 from commonrail.engine import direct_stability
 from commonrail.flow.wave import pipe_area
+from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.injector.variants import Variant
 from commonrail.parts.chain import Seven, around
@@ -34,6 +36,7 @@ RIGID = 0.7  # largest ω dt of one rigid mass on its seat and stop: of second o
 # Share of the accumulation volume that a wave may draw through the seat's bore in a step: with a SAC as large as the
 # volume itself the flow through the seat begins to alternate at about one.
 DRAWN = 0.5
+STOP = "plunger_needle.stop_lift"  # ends what a risen plunger takes from the control chamber
 _DIGITS = 60  # halvings of the interval in which the longest step is sought
 
 # Parameters that shorten the longest step as they grow, and as they shrink.
@@ -89,9 +92,20 @@ def medium_of(injector: Injector, rail_pressure: Floats | float, return_pressure
         [Pa].
     """
     fuel, temperature = injector.fuel, injector.values[FUEL_TEMPERATURE]
-    modulus, speed = fuel.bulk_modulus(rail_pressure, temperature), fuel.sound_speed(rail_pressure, temperature)
-    at_return = float(fuel.sound_speed(return_pressure, temperature))
-    return Medium(modulus, speed, at_return) if modulus.ndim else Medium(float(modulus), float(speed), at_return)
+    if np.ndim(rail_pressure):
+        modulus, speed = fuel.bulk_modulus(rail_pressure, temperature), fuel.sound_speed(rail_pressure, temperature)
+        return Medium(modulus, speed, float(fuel.sound_speed(return_pressure, temperature)))
+    return _medium_at(fuel, temperature, float(rail_pressure), return_pressure)
+
+
+@functools.lru_cache(maxsize=64)
+def _medium_at(fuel: Fuel, temperature: float, rail_pressure: float, return_pressure: float) -> Medium:
+    """`medium_of` at one pressure."""
+    return Medium(
+        float(fuel.bulk_modulus(rail_pressure, temperature)),
+        float(fuel.sound_speed(rail_pressure, temperature)),
+        float(fuel.sound_speed(return_pressure, temperature)),
+    )
 
 
 def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
@@ -191,6 +205,14 @@ def limiting(actuation: Actuation) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return SHORTENS, LENGTHENS
 
 
+@functools.cache
+def _columns(actuation: Actuation) -> dict[str, int]:
+    """Places in a flat parameter vector of what the longest step depends on."""
+    paths = parameter_paths(actuation)
+    stop = () if actuation is Actuation.DIRECT else (STOP,)
+    return {name: paths.index(name) for group in (*limiting(actuation), stop) for name in group}
+
+
 def _risen(actuation: Actuation, values: Values, lift: Any) -> Values:
     """Volumes that a risen plunger has changed; none of a direct-acting injector."""
     return {} if actuation is Actuation.DIRECT else {"control_chamber.volume": room_left(values, lift)}
@@ -198,7 +220,7 @@ def _risen(actuation: Actuation, values: Values, lift: Any) -> Values:
 
 def room_left(values: Values, lift: Any) -> Any:
     """Control chamber [m³] that a plunger risen by `lift` [m], at most to its stop, leaves; never quite nothing."""
-    risen = np.clip(lift, 0.0, values["plunger_needle.stop_lift"])
+    risen = np.clip(lift, 0.0, values[STOP])
     with np.errstate(all="ignore"):  # an area beyond all numbers leaves NaN, which no step bears
         taken = pipe_area(values["plunger_needle.plunger_diameter"]) * risen
         return np.maximum(values["control_chamber.volume"] - taken, 1e-30)
@@ -258,21 +280,16 @@ def too_long(
         nearly gone is a stiff spring.
     """
     acts = injector.variant.actuation
-    paths, (shortens, lengthens) = parameter_paths(acts), limiting(acts)
-    columns = {name: paths.index(name) for name in (*shortens, *lengthens)}
+    columns, shortens = _columns(acts), (*limiting(acts)[0], STOP)
     values: dict[str, Any] = {name: theta[0, column] for name, column in columns.items()}
-    varied = [name for name in names if name in columns]
+    varied = {name: theta[:, columns[name]] for name in names if name in columns}
     # if the stiffest combination of what varies bears the step, so does every candidate
-    corner = values | {
-        name: theta[:, columns[name]].max() if name in shortens else theta[:, columns[name]].min() for name in varied
-    }
-    everything = dict(zip(paths, theta.T, strict=False))
-    left = {name: np.broadcast_to(value, len(theta)) for name, value in _risen(acts, everything, lift).items()}
+    corner = values | {name: own.max() if name in shortens else own.min() for name, own in varied.items()}
     with np.errstate(all="ignore"):
-        if np.all(bears(injector.variant, corner | {name: value.min() for name, value in left.items()}, medium, dt)):
+        if np.all(bears(injector.variant, {**corner, **_risen(acts, corner, np.max(lift))}, medium, dt)):
             return np.zeros(len(theta), bool)
-        each = values | {name: theta[:, columns[name]] for name in varied} | left
-        return ~np.broadcast_to(bears(injector.variant, each, medium, dt), len(theta))
+        each = values | varied
+        return ~np.broadcast_to(bears(injector.variant, {**each, **_risen(acts, each, lift)}, medium, dt), len(theta))
 
 
 def stiffest_corner(values: Mapping[str, float], lower: Mapping[str, float], upper: Mapping[str, float]) -> Values:

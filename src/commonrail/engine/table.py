@@ -6,7 +6,6 @@ lengths, in C order; a real number as its bits.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -161,7 +160,7 @@ def fill(given: Given, real: Any) -> tuple[NDArray[np.int64], list[NDArray[Any]]
     """
     entries: list[int] = []
     kept: list[NDArray[Any]] = []
-    for described, value in _leaves(GIVEN, given):
+    for described, value in zip(_LEAVES, _flat(given), strict=True):
         if isinstance(described, Array):
             kind = real if described.kind == "real" else described.kind
             # in place where the loop writes: those arrays are contiguous and of that kind
@@ -177,10 +176,11 @@ def fill(given: Given, real: Any) -> tuple[NDArray[np.int64], list[NDArray[Any]]
     return np.array(entries, np.int64), kept
 
 
-def _leaves(described: Any, value: Any) -> Iterator[tuple[Any, Any]]:
-    """Descriptions and values of what is no tuple, in order."""
-    if isinstance(described, tuple) and not isinstance(described, Array):
-        for inner, its in zip(described, value, strict=True):
-            yield from _leaves(inner, its)
-    else:
-        yield described, value
+def _flat(given: Given) -> tuple[Any, ...]:
+    """What is no tuple in it, in order; the same of its description."""
+    job = given.job
+    whole = (*given.shape, job.theta, *job.courses, *job[2:], *given.samples, given.trace, given.out)
+    return *whole, *given.scratch, given.first, given.stride
+
+
+_LEAVES = _flat(GIVEN)

@@ -29,7 +29,9 @@ AGREED = 0.5  # of 2 ln L within which ends of the search agree
 LEAST_AGREEING = 3  # ends, the best among them
 SETTLED = 0.01  # fall of −2 ln L that the last linear model may still promise
 LAST_STEPS, SHARES = 3, np.array([1.0, 0.5, 0.25])  # of the linear model at the end of a search, tried side by side
+LEAST_FALL = 5e-3  # of −2 ln L in a step of the last ascent
 SHORT, LONG = 25, 60  # steps of an ascent with few parameters and with more
+NEAR = 15  # steps of one under noise that the last one's end showed
 CLOSEST = 40  # members of a library that are compared as starts
 
 
@@ -168,6 +170,8 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
     own = likelihood.estimated(first, [0.0] * len(likelihood.blocks), correlated=False)
     short = likelihood.space.dimension <= FEW
     turns, tolerance = (SHORT, 1e-2) if short else (LONG, 1e-3)
+    if len(starts) == 1:  # its first noise is not kept, and no other end is compared with
+        tolerance = max(tolerance, 0.1)
     ends = climb(own, starts, turns=turns, tolerance=tolerance)
     simulated = own.simulated
     if len(starts) > 1:  # the first noise is that of a start, which is no measure of how near an end is
@@ -192,8 +196,8 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
         known = covariance_of(own, slopes, errors, np.zeros((0, own.size)), pulls_of(own, unit))
         simulated += own.simulated
         own = likelihood.estimated(errors, known.used.tolist(), known.root.T @ slopes)
-        tolerance = 0.1 if last < rounds - 1 else 1e-3
-        near = climb(own, unit[None], errors=errors[None], slopes=slopes[None], turns=10, tolerance=tolerance)
+        tolerance = 0.1 if last < rounds - 1 else LEAST_FALL
+        near = climb(own, unit[None], errors=errors[None], slopes=slopes[None], turns=NEAR, tolerance=tolerance)
         if last == 0 and len(starts) > 1 and _heavier(likelihood, own):
             near, agreeing = _again(own, near, starts, turns)
         unit, errors, slopes = near.unit[0], near.errors[0], near.slopes[0]
