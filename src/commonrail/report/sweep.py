@@ -14,6 +14,7 @@ from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import Compensation
 from commonrail.maps.sweep import Sweep, Variable
 from commonrail.maps.table import notes_of
+from commonrail.maps.without_number import WithoutNumber, without_number
 from commonrail.report.draw import drawings
 from commonrail.report.html import render
 from commonrail.units import convert
@@ -80,9 +81,18 @@ def sweep_lines(found: Sweep) -> list[str]:
         if len(second):
             low, high = fixed(second.min(), 2, MM3), fixed(second.max(), 2, MM3)
             lines.append(f"The second injection, total less the first alone, has {low} to {high} mm³.")
-    if len(sound) < found.volume.size:
-        lines.append(f"{found.volume.size - len(sound)} simulations failed and have no number.")
-    return lines
+    return [*lines, *(_reason(found, group) for group in without_number(found))]
+
+
+def _reason(found: Sweep, group: WithoutNumber) -> str:
+    """Sentence on combinations without a number: how many, the first of them, and the reason."""
+    first = ", ".join(f"{_title(v)} {quantity(group.first[v.name], v.unit)}" for v in found.variables)
+    lacking = "no quantity of the second injection, since the first one alone failed" if group.alone else "no number"
+    have = "has" if group.combinations == 1 else "have"
+    which = "at" if group.combinations == 1 else "the first at"
+    return (
+        f"{group.combinations} of {found.volume.size} combinations {have} {lacking}, {which} {first}: {group.sentence}"
+    )
 
 
 def fusion_table(fusion: Sequence[tuple[float, float]]) -> Table:
@@ -94,7 +104,7 @@ def fusion_table(fusion: Sequence[tuple[float, float]]) -> Table:
             ("rail pressure, MPa", lambda r: significant(r[0], 4, MPA)),
             ("dwell, µs", lambda r: fixed(r[1], 0, MICRO)),
         ],
-        f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too. {DWELL}",
+        f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too, or a simulation failed. {DWELL}",
         0,
     )
 
