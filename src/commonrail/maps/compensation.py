@@ -127,7 +127,8 @@ def fusion_dwell(
 ) -> Floats:
     """Longest dwell (n,) at which two injections fuse into one [s].
 
-    NaN where they do so at the longest that is tried, and where a simulation failed. Halved to 1 us, taking for granted that injections which fuse also fuse at any shorter dwell.
+    NaN where they do so at the longest that is tried, and where a simulation failed. Halved to 1 us, taking for granted
+    that injections which fuse also fuse at any shorter dwell.
 
     Parameters
     ----------
