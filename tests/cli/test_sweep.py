@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,11 @@ def test_a_sweep_is_printed_and_written(command: Command, tmp_path: Path) -> Non
     page = report.read_text(encoding="utf-8")
     assert page.count('class="drawing') == 2
     assert "Synthetic, not measured" in page
+    facts = dict(re.findall(r"<dt>(.*)</dt><dd>(.*)</dd>", page))
+    assert facts["Rail pressure"] == "160 MPa"
+    assert facts["First energising time"] == "300 µs"
+    assert facts["Fuel temperature"].endswith("°C")
+    assert "Dwell" not in facts  # it is varied
 
 
 def test_a_sweep_of_parameters_and_temperature_as_json(command: Command) -> None:

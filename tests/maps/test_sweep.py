@@ -17,7 +17,7 @@ from commonrail.maps.compensation import compensation, fusion_dwell
 from commonrail.maps.response import Conditions
 from commonrail.maps.sweep import Base, Variable, _first_alone, fused_of, sweep, unit_of
 from commonrail.maps.table import compensation_tables
-from commonrail.maps.without_number import most_frequent, without_number
+from commonrail.maps.without_number import most_frequent, reason_of, without_number
 from commonrail.report.sweep import sweep_lines
 
 INJECTOR = cr.load_injector("virtual-lino-2016")
@@ -159,7 +159,7 @@ def test_missing_numbers_are_told_with_their_reasons_and_the_first_of_each() -> 
     assert [(g.status.name, g.combinations) for g in more] == [("STEP_UNSTABLE", 3), ("STILL_INJECTING", 1)]
     lines = sweep_lines(replace(found, status=still))
     assert lines[-2].startswith("3 of 6 combinations have no number, the first at energising time 300 µs, ")
-    assert lines[-2].endswith(Status.STEP_UNSTABLE.sentence)
+    assert lines[-2].endswith("; take a shorter time step or other values.")
     assert lines[-1].startswith("1 of 6 combinations has no number, at energising time 400 µs, ")
     assert "horizon" not in lines[-1]  # which a sweep does not have
     kept = sweep_record(found)["without_number"]
@@ -187,7 +187,7 @@ def test_where_nothing_can_be_simulated_the_most_frequent_reason_is_told() -> No
     with pytest.raises(cr.SimulationError, match=r"could be simulated\. The time step is too long"):
         sweep(INJECTOR, [STIFF._replace(values=np.array([1e14, 2e14]))], SINGLE)
     statuses = np.array([[Status.RAN_AWAY, Status.NOT_FINITE, Status.NOT_FINITE]])
-    assert most_frequent(statuses) == Status.NOT_FINITE.sentence
+    assert most_frequent(statuses) == reason_of(Status.NOT_FINITE)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["WithoutNumber", "most_frequent", "reason_of", "without_number"]
 
-# Statuses whose cure is another one in a sweep, which has no horizon and no bounds.
+# Statuses whose cure is another one in a sweep, which has no horizon; nor has it bounds, see `reason_of`.
 _SENTENCES = {
     Status.STILL_INJECTING: (
         f"The needle was still open {to_text(AFTER, 's')} after the last energising, so the quantity is not known."
@@ -51,7 +51,7 @@ class WithoutNumber(NamedTuple):
 
 def reason_of(status: Status) -> str:
     """Sentence of a status, as it is in a sweep."""
-    return _SENTENCES.get(status, status.sentence)
+    return _SENTENCES.get(status, status.sentence.replace("narrow the bounds", "other values"))
 
 
 def most_frequent(statuses: NDArray[np.integer]) -> str:

@@ -10,32 +10,28 @@ from markupsafe import Markup, escape
 
 from commonrail.display.chart import Bars, Boxes, Figure, Panel, Series
 from commonrail.report.axis import Axis, span
+from commonrail.report.lettering import LONGEST, SIZE, cut, text_width, upright
 from commonrail.report.pane import DASHES, TENTHS, colour_of, line_of, marker_path, pane_svg
 
 __all__ = [
     "FONT",
     "INK",
     "NARROW",
-    "SIZE",
     "WIDE",
-    "cut",
     "drawings",
     "figure_html",
     "figure_svg",
     "small_html",
-    "text_width",
 ]
 
 INK, SOFT, GRID = "#1d2733", "#586472", "#e3e7eb"
 FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
 WIDE, NARROW = 760, 352  # widths that figures are drawn for [px]: a page and a sheet of paper, a telephone
-SIZE = 11.5  # of letters [px]
 LINE = 16.0  # of a legend [px]
 BETWEEN = 16.0  # panels [px]
 BELOW = 40.0  # the last panel: ticks and title [px]
 RIGHT = 14.0  # of the panels [px]
 SAMPLE = 26.0  # length of a legend's line, with the space behind it [px]
-LONGEST_NAME = 150.0  # of a category [px]
 APART = 14.0  # entries of a legend [px]
 
 
@@ -126,18 +122,8 @@ def _left(figure: Figure, ys: Sequence[Axis], width: int) -> float:
 
 
 def _turned(panel: Panel, width: float) -> float:
-    """Room for categories whose names are set upright, below that for names beside one another [px]; 0 where they fit.
-
-    Parameters
-    ----------
-    panel : Panel
-    width : float
-        Of the panel [px].
-    """
-    widths = [text_width(name) for name in panel.categories]
-    if not widths or max(widths) <= width / len(widths) - 4.0:
-        return 0.0
-    return min(max(widths), LONGEST_NAME) - 6.0
+    """Room for upright names of categories [px], in a panel of a width; 0 where they fit beside one another."""
+    return upright(panel.categories, width / len(panel.categories)) if panel.categories else 0.0
 
 
 def _sheet(figure: Figure, size: tuple[float, float], corner: tuple[float, float], below: float) -> _Sheet:
@@ -230,7 +216,7 @@ def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, lab
 def _x_ticks(panel: Panel, x: Axis, width: float) -> list[tuple[float, str]]:
     if not panel.categories:
         return x.ticks(max(4, round(width / 90.0)))
-    return [(float(i), cut(name, LONGEST_NAME)) for i, name in enumerate(panel.categories)]
+    return [(float(i), cut(name, LONGEST)) for i, name in enumerate(panel.categories)]
 
 
 def _x_texts(panel: Panel, places: Sequence[tuple[float, str]], height: float, width: float) -> list[str]:
@@ -250,20 +236,6 @@ def _x_texts(panel: Panel, places: Sequence[tuple[float, str]], height: float, w
         f'<g transform="translate({place + 4.0:.1f} {height + 6.0:.1f}) rotate(-90)">{_text(text, 0.0, 0.0, "end")}</g>'
         for place, text in places
     ]
-
-
-def text_width(text: str) -> float:
-    """Width of a text [px], near enough to set others beside it."""
-    return sum(0.3 if c in "iljt.,:;'|!() " else 0.85 if c in "mwMW%@" else 0.58 for c in text) * SIZE
-
-
-def cut(text: str, width: float) -> str:
-    """Text that fits a width [px], with an ellipsis where it is cut."""
-    if text_width(text) <= width + 1.0:
-        return text
-    while len(text) > 1 and text_width(text + "…") > width:
-        text = text[:-1]
-    return text + "…"
 
 
 def _text(text: str, x: float, y: float, anchor: str = "start") -> str:
