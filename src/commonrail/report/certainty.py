@@ -49,7 +49,7 @@ def certainty_lines(record: Record) -> list[str]:
 
 def _parameters(found: Record, units: Record) -> Table:
     level = fixed(found["level"], 0, 100.0)
-    parts = (
+    parts: tuple[Part, ...] = (
         Part(("parameter", "what the data say"), lambda p: (p["name"], p["sentence"])),
         Part(
             ("most likely", f"{level} % interval"),
