@@ -28,8 +28,8 @@ def _warn(text: str) -> None:
 
 _listener: Listener = nullcontext
 _note: Callable[[str], None] = _warn
-_duration = "some ten seconds"
-ALL_ENTRIES = "about a minute"  # of an export, which has more to compile than one kernel
+_duration = "ten seconds on an idle machine, up to a minute on a busy one"
+ALL_ENTRIES = "about a minute, more on a busy machine"  # of an export, which has more to compile than one kernel
 
 
 def tell_of_compiling(listener: Listener) -> Listener:
@@ -48,7 +48,7 @@ def compiling() -> AbstractContextManager[Any]:
 def lasting(words: str) -> Iterator[None]:
     """State inside the block, or in the decorated function, that compilations take longer than one kernel does.
 
-    `words` are such as "about a minute".
+    `words` are such as `ALL_ENTRIES`.
     """
     global _duration
     before, _duration = _duration, words

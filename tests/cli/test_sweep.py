@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,11 @@ def test_a_sweep_is_printed_and_written(command: Command, tmp_path: Path) -> Non
     page = report.read_text(encoding="utf-8")
     assert page.count('class="drawing') == 2
     assert "Synthetic, not measured" in page
+    facts = dict(re.findall(r"<dt>(.*)</dt><dd>(.*)</dd>", page))
+    assert facts["Rail pressure"] == "160 MPa"
+    assert facts["First energising time"] == "300 µs"
+    assert facts["Fuel temperature"].endswith("°C")
+    assert "Dwell" not in facts  # it is varied
 
 
 def test_a_sweep_of_parameters_and_temperature_as_json(command: Command) -> None:
@@ -66,6 +72,8 @@ def test_held_quantities_are_written_as_maps(command: Command, tmp_path: Path) -
         (("--vary", "dwel=1ms"), "There is no variable"),
         (("--vary", "dwell=1,2ms"), "give the energising time of the first one too"),
         (("--vary", "energising_time=1ms", "--out", "a.dcm"), "a sweep is written as .csv"),
+        (("--vary", "temperature=20,392.85degC"), "is defined from"),
+        (("--vary", "energising_time=1ms", "--out", "-"), "name a file or folder"),
         (("--vary", "energising_time=1ms", "--hold", "1mm3"), "vary rail_pressure and dwell alone"),
     ],
 )

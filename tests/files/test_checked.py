@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import copy
+import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +15,7 @@ from commonrail.errors import InputError
 from commonrail.files import checked, injector_file
 from commonrail.files.injector_file import injector_catalogue, load_injector
 from commonrail.files.injector_writer import injector_text
-from commonrail.kernel_cache import _COMPILERS, _PHYSICS_ROOMS
+from commonrail.kernel_cache import _COMPILERS, _PHYSICS_ROOMS, read, write
 
 SRC = Path(checked.__file__).parents[1]
 
@@ -90,6 +93,57 @@ def test_a_damaged_one_is_read_anew(folder: Path, damage: bytes) -> None:
     (path,) = kept(folder)
     path.write_bytes(damage)
     assert load_injector("cri2-16") == first
+
+
+def leaves(record: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Paths of all parts of a record, of numbers in a row the first."""
+    row = record[:1] if isinstance(record, list) and {*map(type, record)} == {float} else record
+    items = row.items() if isinstance(row, dict) else enumerate(row) if isinstance(row, list) else ()
+    return [path, *(deeper for key, part in items for deeper in leaves(part, (*path, key)))]
+
+
+def forged(record: Any, path: tuple[Any, ...], junk: Any) -> Any:
+    """Record with something else at a path."""
+    if not path:
+        return junk
+    found, (key, *rest) = copy.copy(record), path
+    found[key] = forged(record[key], tuple(rest), junk)
+    return found
+
+
+@pytest.mark.parametrize("junk", ["x", 1e400, -1.0, [], None], ids=repr)
+def test_a_forged_one_under_a_right_digest_is_usable_or_read_anew(folder: Path, junk: Any) -> None:
+    """Anything in place of any part: never a fault, neither now nor where the injector is used."""
+    first = load_injector("cri2-16")
+    (path,) = kept(folder)
+    record = json.loads(read(path)[0] or b"")
+    many = {key: dict(list(record[key].items())[:3]) for key in ("values", "sources")}  # of a kind
+    for place in leaves(record | many):
+        write(path, json.dumps(forged(record, place, junk)).encode())
+        found = load_injector("cri2-16")
+        if found != first:
+            assert checked._injector(json.loads(json.dumps(checked._record(found)))) == found
+            assert isinstance(injector_text(found, {}, ""), str)
+            assert found.fuel.density(1e8, found.fuel.temperature_range[0]).shape == ()
+
+
+def test_content_that_no_parser_takes_is_read_anew(folder: Path) -> None:
+    first = load_injector("cri2-16")
+    (path,) = kept(folder)
+    for payload in (b"[" * 100_000, b"\xff", b"", b"null", b"[]", b'"x"', b"1"):
+        write(path, payload)
+        assert load_injector("cri2-16") == first
+
+
+def test_nothing_is_kept_or_found_once_the_package_was_changed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As by an upgrade beneath a running process: its code is that of before, the sources are those of after."""
+    load_injector("cri2-16")
+    before = kept(folder)
+    changed = [(name, size, time + 1) for name, size, time in checked._AT_START]
+    monkeypatch.setattr(checked, "_AT_START", changed)
+    assert checked.find((SRC / "injector/catalogue/cri2-16.toml").read_text(encoding="utf-8"), "cri2-16") is None
+    load_injector("crin")
+    assert kept(folder) == before
 
 
 def test_without_a_folder_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

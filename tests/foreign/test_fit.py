@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +12,15 @@ import pytest
 import commonrail as cr
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings
 from commonrail.errors import ConfigurationError, InputError, SimulationError
-from commonrail.foreign.child import FmuWork
+from commonrail.foreign.child import Asked, FmuWork
 from commonrail.foreign.data import FmuInputs, fmu_curve, fmu_rows
 from commonrail.foreign.fit import calibrate_fmu
 from commonrail.foreign.fmu import read_fmu, unpacked
+from commonrail.foreign.result import fmu_record
 from commonrail.foreign.simulator import opened
 from commonrail.foreign.statuses import FmuStatus
 from commonrail.foreign.study import fmu_study
+from commonrail.report.foreign import fmu_lines
 from tests.foreign.samples import TIMES, TRUTH, decay_data
 
 pytestmark = pytest.mark.process
@@ -37,6 +40,45 @@ def test_a_reference_equation_is_calibrated_in_ten_lines_though_a_fifth_of_all_r
     assert 0.05 < failed / fit.counts.simulated < 0.45  # a fifth of 70, give or take what chance allows at 3 sigma
     assert "no solution at k = " in fit.told["fmu_error"]
     assert fit.simulated["best"]["decay"] == pytest.approx(study.data[0].measured, rel=1e-6)
+
+
+def test_data_without_noise_converge_by_the_exactness_of_the_simulations(decay_fmu):
+    """Costs of all ends are rounding: they differ by orders of magnitude, and by nothing that data could tell."""
+    fit = calibrate_fmu(fmu_study(decay_fmu, decay_data(), free=FREE, step=0.1), processes=1)
+    assert fit.cost < 1e-8
+    assert fit.convergence is not None
+    assert fit.convergence.converged, fit.convergence.sentence
+    assert "converged: " not in fit.reason  # the evolution's own verdict, which refinements have replaced
+
+
+def test_a_stopped_calibration_has_findings_that_say_so(decay_fmu):
+    def stop(progress):
+        raise KeyboardInterrupt
+
+    fit = calibrate_fmu(
+        fmu_study(decay_fmu, decay_data(), free=FREE, step=0.1, method=SHORT), processes=1, progress=stop
+    )
+    assert fit.status == "interrupted"
+    assert fit.found["k"]["standard_error"] is None
+    assert fit.found["k"]["verdict"] == "not judged: the search was stopped"
+    assert fit.step_effect == {}
+
+
+def test_the_effect_of_the_communication_step_is_told(decay_fmu):
+    """Between communication points outputs are linear: a chord of exp(-kt) over 0.5 s lies above it by 5 %."""
+    coarse = fmu_study(decay_fmu, decay_data(), free=FREE, step=0.5, method=SHORT)
+    fit = calibrate_fmu(coarse, processes=1)
+    k = fit.best["k"]
+    chords = [
+        np.interp(TIMES, points, np.exp(-k * points)) for points in (np.arange(0, 2.1, 0.5), np.arange(0, 2.1, 0.25))
+    ]
+    assert fit.step_effect["decay"] == pytest.approx(np.max(np.abs(chords[0] - chords[1])) / 0.01, rel=1e-9)
+    record = fmu_record(fit)
+    (line,) = [line for line in fmu_lines(record) if "half the communication step" in line]
+    assert "Lower the step" in line
+    fine = calibrate_fmu(replace(coarse, step=0.1), processes=1)
+    assert fine.step_effect["decay"] < 1e-9  # samples lie on its communication points
+    assert not any("half the communication step" in line for line in fmu_lines(fmu_record(fine)))
 
 
 BAD = 1.0001  # k that fails in the stated way, see decay.c; those beside it do not
@@ -61,8 +103,8 @@ def test_a_failure_is_a_status_with_the_fmu_s_own_words(decay_fmu, monkeypatch, 
     fmu = read_fmu(decay_fmu)
     with unpacked(fmu) as folder:
         work = FmuWork(str(folder), fmu.digest, ("k",), failing(kind).runs, 0.1)
-        answered = work((0, (BAD,)))
-        beside = work((0, (GOOD[0],)))
+        answered = work(Asked(0, (BAD,)))
+        beside = work(Asked(0, (GOOD[0],)))
     assert answered.status == status
     assert said in answered.told
     assert np.isnan(answered.values).all()

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import commonrail as cr
 from commonrail.engine.solution import Batch
+from commonrail.engine.status import Status
+from commonrail.files.sweep_file import sweep_record
 from commonrail.maps.axes import MapAxes
 from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import compensation, fusion_dwell
 from commonrail.maps.response import Conditions
 from commonrail.maps.sweep import Base, Variable, _first_alone, fused_of, sweep, unit_of
 from commonrail.maps.table import compensation_tables
+from commonrail.maps.without_number import most_frequent, reason_of, without_number
+from commonrail.report.sweep import sweep_lines
 
 INJECTOR = cr.load_injector("virtual-lino-2016")
 CONDITIONS = Conditions(threads=1)
@@ -133,6 +139,73 @@ def test_a_point_that_the_fuel_does_not_cover_is_refused_wherever_it_is(monkeypa
     too_high = Variable("rail_pressure", "Pa", np.array([60e6, 80e6, 900e6]))
     with pytest.raises(cr.ConfigurationError, match="The rail pressure reaches 900 MPa, but the fuel"):
         sweep(INJECTOR, [too_high], TWO)
+
+
+# A value that lets the engine fail, and one that does not; the spring's stiffness bounds the time step.
+STIFF = Variable("plunger_needle.k1", "N/m", np.array([1e14, 3e8]))
+
+
+def test_missing_numbers_are_told_with_their_reasons_and_the_first_of_each() -> None:
+    """Two reasons: a step too long for the stiffest spring, and a needle that is still open at the end."""
+    times = Variable("energising_time", "s", np.array([300e-6, 400e-6, 500e-6]))
+    found = sweep(INJECTOR, [times, STIFF], SINGLE)
+    assert found.status.tolist() == [[Status.STEP_UNSTABLE, Status.OK]] * 3
+    (group,) = without_number(found)
+    assert (group.status, group.combinations, group.alone) == (Status.STEP_UNSTABLE, 3, False)
+    assert group.first == {"energising_time": 300e-6, "plunger_needle.k1": 1e14}
+    still = found.status.copy()
+    still[1, 1] = Status.STILL_INJECTING
+    more = without_number(replace(found, status=still))
+    assert [(g.status.name, g.combinations) for g in more] == [("STEP_UNSTABLE", 3), ("STILL_INJECTING", 1)]
+    lines = sweep_lines(replace(found, status=still))
+    assert lines[-2].startswith("3 of 6 combinations have no number, the first at energising time 300 µs, ")
+    assert lines[-2].endswith("; take a shorter time step or other values.")
+    assert lines[-1].startswith("1 of 6 combinations has no number, at energising time 400 µs, ")
+    assert "horizon" not in lines[-1]  # which a sweep does not have
+    kept = sweep_record(found)["without_number"]
+    assert [(one["status"], one["combinations"], one["first"]) for one in kept] == [
+        ("STEP_UNSTABLE", 3, dict(group.first))
+    ]
+
+
+def test_no_dwell_is_told_where_simulations_fail() -> None:
+    """Not a dwell of 0, which says that nothing fuses."""
+    stiff = INJECTOR.with_values({"plunger_needle.k1": 1e14})
+    assert np.isnan(fusion_dwell(stiff, np.array([160e6]), (300e-6, 400e-6), 1e-3, CONDITIONS)).all()
+
+
+def test_a_first_injection_that_failed_alone_is_told() -> None:
+    found = sweep(INJECTOR, [Variable("dwell", "s", np.array([1e-3, 2e-3]))], TWO)
+    assert not without_number(found)
+    alone = replace(found, first_status=np.full(2, int(Status.RAN_AWAY)))
+    (group,) = without_number(alone)
+    assert (group.combinations, group.alone) == (2, True)
+    assert "since the first one alone failed, the first at dwell 1 ms: " in sweep_lines(alone)[-1]
+
+
+def test_where_nothing_can_be_simulated_the_most_frequent_reason_is_told() -> None:
+    with pytest.raises(cr.SimulationError, match=r"could be simulated\. The time step is too long"):
+        sweep(INJECTOR, [STIFF._replace(values=np.array([1e14, 2e14]))], SINGLE)
+    statuses = np.array([[Status.RAN_AWAY, Status.NOT_FINITE, Status.NOT_FINITE]])
+    assert most_frequent(statuses) == reason_of(Status.NOT_FINITE)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "value"), [("fuel.temperature", "K", 666.0), ("valve.mass", "kg", -1.0), ("valve.mass", "kg", 0.0)]
+)
+def test_a_value_is_refused_with_the_sentence_that_a_simulation_has(name: str, unit: str, value: float) -> None:
+    sound = INJECTOR.values[name]
+    with pytest.raises((cr.ConfigurationError, cr.InputError)) as alone:
+        cr.simulate(INJECTOR.with_values({name: value}), cr.OperatingPoint(160e6, 500e-6))
+    with pytest.raises(type(alone.value)) as swept:
+        sweep(INJECTOR, [Variable(name, unit, np.array([sound, value]))], SINGLE)
+    assert str(swept.value) == str(alone.value)
+
+
+def test_a_parameter_of_another_kind_of_injector_is_refused() -> None:
+    name = next(n for n in cr.parameter_quantities() if n not in INJECTOR.quantities)
+    with pytest.raises(cr.ConfigurationError, match=f"there is no parameter {name}"):
+        sweep(INJECTOR, [Variable(name, "1", np.array([1.0]))], SINGLE)
 
 
 def test_a_first_injection_of_no_length_is_refused() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from commonrail.report.certainty import certainty_lines
+from commonrail.report.certainty import certainty_lines, certainty_tables
 
 
 def record(found: bool) -> dict[str, Any]:
@@ -29,3 +29,17 @@ def test_a_test_of_friction_that_found_nothing_is_told_with_its_probability() ->
 def test_friction_that_was_found_is_told_as_the_reason_alone() -> None:
     (line,) = [one for one in certainty_lines(record(True)) if "friction" in one]
     assert line.startswith("No parameter is called pinned")
+
+
+def test_one_estimator_of_all_is_told_once_and_several_with_each_parameter() -> None:
+    one = {"name": "k1", "sentence": "pinned", "value": 1.0, "lower": 0.5, "upper": 1.5, "estimator": "curvature"}
+    for estimators in (("curvature",) * 2, ("curvature", "profile")):
+        parameters = [one | {"name": f"k{i}", "estimator": text} for i, text in enumerate(estimators)]
+        found = {"level": 0.95, "parameters": parameters, "noise": []}
+        table = certainty_tables(
+            {"certainty": found, "parameters": [{"name": p["name"], "unit": "m"} for p in parameters]}
+        )[0]
+        same = len(set(estimators)) == 1
+        assert ("estimator" in table.columns) is not same
+        assert ("Estimator of all: curvature." in table.note) is same
+        assert table.columns[table.texts] == "most likely"  # numbers stand after all words

@@ -9,9 +9,10 @@ import pytest
 
 from commonrail.display.chart import MARKERS, Band, Bars, Boxes, Figure, Panel, Series
 from commonrail.display.heat_map import HeatMap
-from commonrail.report.draw import NARROW, SIZE, WIDE, figure_html, figure_svg, text_width
+from commonrail.report.draw import NARROW, WIDE, figure_html, figure_svg
 from commonrail.report.draw_map import SMALLEST, heat_map_svg
 from commonrail.report.figures import figures_of
+from commonrail.report.lettering import SIZE, text_width
 from tests.report.samples import map_record, rate_record, rate_traces
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -159,11 +160,25 @@ def test_a_heat_map_on_a_telephone_is_whole(columns: int) -> None:
     assert all(size >= SMALLEST and size * text_width("1000") / SIZE < cell for size in sizes)
 
 
-def test_words_below_narrow_columns_stand_upright_and_whole() -> None:
+@pytest.mark.parametrize("width", [NARROW, WIDE])
+def test_names_of_categories_are_whole_and_stand_upright_where_they_do_not_fit(width: int) -> None:
+    names = tuple(f"a_long_name_of_part_{i}" for i in range(4))
+    boxes = Boxes("b", "best", ((0.0, 1.0, 2.0, 3.0, 4.0),) * 4)
+    svg = figure_svg(figure(Panel("", (), boxes=(boxes,), categories=names)), width)
+    assert set(names) <= set(texts(svg))
+    assert svg.count("rotate(-90)") == (5 if width == NARROW else 1)  # and the vertical title
+    whole, plain = (
+        re.findall(r'viewBox="0 0 \d+ (\d+)"', one)[0] for one in (svg, figure_svg(figure(Panel("", ())), width))
+    )
+    assert int(whole) - int(plain) > (0.9 * text_width(names[0]) if width == NARROW else -1)
+
+
+@pytest.mark.parametrize("width", [NARROW, WIDE])
+def test_words_below_narrow_columns_stand_upright_and_whole(width: int) -> None:
     names = ("z_hole_diameter", "a_hole_diameter", "discharge_maximum", "spring_preload", "J")
     table = tuple((0.5,) * 5 for _ in names)
     heat = HeatMap("t", "", "", "", names, names, table, tuple(("+0.5",) * 5 for _ in names), "", True)
-    drawn = texts(heat_map_svg(heat, width=NARROW))
+    drawn = texts(heat_map_svg(heat, width=width))
     assert all(drawn.count(name) == 2 for name in names)
 
 

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 from jinja2 import DictLoader, Environment
 
+from commonrail.display.table import tabulated
 from commonrail.report import html
 from commonrail.report.build import MANY, report_html
 from commonrail.report.foreign import fmu_figures, fmu_lines
-from commonrail.report.html import breakable
+from commonrail.report.html import breakable, print_size, unbroken
 from tests.report.samples import map_record, rate_record, rate_traces
 
 
@@ -111,3 +112,18 @@ def test_a_damaged_template_is_compiled_again(kept: Path, damage: bytes) -> None
     for path in kept.glob("*.template"):
         path.write_bytes(damage)
     assert page() == first
+
+
+def test_a_number_stays_on_a_line_with_its_unit_and_a_range_is_broken_at_its_to() -> None:
+    assert unbroken("+13.8 ○") == "+13.8 ○"
+    assert unbroken("-137.76 N/µm to 281.33 N/µm") == (
+        '<span class="word">-137.76 N/µm</span> to <span class="word">281.33 N/µm</span>'
+    )
+    assert unbroken("a reason <b> of many words and no number") == "a reason &lt;b&gt; of many words and no number"
+
+
+def test_letters_in_print_are_small_enough_for_what_is_not_broken() -> None:
+    cells = [("parameter", "name"), *((f"c{i}", "range") for i in range(12))]
+    wide = tabulated("", [{"name": "a", "range": "-137.76 N/µm to 281.33 N/µm"}], cells)
+    narrow = tabulated("", [{"name": "a", "range": "1 to 2"}], cells)
+    assert float(print_size(wide)[:-2]) < float(print_size(narrow)[:-2])

@@ -27,7 +27,8 @@ def made_sweep() -> Sweep:
     base = Base(100e6, 5e-4, 3e-4, 1e-3, Conditions())
     volume = 1e-9 * np.arange(6.0).reshape(2, 3)
     fused = np.zeros((2, 3), bool)
-    return Sweep(cr.load_injector("virtual-lino-2016"), base, variables, volume, 0.5 * volume, fused, volume * 1e5)
+    well, named = np.zeros((2, 3), np.int64), cr.load_injector("virtual-lino-2016")
+    return Sweep(named, base, variables, volume, 0.5 * volume, fused, volume * 1e5, well, well)
 
 
 def test_a_line_says_what_it_is_and_stays_short() -> None:

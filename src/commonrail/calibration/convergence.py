@@ -16,6 +16,7 @@ __all__ = ["LATEST", "judge_population", "judge_restarts", "noise_in"]
 
 Floats = NDArray[np.float64]
 
+ONE_POINT = "the search ended with one point and compared it with no other; refinements (polish = 3) would"
 LATEST = 20  # generations over which the gain of one is the mean
 
 
@@ -49,7 +50,8 @@ def judge_population(costs: Floats, history: Sequence[Generation], noise: float)
     """
     finite = costs[np.isfinite(costs)]
     if len(finite) < 2:
-        return Verdict.of(False, "fewer than two members could be simulated", {"members": len(finite)})
+        why = ONE_POINT if len(costs) == 1 else "fewer than two members could be simulated"
+        return Verdict.of(False, why, {"members": len(finite)})
     spread = float(finite.max() - finite.min()) / noise
     past = history[max(len(history) - 1 - LATEST, 0)]
     done = max(history[-1].generation - past.generation, 1)

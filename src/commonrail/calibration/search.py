@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -205,11 +206,13 @@ class Search:
 
     @property
     def reason(self) -> str:
-        """Reason for the end of the first optimiser."""
-        first = self._begun[0]
-        if first.finished or first.verdict is not None:
-            return first.reason
-        return self._of_population(first).sentence
+        """Reason for the end of the first optimiser; where refinements are judged, its own verdict is not in it."""
+        first, last = self._begun[0], self._begun[-1]
+        told = first.finished or first.verdict is not None
+        found = first.reason if told else self._of_population(first).sentence
+        if "converged: " not in found or not isinstance(last, Refinement):
+            return found
+        return f"{first.phase}: {re.sub('(not )?converged: ', '', found)}; then {last.phase}"
 
     def verdict(self) -> Verdict:
         """Verdict on convergence: that of the refinements, else of the first optimiser or on its population."""
@@ -227,7 +230,7 @@ class Search:
         if not self._residuals:
             self._residuals = objective.residuals(space.reference[None, :]).shape[1]
         goal = objective.goal.loss, objective.data
-        return noise_in(optimiser.best.cost, self._residuals, space.dimension, goal)
+        return noise_in(max(optimiser.best.cost, objective.least_cost), self._residuals, space.dimension, goal)
 
     def _ends(self, optimiser: Optimiser) -> bool:
         """Return whether an optimiser has no more to do, by itself or because the study stops it when it has converged.

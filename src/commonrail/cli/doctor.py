@@ -5,6 +5,7 @@ from __future__ import annotations
 from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.options import Json
+from commonrail.notice import duration
 
 __all__ = ["doctor"]
 
@@ -22,7 +23,7 @@ def doctor(*, json: Json = False) -> None:
     """
     from commonrail.bench.doctor import examine, usable
 
-    say("looking; a simulation that is not compiled yet takes some ten seconds ...")
+    say(f"looking; a simulation that is not compiled yet takes {duration()} ...")
     facts = list(examine())
     well = usable(facts)
     if json:

@@ -6,14 +6,15 @@ import errno
 import functools
 import os
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextvars import ContextVar
+from pathlib import Path
 from typing import Any, TypeVar
 
 from commonrail.cli import typer_later as typer
 from commonrail.cli.console import say
 from commonrail.cli.start import INTERRUPTED, raise_interrupts
-from commonrail.errors import CommonrailError, OutputError
+from commonrail.errors import CommonrailError, InputError, OutputError
 
 __all__ = ["INTERRUPTED", "guarded", "show_traceback"]
 
@@ -33,6 +34,7 @@ MEMORY = {
     "tolerance": "lower --threads or --parts",
     "fleet": "lower --workers, or divide the fleet's table",
 }
+_DASH = Path("-")
 OTHERS = "close other programs or take a machine with more"
 
 show_traceback: ContextVar[bool] = ContextVar("show_traceback", default=False)
@@ -51,6 +53,7 @@ def guarded(verb: _Verb) -> _Verb:
     def run(*args: Any, **options: Any) -> Any:
         try:
             raise_interrupts()
+            _refuse_dash(options)
             return verb(*args, **options)
         except CommonrailError as error:
             _end(str(error), error.exit_code)
@@ -77,6 +80,22 @@ def guarded(verb: _Verb) -> _Verb:
             _end(_fault(error), UNEXPECTED)
 
     return run  # type: ignore[return-value]
+
+
+def _refuse_dash(options: Mapping[str, Any]) -> None:
+    """Refuse "-" as the name of a file or folder: elsewhere it means standard input or output, here it would be a file.
+
+    Raises
+    ------
+    InputError
+        If an option or argument is it.
+    """
+    for name, given in options.items():
+        if any(path == _DASH for path in (given if isinstance(given, list) else [given])):
+            raise InputError(
+                f'{name.replace("_", "-")} "-": files are not read from standard input nor written to standard output; '
+                "name a file or folder (--json prints the result)."
+            )
 
 
 def _end(sentence: str, status: int) -> None:

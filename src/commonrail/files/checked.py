@@ -10,11 +10,12 @@ import contextlib
 import functools
 import hashlib
 import json
+import math
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from commonrail.errors import CommonrailError
 from commonrail.fuel.fuel import Fuel, Law, Origin
 from commonrail.injector.definition import Injector, Source
 from commonrail.injector.variants import Variant
@@ -40,7 +41,12 @@ DECIDING += ("files.drawing", "files.fuel_file", "files.injector_file", "files.i
 DECIDING += ("observation.low_pass", "observation.meter", "observation.quantities", "reading.faults", "reading.fields")
 DECIDING += ("reading.formulas", "reading.guarded_file", "reading.place", "reading.reach", "reading.text_file")
 DECIDING += ("reading.toml_file",)
-_LAWS = ("density_law", "bulk_modulus_law", "isentropic_law", "viscosity_law", "vapour_law")
+_RANGES = ("pressure_range", "temperature_range")
+# Laws of a fuel with their numbers of coefficients: the density explicit, and following from the modulus.
+_EXPLICIT = {"density_law": 4, "bulk_modulus_law": 0, "isentropic_law": 4, "viscosity_law": 3, "vapour_law": 1}
+_INTEGRATED = _EXPLICIT | {"density_law": 1, "bulk_modulus_law": 4}
+_LAWS = tuple(_EXPLICIT)
+_OTHERS = (*_RANGES, *_LAWS)
 
 _new = 0
 
@@ -55,9 +61,14 @@ def find(text: str, stem: str) -> Injector | None:
     stem : str
         Name that the injector has if the text gives none.
     """
-    folder = cache_folder()
-    payload = None if folder is None else read(folder / _name(text, stem))[0]
-    return None if payload is None else _injector(json.loads(payload))
+    folder, stamp = cache_folder(), _stamp()
+    payload = None if folder is None or not stamp else read(folder / _name(stamp, text, stem))[0]
+    if payload is None:
+        return None
+    try:
+        return _injector(json.loads(payload))
+    except (ArithmeticError, AttributeError, CommonrailError, LookupError, RecursionError, TypeError, ValueError):
+        return None  # written by somebody else: the file itself is read, and what it says takes this one's place
 
 
 def keep(text: str, stem: str, injector: Injector) -> None:
@@ -71,30 +82,54 @@ def keep(text: str, stem: str, injector: Injector) -> None:
         That was read from the text; all of it must follow from the text and the catalogue.
     """
     global _new
-    folder = cache_folder()
-    if folder is None or _new >= MOST_NEW:
+    folder, stamp = cache_folder(), _stamp()
+    if folder is None or not stamp or _new >= MOST_NEW:
         return
     _new += 1
     with contextlib.suppress(OSError):
-        write(folder / _name(text, stem), json.dumps(_record(injector), allow_nan=False).encode())
+        write(folder / _name(stamp, text, stem), json.dumps(_record(injector), allow_nan=False).encode())
         kept = sorted(folder.glob(f"*{ENDING}"), key=lambda path: path.stat().st_mtime)
         for path in kept[:-MOST]:
             path.unlink()
 
 
-def _name(text: str, stem: str) -> str:
-    return hashlib.sha256(json.dumps([_stamp(), stem, text]).encode()).hexdigest()[:24] + ENDING
+def _name(stamp: str, text: str, stem: str) -> str:
+    return hashlib.sha256(json.dumps([stamp, stem, text]).encode()).hexdigest()[:24] + ENDING
+
+
+def _stamp() -> str:
+    """Digest of the deciding sources and of the fuels of the catalogue; "" once they are not those of this process.
+
+    A package that is upgraded beneath a running process leaves it with the code of before and the sources of after:
+    what one makes must not be kept under the name of the other.
+    """
+    return _digest() if _AT_START and _state() == _AT_START else ""
+
+
+def _deciding() -> list[Path]:
+    root = Path(__file__).parents[1]
+    fuels = sorted((root / "fuel" / "catalogue").glob("*.toml"))
+    return [*(root / f"{name.replace('.', '/')}.py" for name in DECIDING), *fuels]
+
+
+def _state() -> list[tuple[str, int, int]]:
+    """Name, size and time of change of each deciding file; empty where one is missing."""
+    try:
+        found = [(path, path.stat()) for path in _deciding()]
+    except OSError:
+        return []
+    return [(path.name, entry.st_size, entry.st_mtime_ns) for path, entry in found]
 
 
 @functools.cache
-def _stamp() -> str:
-    """Digest of the deciding sources and of the fuels of the catalogue."""
-    root, digest = Path(__file__).parents[1], hashlib.sha256()
-    for name in DECIDING:
-        digest.update((root / f"{name.replace('.', '/')}.py").read_bytes())
-    for fuel in sorted((resources.files("commonrail.fuel") / "catalogue").iterdir(), key=lambda file: file.name):
-        digest.update(fuel.name.encode() + fuel.read_bytes())
+def _digest() -> str:
+    digest = hashlib.sha256()
+    for path in _deciding():
+        digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()
+
+
+_AT_START = _state()
 
 
 def _record(injector: Injector) -> dict[str, Any]:
@@ -116,19 +151,49 @@ def _law_record(law: Law) -> list[Any]:
 
 
 def _injector(record: Mapping[str, Any]) -> Injector:
-    fuel = dict(record["fuel"])
-    ranges = {name: tuple(fuel[name]) for name in ("pressure_range", "temperature_range")}
-    laws = {name: None if fuel[name] is None else _law(*fuel[name]) for name in _LAWS}
+    """Injector of a record; any of the exceptions that `find` names for one that `_record` has not made."""
+    fuel: dict[str, Any] = {name: text if name in _OTHERS else _text(text) for name, text in record["fuel"].items()}
+    ranges = {name: _range(*_floats(fuel[name])) for name in _RANGES}
+    sizes = _EXPLICIT if fuel["bulk_modulus_law"] is None else _INTEGRATED
+    if sizes is _INTEGRATED and fuel["isentropic_law"] is None:
+        sizes = sizes | {"isentropic_law": 0}
+    laws = {name: _law(size, *fuel[name]) if size else None for name, size in sizes.items()}
     return Injector(
         record["name"],
         record["title"],
         record["values"],
         Fuel(**fuel | ranges | laws),
         Variant(*record["variant"]),
-        {path: Source(*source) for path, source in record["sources"].items()},
+        {path: Source(_mark(mark), _text(source)) for path, (mark, source) in record["sources"].items()},
         synthetic=record["synthetic"],
     )
 
 
-def _law(coefficients: list[list[float]], *origin: Any) -> Law:
-    return Law(tuple(map(tuple, coefficients)), Origin(*origin))
+def _law(size: int, coefficients: list[list[float]], mark: str, source: str, error: float) -> Law:
+    if len(coefficients) != size:
+        raise ValueError
+    return Law(tuple(map(_floats, coefficients)), Origin(_mark(mark), _text(source), *_floats([error])))
+
+
+def _range(low: float, high: float) -> tuple[float, float]:
+    if not 0.0 <= low < high:
+        raise ValueError
+    return low, high
+
+
+def _floats(values: list[float]) -> tuple[float, ...]:
+    if not values or not all(type(value) is float and math.isfinite(value) for value in values):
+        raise ValueError
+    return tuple(values)
+
+
+def _mark(value: str) -> str:
+    if value not in ("M", "C", "F", "E"):
+        raise ValueError
+    return value
+
+
+def _text(value: str) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    return value

@@ -16,6 +16,7 @@ from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import Compensation
 from commonrail.maps.sweep import Sweep
 from commonrail.maps.table import notes_of
+from commonrail.maps.without_number import without_number
 from commonrail.units import convert
 
 Floats = NDArray[np.float64]
@@ -41,9 +42,10 @@ def write_sweep(path: Path, found: Sweep) -> None:
     head = [f"{v.name} [{SHOWN.get(v.unit, v.unit)}]" for v in found.variables] + ["quantity [mm3]"]
     if found.two:
         head += ["second_quantity [mm3]", "fused"]
+    lacking = [f"{g.combinations} of {found.volume.size} without a number: {g.sentence}" for g in without_number(found)]
     note = f"simulated by commonrail, not measured: {found.injector.name} ({found.injector.variant.label})"
     dwell = "dwell: from the end of the first energising to the start of the second"
-    write_csv(path, (note, *([dwell] if found.two else [])), head, _rows(found))
+    write_csv(path, (note, *([dwell] if found.two else []), *lacking), head, _rows(found))
 
 
 def _rows(found: Sweep) -> Iterator[Sequence[str]]:
@@ -108,6 +110,16 @@ def sweep_record(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> di
         "second_volume": _numbers(found.second) if found.two else None,
         "fused": found.fused.tolist() if found.two else None,
         "opening": _numbers(found.opening),
+        "without_number": [
+            {
+                "status": g.status.name,
+                "combinations": g.combinations,
+                "first": dict(g.first),
+                "alone": g.alone,
+                "sentence": g.sentence,
+            }
+            for g in without_number(found)
+        ],
         "fusion": [{"rail_pressure": p, "dwell": number(d)} for p, d in fusion],
     }
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from commonrail.foreign.data import Run, Setting
 from commonrail.foreign.statuses import FmuStatus
 
-__all__ = ["FATAL_EXIT", "Answered", "FmuWork"]
+__all__ = ["FATAL_EXIT", "Answered", "Asked", "FmuWork"]
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +24,14 @@ DISCARD, ERROR = 2, 3  # statuses of the standard
 _STATUSES = {DISCARD: FmuStatus.FMU_DISCARDED, ERROR: FmuStatus.FMU_ERROR}
 _Found = tuple[Floats | None, FmuStatus, str]
 _NEAR = 1e-6  # share of a communication step that rounding may move the end by
+
+
+class Asked(NamedTuple):
+    """Run by its number, values of the calibrated variables, and the number of steps that replace one."""
+
+    number: int
+    values: tuple[float, ...]
+    finer: int = 1
 
 
 class Answered(NamedTuple):
@@ -66,13 +74,13 @@ class FmuWork:
         """Bits of a result."""
         return result.values.tobytes() + str(result.status).encode()
 
-    def __call__(self, argument: tuple[int, tuple[float, ...]]) -> Answered:
-        """Result of a run, by its number, with values of the calibrated variables."""
-        number, values = argument
+    def __call__(self, argument: Asked) -> Answered:
+        """Result of a run with values of the calibrated variables."""
+        number, values, finer = argument
         run = self.runs[number]
         _keep_the_output_clean()
         start = {**run.start, **dict(zip(self.names, values, strict=True))}
-        found, status, told = _simulated(self.folder, run, start, self.step)
+        found, status, told = _simulated(self.folder, run, start, self.step / finer)
         return Answered(np.full(run.size, np.nan) if found is None else found, int(status), told)
 
 

@@ -27,6 +27,8 @@ __all__ = ["FmuFit", "calibrate_fmu"]
 
 Floats = NDArray[np.float64]
 
+NOT_JUDGED = "not judged: the search was stopped"
+
 
 @dataclass(frozen=True)
 class FmuFit:
@@ -42,7 +44,11 @@ class FmuFit:
     simulated : mapping of str to mapping of str to (m,) array
         For "start" and "best": values of each data set by its name, NaN where a simulation failed.
     found : mapping of str to mapping
-        Effect, standard error and verdict of each parameter, as `identify_at` gives them; empty if it was stopped.
+        Effect, standard error and verdict of each parameter, as `identify_at` gives them; of a search that was stopped
+        the verdict alone says so, and the numbers are None.
+    step_effect : mapping of str to float
+        Largest change of a value of each data set in tolerances, with the best values and half the communication step;
+        NaN where that could not be simulated. Empty if it was stopped.
     history : tuple of Generation
     counts : Counts
     simulations : int
@@ -65,6 +71,7 @@ class FmuFit:
     start_cost: float
     simulated: Mapping[str, Mapping[str, Floats]]
     found: Mapping[str, Mapping[str, Any]]
+    step_effect: Mapping[str, float]
     history: tuple[Generation, ...]
     counts: Counts
     simulations: int
@@ -129,8 +136,10 @@ def calibrate_fmu(
                 raise KeyboardInterrupt
             raise SimulationError(_all_failed(study, search, simulator))
         # a search that was stopped is judged when it is resumed: simulations about the best values may take long
-        found = {} if status == "interrupted" else identify_at(study.space, objective, x)
+        stopped = status == "interrupted"
+        found = _not_judged(study) if stopped else identify_at(study.space, objective, x)
         simulated, start_cost = _compared(study, objective, simulator, x)
+        effect = {} if stopped else _step_effect(study, simulator, x, simulated["best"])
         return FmuFit(
             study,
             dict(zip(study.space.names, x.tolist(), strict=True)),
@@ -138,6 +147,7 @@ def calibrate_fmu(
             start_cost,
             simulated,
             dict(found),
+            effect,
             tuple(search.history),
             search.counts,
             search.simulations,
@@ -148,6 +158,34 @@ def calibrate_fmu(
             search.verdict() if status == "finished" else None,
             search.seconds,
         )
+
+
+def _not_judged(study: FmuStudy) -> dict[str, dict[str, Any]]:
+    """Findings of a search that was stopped: none, by the keys of `identify_at`."""
+    none = {"effect": None, "pinned": None, "standard_error": None, "verdict": NOT_JUDGED}
+    return {name: dict(none) for name in study.space.names}
+
+
+def _step_effect(
+    study: FmuStudy, simulator: FmuSimulator, best: Floats, simulated: Mapping[str, Floats]
+) -> dict[str, float]:
+    """Largest change of each data set in tolerances, with half the communication step.
+
+    Parameters
+    ----------
+    study : FmuStudy
+    simulator : FmuSimulator
+    best : (d,)
+        Best values.
+    simulated : mapping of str to (m,)
+        Values of each data set with them.
+    """
+    edges = np.cumsum([len(one.measured) for one in study.data])[:-1]
+    finer = np.split(simulator.simulate(study.data, best[None, :], finer=2).values[0], edges)
+    return {
+        one.name: float(np.max(np.abs(values - simulated[one.name]) / one.tolerances))
+        for one, values in zip(study.data, finer, strict=True)
+    }
 
 
 def _compared(

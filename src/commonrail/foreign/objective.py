@@ -19,6 +19,8 @@ __all__ = ["FmuObjective"]
 
 Floats = NDArray[np.float64]
 
+EXACT = 1e-6  # relative error of a simulation, which solvers of FMUs do not fall below
+
 
 class FmuObjective(Objective):
     """Σ weight · loss of the residuals in tolerances, over the data with role fit.
@@ -37,6 +39,12 @@ class FmuObjective(Objective):
         self._fitted = tuple(one for one in study.data if one.role is Role.FIT)
         self.data: tuple[Any, ...] = self._fitted
         self._fmu = simulator
+
+    @property
+    def least_cost(self) -> float:
+        """Objective that errors of the simulations alone leave: data without noise let costs differ by them alone."""
+        sizes = ((d.weight, EXACT * d.measured / d.tolerances) for d in self._fitted)
+        return float(sum(weight * np.sum(size**2) for weight, size in sizes))
 
     @property
     def threads(self) -> int | None:

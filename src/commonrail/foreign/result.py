@@ -65,8 +65,8 @@ def _parameters(fit: FmuFit) -> list[dict[str, Any]]:
             "at_bound": p.is_at_bound(fit.best[p.name]),
             "mark": p.mark,
             "source": p.source,
-            "standard_error": fit.found[p.name]["standard_error"] if fit.found else None,
-            "verdict": fit.found[p.name]["verdict"] if fit.found else "not judged: the search was stopped",
+            "standard_error": fit.found[p.name]["standard_error"],
+            "verdict": fit.found[p.name]["verdict"],
         }
         for p in fit.study.space.parameters
     ]
@@ -93,6 +93,7 @@ def _data(fit: FmuFit, data: FmuData) -> dict[str, Any]:
         "simulations": len(data.runs),
         "rms": rms,
         "largest": largest,
+        **({"half_step": number(fit.step_effect[data.name])} if fit.step_effect else {}),
         "outputs": _outputs(fit, data),
     }
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.foreign.child import FATAL_EXIT, Answered, FmuWork
+from commonrail.foreign.child import FATAL_EXIT, Answered, Asked, FmuWork
 from commonrail.foreign.data import FmuData
 from commonrail.foreign.fmu import Fmu, unpacked
 from commonrail.foreign.statuses import FmuStatus
@@ -54,7 +54,7 @@ class FmuSimulator:
         self.heed: Callable[[], None] = lambda: None
         self.told: dict[FmuStatus, str] = {}  # the first message with each status
 
-    def simulate(self, data: Sequence[FmuData], values: Floats) -> Simulated:
+    def simulate(self, data: Sequence[FmuData], values: Floats, finer: int = 1) -> Simulated:
         """Values of data sets, one after the other, for candidates (n, names).
 
         Parameters
@@ -62,12 +62,15 @@ class FmuSimulator:
         data : sequence of FmuData
         values : (n, names)
             In the units of the FMU.
+        finer : int
+            Communication steps that replace one.
         """
         numbers = [self._first[one.name] + i for one in data for i in range(len(one.runs))]
         edges = np.cumsum([0, *(self._runs[number].size for number in numbers)])
         found = np.full((len(values), edges[-1]), np.nan)
         statuses = np.zeros((len(values), len(numbers)), np.int8)
-        tasks = (self._task(i, k, number, row) for i, row in enumerate(values) for k, number in enumerate(numbers))
+        rows = enumerate(tuple(row) for row in values.tolist())
+        tasks = (self._task((i, k), Asked(n, row, finer)) for i, row in rows for k, n in enumerate(numbers))
         for task, outcome in self._workers.run(tasks, heed=self.heed):
             assert isinstance(task.name, tuple)
             i, k = task.name
@@ -79,10 +82,9 @@ class FmuSimulator:
         first = np.argmax(statuses > 0, axis=1)
         return Simulated(found, statuses[np.arange(len(values)), first])
 
-    def _task(self, candidate: int, run: int, number: int, row: Floats) -> Task:
-        argument = number, tuple(row.tolist())
+    def _task(self, name: tuple[int, int], asked: Asked) -> Task:
         # a simulation that was lost once is not tried again: an FMU that crashed would do so again
-        return Task((candidate, run), self._package, argument, self._limit, losses=_LIMITS.failures - 1)
+        return Task(name, self._package, asked, self._limit, losses=_LIMITS.failures - 1)
 
     def _answered(self, outcome: object, size: int) -> Answered:
         if isinstance(outcome, Answer):

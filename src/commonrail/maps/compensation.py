@@ -125,9 +125,10 @@ def _rows(inverse: Inverse, rows: slice) -> Inverse:
 def fusion_dwell(
     injector: Injector, rail_pressure: Floats, times: tuple[float, float], longest: float, conditions: Conditions
 ) -> Floats:
-    """Longest dwell (n,) at which two injections fuse into one [s]; NaN where they do so at the longest that is tried.
+    """Longest dwell (n,) at which two injections fuse into one [s].
 
-    Halved to 1 us, taking for granted that injections which fuse also fuse at any shorter dwell.
+    NaN where they do so at the longest that is tried, and where a simulation failed. Halved to 1 us, taking for granted
+    that injections which fuse also fuse at any shorter dwell.
 
     Parameters
     ----------
@@ -142,16 +143,15 @@ def fusion_dwell(
     """
     low, high = np.zeros(len(rail_pressure)), np.full(len(rail_pressure), longest)
 
-    delay = _first(injector, rail_pressure, times[0], conditions).opening
+    first = _first(injector, rail_pressure, times[0], conditions)
+    delay, lost = first.opening, first.status[0] != OK
 
     def fused(dwell: Floats) -> NDArray[np.bool_]:
         places = zip(rail_pressure.tolist(), dwell.tolist(), strict=True)
         points = [Base(rail, times[1], times[0], pause, conditions).point({}) for rail, pause in places]
-        found: NDArray[np.bool_] = fused_of(
-            simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads),
-            times[0] + dwell,
-            delay,
-        )[0]
+        batch = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
+        lost[batch.status[0] != OK] = True
+        found: NDArray[np.bool_] = fused_of(batch, times[0] + dwell, delay)[0]
         return found
 
     beyond, never = fused(high), ~fused(low)
@@ -159,4 +159,4 @@ def fusion_dwell(
         middle = 0.5 * (low + high)
         there = fused(middle)
         low, high = np.where(there, middle, low), np.where(there, high, middle)
-    return np.where(beyond, np.nan, np.where(never, 0.0, 0.5 * (low + high)))
+    return np.where(beyond | lost, np.nan, np.where(never, 0.0, 0.5 * (low + high)))

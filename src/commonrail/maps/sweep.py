@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +17,19 @@ from numpy.typing import NDArray
 from commonrail.display.shown import Shown
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
-from commonrail.engine.status import OK, Status
+from commonrail.engine.status import OK
 from commonrail.errors import ConfigurationError, SimulationError, nearest
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.maps.base_point import Base
 from commonrail.maps.many_points import simulate_many
+from commonrail.maps.without_number import most_frequent
 
 __all__ = ["OPERATING", "Base", "Sweep", "Variable", "fused_of", "sweep", "unit_of"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Whole = NDArray[np.int64]
+_Any = TypeVar("_Any", np.float64, np.bool_, np.int64)
 
 # Variables of the operating point and their SI units.
 OPERATING = {
@@ -69,6 +72,10 @@ class Sweep(Shown):
         The needle does not close between the two injections.
     opening : array
         First opening of the needle after the start of energising [s]; NaN where it stays shut.
+    status : array of int
+        `Status` of each simulation.
+    first_status : array of int
+        Of the first of two injections alone; `OK` for a single injection.
     """
 
     injector: Injector
@@ -78,6 +85,8 @@ class Sweep(Shown):
     second: Floats
     fused: Bools
     opening: Floats
+    status: Whole
+    first_status: Whole
 
     @property
     def two(self) -> bool:
@@ -118,11 +127,14 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     Raises
     ------
     ConfigurationError
-        If there are too many variables or combinations, one is named twice, or a point is refused.
+        If there are too many variables or combinations, one is named twice, or a point or a value is refused.
+    InputError
+        If the fuel is not defined at a temperature.
     SimulationError
         If all simulations failed.
     """
     _check(variables, base)
+    _check_values(injector, variables)
     moving = [v for v in variables if v.name in OPERATING]
     own = [v for v in variables if v.name not in OPERATING]
     columns, count = _columns(moving), int(np.prod([len(v.values) for v in moving]))
@@ -138,24 +150,35 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     two = _two(base, variables)
     total = np.where(both.status == OK, both.injected_volume, np.nan)
     if np.all(np.isnan(total)):
-        status = Status(int(both.status.flat[0]))
-        raise SimulationError(f"{injector.name}: no point of the sweep could be simulated. {status.sentence}")
+        why = most_frequent(both.status)
+        raise SimulationError(f"{injector.name}: no point of the sweep could be simulated. {why}")
     alone, fused = np.full(total.shape, np.nan), np.zeros(total.shape, bool)
+    first_status = np.full(total.shape, OK)
     if two:
         distinct, which = _first_alone(base, columns, count)
         first = simulated(distinct)
+        first_status = first.status[:, which]
         alone = np.where(first.status == OK, first.injected_volume, np.nan)[:, which]
         fused = fused_of(both, whole.last_starts, first.opening[:, which])
     second = np.where(fused, np.nan, total - alone)
     sizes = [len(v.values) for v in (*own, *moving)]
     order = [[v.name for v in (*own, *moving)].index(v.name) for v in variables]
 
-    def shaped(table: Floats) -> Floats:
+    def shaped(table: NDArray[_Any]) -> NDArray[_Any]:
         """Axes in the order of the variables, from (candidates, points)."""
         return np.asarray(table.reshape(sizes).transpose(order))
 
-    is_fused = shaped(fused.astype(float)) == 1.0
-    return Sweep(injector, base, tuple(variables), shaped(total), shaped(second), is_fused, shaped(both.opening))
+    return Sweep(
+        injector,
+        base,
+        tuple(variables),
+        shaped(total),
+        shaped(second),
+        shaped(fused),
+        shaped(both.opening),
+        shaped(both.status.astype(np.int64)),
+        shaped(first_status.astype(np.int64)),
+    )
 
 
 def _first_alone(
@@ -201,6 +224,21 @@ def _check(variables: Sequence[Variable], base: Base) -> None:
         raise ConfigurationError(
             f"The sweep has {count} combinations, and at most {MOST_SIMULATIONS} are simulated; take fewer values."
         )
+
+
+def _check_values(injector: Injector, variables: Sequence[Variable]) -> None:
+    """Refuse values of parameters that a simulation of their own would be refused for, with its sentence."""
+    known = injector.quantities
+    for name, _, values in variables:
+        if name in OPERATING:
+            continue
+        if name in known:  # one that another kind of injector has is refused as a value of this one would be
+            values = values[~(np.isfinite(values) & known[name].domain.admits(values))]
+        for value in values[:1].tolist():
+            injector.with_values({name: value})
+    for name, _, values in variables:
+        if name == FUEL_TEMPERATURE:
+            injector.fuel.vapour_pressure(values)
 
 
 def _columns(variables: Sequence[Variable]) -> dict[str, Floats]:

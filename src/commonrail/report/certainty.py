@@ -49,20 +49,24 @@ def certainty_lines(record: Record) -> list[str]:
 
 def _parameters(found: Record, units: Record) -> Table:
     level = fixed(found["level"], 0, 100.0)
-    parts = (
+    parts: tuple[Part, ...] = (
         Part(("parameter", "what the data say"), lambda p: (p["name"], p["sentence"])),
         Part(
             ("most likely", f"{level} % interval"),
             lambda p: (quantity(p["value"], units[p["name"]], DIGITS), _interval(p, units[p["name"]])),
         ),
-        Part(("estimator",), lambda p: (p["estimator"],)),
     )
+    estimators = {p["estimator"] for p in found["parameters"]}
+    if len(estimators) > 1:
+        parts = (*parts[:1], Part(("estimator",), lambda p: (p["estimator"],)), *parts[1:])
     note = (
         f"An interval holds the true value in {level} % of the benches that have the noise below and no law that the "
         "model lacks. Bounds and constraints do not narrow it. A parameter is pinned if half its interval is at most "
         "10 % of its value."
     )
-    return table_of("Certainty", found["parameters"], parts, note, 2)
+    if len(estimators) == 1:
+        note += f" Estimator of all: {min(estimators)}."
+    return table_of("Certainty", found["parameters"], parts, note, 2 + (len(estimators) > 1))
 
 
 def _interval(p: Record, unit: str) -> str:

@@ -10,26 +10,23 @@ from markupsafe import Markup, escape
 
 from commonrail.display.chart import Bars, Boxes, Figure, Panel, Series
 from commonrail.report.axis import Axis, span
+from commonrail.report.lettering import LONGEST, SIZE, cut, text_width, upright
 from commonrail.report.pane import DASHES, TENTHS, colour_of, line_of, marker_path, pane_svg
 
 __all__ = [
     "FONT",
     "INK",
     "NARROW",
-    "SIZE",
     "WIDE",
-    "cut",
     "drawings",
     "figure_html",
     "figure_svg",
     "small_html",
-    "text_width",
 ]
 
 INK, SOFT, GRID = "#1d2733", "#586472", "#e3e7eb"
 FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
 WIDE, NARROW = 760, 352  # widths that figures are drawn for [px]: a page and a sheet of paper, a telephone
-SIZE = 11.5  # of letters [px]
 LINE = 16.0  # of a legend [px]
 BETWEEN = 16.0  # panels [px]
 BELOW = 40.0  # the last panel: ticks and title [px]
@@ -91,10 +88,11 @@ def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "
         Class of the element.
     """
     legend, top = _legend(figure, width)
-    height = height or _usual_height(figure, width, top)
     ys = [_vertical(panel) for panel in figure.panels]
     xs = _horizontals(figure.panels)
-    sheet = _sheet(figure, ys, width, height, top)
+    left = _left(figure, ys, width)
+    turned = _turned(figure.panels[-1], width - left - RIGHT)
+    sheet = _sheet(figure, (width, (height or _usual_height(figure, width, top)) + turned), (left, top), BELOW + turned)
     parts = [legend]
     for i, (panel, place) in enumerate(zip(figure.panels, sheet.panes, strict=True)):
         axis_x = replace(xs[i], start=0.0, end=sheet.inner)
@@ -102,6 +100,7 @@ def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "
         last = i == len(figure.panels) - 1
         parts.append(_panel(panel, (axis_x, axis_y), place[0], sheet, last or xs[i] != xs[-1]))
     middle, bottom = sheet.left + sheet.inner / 2, sheet.height - 6.0
+    width, height = round(sheet.width), round(sheet.height)
     parts.append(_text(figure.x_title, middle, bottom, "middle"))
     return (
         f'<svg class="figure {name}" viewBox="0 0 {width} {height}" xmlns="http://www.w3.org/2000/svg" '
@@ -116,18 +115,39 @@ def _usual_height(figure: Figure, width: int, top: float) -> int:
     return round(top + max(first + more * (len(figure.panels) - 1), 22.0 * rows) + BELOW)
 
 
-def _sheet(figure: Figure, ys: Sequence[Axis], width: int, height: float, top: float) -> _Sheet:
-    """Room for the texts of the vertical axes at the left; the rest is shared as the panels ask for it."""
+def _left(figure: Figure, ys: Sequence[Axis], width: int) -> float:
+    """Room for the texts of the vertical axes [px]."""
     texts = [text for axis, panel in zip(ys, figure.panels, strict=True) for text in _row_texts(panel, axis)]
-    longest = min(max(map(text_width, texts), default=0.0), 0.45 * width)
-    room = height - top - BELOW - BETWEEN * (len(figure.panels) - 1)
+    return min(max(map(text_width, texts), default=0.0), 0.45 * width) + 30.0
+
+
+def _turned(panel: Panel, width: float) -> float:
+    """Room for upright names of categories [px], in a panel of a width; 0 where they fit beside one another."""
+    return upright(panel.categories, width / len(panel.categories)) if panel.categories else 0.0
+
+
+def _sheet(figure: Figure, size: tuple[float, float], corner: tuple[float, float], below: float) -> _Sheet:
+    """Places of the panels, which share the height as they ask for it.
+
+    Parameters
+    ----------
+    figure : Figure
+    size : (float, float)
+        Width and height [px].
+    corner : (float, float)
+        Of the first panel, from the left and the top [px].
+    below : float
+        Room below the last panel [px].
+    """
+    (width, height), (left, top) = size, corner
+    room = height - top - below - BETWEEN * (len(figure.panels) - 1)
     total = sum(panel.share for panel in figure.panels)
     panes = []
     for panel in figure.panels:
         own = room * panel.share / total
         panes.append((top, own))
         top += own + BETWEEN
-    return _Sheet(float(width), float(height), longest + 30.0, tuple(panes))
+    return _Sheet(float(width), float(height), left, tuple(panes))
 
 
 def _row_texts(panel: Panel, axis: Axis) -> list[str]:
@@ -178,7 +198,7 @@ def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, lab
     has_texts = ' data-texts=""' if labelled else ""
     fixed = ' data-fixed=""' if panel.categories or panel.rows or y.logarithmic else ""
     view = f"0 0 {round(TENTHS * sheet.inner)} {round(TENTHS * height)}"
-    texts = [_text(text, x.at(v), height + 15.0, "middle") for v, text in xs] if labelled else []
+    texts = _x_texts(panel, [(x.at(v), text) for v, text in xs], height, sheet.inner) if labelled else []
     names = [_text(cut(text, sheet.left - 30.0), -6.0, y.at(v) + 4.0, "end") for v, text in ys]
     turned = f'<g transform="translate({12.0 - sheet.left:.1f} {height / 2:.1f}) rotate(-90)">'
     return (
@@ -196,22 +216,26 @@ def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, lab
 def _x_ticks(panel: Panel, x: Axis, width: float) -> list[tuple[float, str]]:
     if not panel.categories:
         return x.ticks(max(4, round(width / 90.0)))
-    room = width / len(panel.categories) - 4.0
-    return [(float(i), cut(name, max(room, 34.0))) for i, name in enumerate(panel.categories)]
+    return [(float(i), cut(name, LONGEST)) for i, name in enumerate(panel.categories)]
 
 
-def text_width(text: str) -> float:
-    """Width of a text [px], near enough to set others beside it."""
-    return sum(0.3 if c in "iljt.,:;'|!() " else 0.85 if c in "mwMW%@" else 0.58 for c in text) * SIZE
+def _x_texts(panel: Panel, places: Sequence[tuple[float, str]], height: float, width: float) -> list[str]:
+    """Texts below a panel, upright where they do not fit beside one another.
 
-
-def cut(text: str, width: float) -> str:
-    """Text that fits a width [px], with an ellipsis where it is cut."""
-    if text_width(text) <= width + 1.0:
-        return text
-    while len(text) > 1 and text_width(text + "…") > width:
-        text = text[:-1]
-    return text + "…"
+    Parameters
+    ----------
+    panel : Panel
+    places : sequence of (float, str)
+        Places [px] and texts.
+    height, width : float
+        Of the panel [px].
+    """
+    if not _turned(panel, width):
+        return [_text(text, place, height + 15.0, "middle") for place, text in places]
+    return [
+        f'<g transform="translate({place + 4.0:.1f} {height + 6.0:.1f}) rotate(-90)">{_text(text, 0.0, 0.0, "end")}</g>'
+        for place, text in places
+    ]
 
 
 def _text(text: str, x: float, y: float, anchor: str = "start") -> str:

@@ -9,7 +9,8 @@ from markupsafe import Markup, escape
 
 from commonrail.display.heat_map import HeatMap
 from commonrail.display.text import significant
-from commonrail.report.draw import FONT, INK, NARROW, SIZE, WIDE, cut, text_width
+from commonrail.report.draw import FONT, INK, NARROW, WIDE
+from commonrail.report.lettering import LONGEST, SIZE, cut, text_width, upright
 
 __all__ = ["heat_map_html", "heat_map_svg"]
 
@@ -22,7 +23,6 @@ LOWEST = 84.0  # map, whatever its rows: its vertical title has room [px]
 SCALE, TALL = 58.0, 21.0  # room of the scale of colours with its numbers; height of a row, unless stated [px]
 TOP, BELOW, RIGHT = 12.0, 40.0, 12.0
 SMALLEST = 4.4  # numbers in the narrow columns of a telephone, which draws twice to three times as fine [px]
-LONGEST = 120.0  # words that stand upright below narrow columns [px]
 
 
 class _Frame(NamedTuple):
@@ -89,8 +89,7 @@ def _frame(figure: HeatMap, height: int, width: float) -> _Frame:
     left = max(map(text_width, figure.y), default=0.0) + 32.0
     left = min(left, 0.45 * width) if narrow else left
     cell = min((width - left - (0.0 if narrow else SCALE) - RIGHT) / columns, BROADEST)
-    upright = _upright(figure.x, cell) if narrow else 0.0
-    below = BELOW + upright + (34.0 if narrow else 0.0)
+    below = BELOW + _upright(figure.x, cell) + (34.0 if narrow else 0.0)
     tall = (height - TOP - below) / rows if height else max(TALL, LOWEST / rows)
     return _Frame(width, left, TOP + tall * rows, cell, tall, below)
 
@@ -101,9 +100,8 @@ def _place(frame: _Frame, i: int, j: int) -> tuple[float, float, float, float]:
 
 
 def _upright(names: Sequence[str], width: float) -> float:
-    """Room for words that stand upright below columns of a width, as they do not fit there [px]."""
-    longest = max(map(text_width, names), default=0.0)
-    return min(longest, LONGEST) if not _are_numbers(names) and longest > width - 4.0 else 0.0
+    """Room for words that stand upright below columns of a width [px]; numbers never do."""
+    return 0.0 if _are_numbers(names) else upright(names, width)
 
 
 def _are_numbers(names: Sequence[str]) -> bool:
@@ -121,11 +119,11 @@ def _number_size(figure: HeatMap, frame: _Frame) -> float:
 
 def _names(figure: HeatMap, frame: _Frame) -> list[str]:
     """Names of rows and columns, and the title below the columns."""
-    bottom, upright = frame.bottom, _upright(figure.x, frame.cell) if frame.is_narrow else 0.0
+    bottom, turned = frame.bottom, _upright(figure.x, frame.cell)
     found = []
-    for j, name in enumerate(figure.x) if upright else _column_names(figure.x, frame.cell):
+    for j, name in enumerate(figure.x) if turned else _column_names(figure.x, frame.cell):
         x = frame.left + frame.cell * (j + 0.5)
-        if upright:
+        if turned:
             at = f'transform="translate({x + 4.0:.1f} {bottom + 6.0:.1f}) rotate(-90)" text-anchor="end"'
             found.append(f"<text {at}>{escape(cut(name, LONGEST))}</text>")
         else:
@@ -134,14 +132,14 @@ def _names(figure: HeatMap, frame: _Frame) -> list[str]:
         y = bottom - frame.tall * (i + 0.5) + 4.0
         short = cut(name, frame.left - 32.0) if frame.is_narrow else name
         found.append(f'<text x="{frame.left - 6.0:.1f}" y="{y:.1f}" text-anchor="end">{escape(short)}</text>')
-    x, y = frame.left + frame.cell * len(figure.x) / 2, bottom + 33.0 + upright
+    x, y = frame.left + frame.cell * len(figure.x) / 2, bottom + 33.0 + turned
     return [*found, f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle">{escape(figure.x_title)}</text>']
 
 
 def _column_names(names: Sequence[str], width: float) -> list[tuple[int, str]]:
-    """Names below columns of a width [px]: words are cut, and of numbers that do not fit only some are shown."""
+    """Names below columns of a width [px]: of numbers that do not fit only some are shown."""
     if not _are_numbers(names):
-        return [(j, cut(name, width - 4.0)) for j, name in enumerate(names)]
+        return list(enumerate(names))
     every = int(-(-max(map(text_width, names), default=1.0) // max(width - 4.0, 1.0)))
     return list(enumerate(names))[:: max(every, 1)]
 

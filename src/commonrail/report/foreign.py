@@ -15,6 +15,9 @@ from commonrail.report.html import render
 __all__ = ["fmu_figures", "fmu_html", "fmu_lines", "fmu_tables"]
 
 
+TOLD = 0.1  # tolerances that half the communication step moves a value by
+
+
 def fmu_html(record: Record, run: str) -> str:
     """Page of a calibration of an FMU.
 
@@ -65,9 +68,25 @@ def fmu_lines(record: Record) -> list[str]:
             "has the reasons."
         )
     lines += record.get("notes", [])
+    lines += _step_lines(record)
     bounds = [p["name"] for p in record["parameters"] if p["at_bound"]]
     if bounds:
         lines.append(f"At a bound: {', '.join(bounds)}; the data may ask for a wider range.")
+    return lines
+
+
+def _step_lines(record: Record) -> list[str]:
+    """Sentence for each data set whose values depend on the communication step; records of before lack it."""
+    lines = []
+    for data in (one for one in record["data"] if "half_step" in one):
+        moved = data["half_step"]
+        if moved is None:
+            lines.append(f"{data['name']}: with half the communication step the FMU could not be simulated.")
+        elif moved >= TOLD:
+            lines.append(
+                f"{data['name']}: with half the communication step a value moves by {significant(moved, 2)} "
+                "tolerances; the parameters have absorbed what the step does. Lower the step until this line is gone."
+            )
     return lines
 
 
@@ -130,11 +149,14 @@ def _panel(output: Record, origin: str) -> Panel:
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:
+    moved = [d["half_step"] for d in record["data"] if d.get("half_step") is not None]
+    halved = [("With half of it", f"values move by {significant(max(moved), 2)} tolerances at most")] if moved else []
     search, counts, fmu = record["optimiser"], record["evaluations"], record["fmu"]
     objective = record["objective"]
     return [
         ("FMU", f"{fmu['name']}, FMI {fmu['version']}, SHA-256 {fmu['sha256']}"),
         ("Communication step", f"{significant(record['step'], 6)} s"),
+        *halved,
         ("Search", f"{search['method']}, {search['generations']} generations of {search['members']} members"),
         ("Objective", f"{significant(objective['start'])} to {significant(objective['best'])}"),
         ("Simulations", f"{counts['simulations']:,}"),

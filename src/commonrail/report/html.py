@@ -18,11 +18,12 @@ from commonrail.display.table import Table
 from commonrail.display.text import MISSING
 from commonrail.kernel_cache import cache_folder, read, write
 
-__all__ = ["breakable", "is_long", "print_size", "render"]
+__all__ = ["breakable", "is_long", "print_size", "render", "unbroken"]
 
 # Letters of a table beside one another: on a telephone 390 px wide, and times the size [pt] on A4 between its margins.
 TELEPHONE, PAPER = 50.0, 930.0
 KEPT = 18  # letters of a cell that stay on one line
+NEVER_BROKEN = 14  # letters below which the whole cell does, as macros.html has it
 
 
 class _Kept(BytecodeCache):
@@ -65,6 +66,7 @@ def _environment() -> Environment:
     )
     environment.filters["drawing"] = Markup
     environment.filters["breakable"] = breakable
+    environment.filters["unbroken"] = unbroken
     environment.filters["print_size"] = print_size
     environment.filters["is_long"] = is_long
     return environment
@@ -73,6 +75,15 @@ def _environment() -> Environment:
 def breakable(name: str) -> Markup:
     """A dotted name, escaped, that may be broken after its dots and underscores."""
     return Markup(re.sub(r"([._])", r"\1<wbr>", str(escape(name))))
+
+
+def unbroken(text: str) -> Markup:
+    """Cell of numbers, escaped, in which each stays on a line with its unit; a range may be broken at its "to"."""
+    if len(text) < NEVER_BROKEN:
+        return escape(text)
+    word = Markup('<span class="word">{}</span>')
+    parts = text.split(" to ")
+    return Markup(" to ").join(word.format(part) if len(part) <= KEPT else escape(part) for part in parts)
 
 
 def print_size(table: Table) -> str:
@@ -90,9 +101,17 @@ def _letters(table: Table) -> float:
     widths = []
     for i, head in enumerate(table.columns):
         cells = [row[i].plain for row in table.rows if row[i].plain != MISSING]
-        words = [word for text in cells for word in (text.split() if len(text) > KEPT else [text])]
+        words = [word for text in cells for word in (_unbroken_words(text, i >= table.texts))]
         widths.append(max(map(len, [*head.split(), *words]), default=1) + 1.5)
     return sum(widths)
+
+
+def _unbroken_words(text: str, is_number: bool) -> list[str]:
+    """Parts of a cell that stay on one line."""
+    if len(text) <= KEPT:
+        return [text]
+    parts = text.split(" to ") if is_number else []
+    return parts if parts and max(map(len, parts)) <= KEPT else text.split()
 
 
 def render(template: str, **values: Any) -> str:

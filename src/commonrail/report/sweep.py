@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from commonrail.display.chart import BOTH, Figure, Panel, Series, points
 from commonrail.display.table import Table, tabulated
 from commonrail.display.text import fixed, quantity, significant
+from commonrail.injector.definition import FUEL_TEMPERATURE
 from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import Compensation
 from commonrail.maps.sweep import Sweep, Variable
 from commonrail.maps.table import notes_of
+from commonrail.maps.without_number import WithoutNumber, without_number
 from commonrail.report.draw import drawings
 from commonrail.report.html import render
 from commonrail.units import convert
@@ -24,6 +26,7 @@ Floats = NDArray[np.float64]
 
 MPA, MM3, MICRO = 1e-6, 1e9, 1e6
 MOST_FIGURES = 6
+SHORT_NAMES = {FUEL_TEMPERATURE: "temperature"}
 UNITS = {"Pa": "MPa", "s": "us", "K": "degC", "m": "um"}
 DWELL = "Dwell: from the end of the first energising to the start of the second."
 
@@ -39,7 +42,34 @@ def sweep_html(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> str:
     """
     figures = sweep_figures(found)
     tables = [fusion_table(fusion)] if fusion else []
-    return _page(f"Sweep: {found.injector.name}", found.injector.synthetic, sweep_lines(found), figures, tables)
+    injector = found.injector
+    return _page(f"Sweep: {injector.name}", injector.synthetic, sweep_lines(found), (figures, tables), _facts(found))
+
+
+def _facts(found: Sweep) -> list[tuple[str, str]]:
+    """Model, and the conditions that are not varied."""
+    varied = {v.name for v in found.variables}
+    base = found.base
+    given = [
+        ("rail_pressure", base.rail_pressure, "Pa"),
+        ("first_energising_time", base.first_energising_time, "s"),
+        ("dwell", base.dwell, "s"),
+        ("energising_time", base.energising_time, "s"),
+        ("cylinder_pressure", base.conditions.cylinder_pressure, "Pa"),
+        ("return_pressure", base.conditions.return_pressure, "Pa"),
+        (FUEL_TEMPERATURE, found.injector.values[FUEL_TEMPERATURE], "K"),
+    ]
+    single = () if found.two else ("first_energising_time", "dwell")
+    names = {FUEL_TEMPERATURE: "Fuel temperature"}
+    return [
+        ("Model", f"{found.injector.title or found.injector.name} ({found.injector.variant.label})"),
+        *(
+            (names.get(name, name.replace("_", " ").capitalize()), _shown(value, unit))
+            for name, value, unit in given
+            if name not in varied and name not in single
+        ),
+        ("Time step", _shown(base.conditions.time_step, "s")),
+    ]
 
 
 def sweep_figures(found: Sweep) -> list[Figure]:
@@ -48,7 +78,14 @@ def sweep_figures(found: Sweep) -> list[Figure]:
     return [*_figures(found, found.second, "Quantity of the second injection"), *figures] if found.two else figures
 
 
-def _page(title: str, synthetic: str, lines: list[str], figures: list[Figure], tables: list[Table]) -> str:
+def _page(
+    title: str,
+    synthetic: str,
+    lines: list[str],
+    drawn: tuple[list[Figure], list[Table]],
+    facts: list[tuple[str, str]],
+) -> str:
+    figures, tables = drawn
     return render(
         "map.html",
         title=title,
@@ -60,7 +97,7 @@ def _page(title: str, synthetic: str, lines: list[str], figures: list[Figure], t
         curves=drawings(figures, 460),
         tables=tables,
         commands=[],
-        facts=[],
+        facts=facts,
     )
 
 
@@ -80,9 +117,18 @@ def sweep_lines(found: Sweep) -> list[str]:
         if len(second):
             low, high = fixed(second.min(), 2, MM3), fixed(second.max(), 2, MM3)
             lines.append(f"The second injection, total less the first alone, has {low} to {high} mm³.")
-    if len(sound) < found.volume.size:
-        lines.append(f"{found.volume.size - len(sound)} simulations failed and have no number.")
-    return lines
+    return [*lines, *(_reason(found, group) for group in without_number(found))]
+
+
+def _reason(found: Sweep, group: WithoutNumber) -> str:
+    """Sentence on combinations without a number: how many, the first of them, and the reason."""
+    first = ", ".join(f"{_title(v)} {_shown(group.first[v.name], v.unit)}" for v in found.variables)
+    lacking = "no quantity of the second injection, since the first one alone failed" if group.alone else "no number"
+    have = "has" if group.combinations == 1 else "have"
+    which = "at" if group.combinations == 1 else "the first at"
+    return (
+        f"{group.combinations} of {found.volume.size} combinations {have} {lacking}, {which} {first}: {group.sentence}"
+    )
 
 
 def fusion_table(fusion: Sequence[tuple[float, float]]) -> Table:
@@ -94,13 +140,14 @@ def fusion_table(fusion: Sequence[tuple[float, float]]) -> Table:
             ("rail pressure, MPa", lambda r: significant(r[0], 4, MPA)),
             ("dwell, µs", lambda r: fixed(r[1], 0, MICRO)),
         ],
-        f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too. {DWELL}",
+        f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too, or a simulation failed. {DWELL}",
         0,
     )
 
 
 def _title(variable: Variable) -> str:
-    return variable.name.replace("_", " ")
+    name = SHORT_NAMES.get(variable.name, variable.name)
+    return name if "." in name else name.replace("_", " ")
 
 
 def _figures(found: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
@@ -115,6 +162,7 @@ def _figures(found: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
         series = tuple(
             Series(_value(others[0], j) if others else "", "solid", x, points(volume[:, j, k] * MM3), BOTH, family=j)
             for j in range(rows)
+            if np.isfinite(volume[:, j, k]).any()
         )
         caption = f"Each line: {_title(others[0])}." if others else "At the reference density."
         axis = f"{_title(first)}, {unit.replace('us', 'µs').replace('degC', '°C').replace('um', 'µm')}"
@@ -122,7 +170,14 @@ def _figures(found: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
 
 
 def _value(variable: Variable, index: int) -> str:
-    return quantity(float(variable.values[index]), variable.unit)
+    return _shown(float(variable.values[index]), variable.unit)
+
+
+def _shown(value: float, unit: str) -> str:
+    """Value of a variable with its unit; temperatures in degrees Celsius, as on the axes."""
+    if unit == "K":
+        return f"{significant(convert(value, 'K', 'degC'), 4)} °C"
+    return quantity(value, unit)
 
 
 def compensation_html(found: Compensation) -> str:
@@ -144,9 +199,9 @@ def compensation_html(found: Compensation) -> str:
             )
         )
     first = f"Energising time of the first injection: {fixed(found.first_energising_time, 0, MICRO)} µs. {DWELL}"
-    lines = [first, *notes_of(found.alone)]
+    facts = [("Conditions", note) for note in notes_of(found.alone)]
     title = f"Second injection: {found.alone.injector.name}"
-    return _page(title, found.alone.injector.synthetic, lines, figures, [compensation_table(found)])
+    return _page(title, found.alone.injector.synthetic, [first], (figures, [compensation_table(found)]), facts)
 
 
 def compensation_table(found: Compensation) -> Table:

@@ -8,10 +8,12 @@
     option.value = one.injector;
     list.appendChild(option);
   });
-  function cell(row, text, word) {
-    var node = row.insertCell();
+  var heads = Array.from(table.parentNode.querySelectorAll("th"), function (head) { return head.textContent; });
+  function cell(row, text) {
+    var node = row.insertCell(), place = row.cells.length - 1;
     node.textContent = text;
-    if (word) node.className = "word";
+    if (place) node.dataset.label = heads[place];
+    else node.className = "word";
   }
   function short(value) { return value === null || value === undefined ? "–" : Number(value).toPrecision(5).replace("-", "−"); }
   function show() {
@@ -21,7 +23,7 @@
     if (!one) return;
     data.parameters.forEach(function (p, i) {
       var row = table.insertRow(), value = one.values[i];
-      cell(row, p.name + (p.unit ? ", " + p.unit : ""), true);
+      cell(row, p.name + (p.unit ? ", " + p.unit : ""));
       cell(row, short(value));
       cell(row, short(p.median));
       cell(row, p.lower === null || p.lower === undefined ? "–" : Math.round(100 * (value - p.lower) / (p.upper - p.lower)));
