@@ -161,8 +161,8 @@ def test_a_joint_fit_that_was_killed_is_resumed_to_the_same_bits(command: Comman
         assert (moved / name).read_bytes() == (whole / name).read_bytes()
     assert timeless(moved, "family.json") == timeless(whole, "family.json")
     record = json.loads((moved / "family.json").read_text(encoding="utf-8"))
-    assert record["seed"] == 5  # of the command; the file has 1
-    assert load_family(moved / "family.toml").seed == 1
+    assert record["seed"] == 5  # of the command; the file that was given has 1
+    assert [load_family(run / "family.toml").seed for run in (whole, moved)] == [5, 5]
 
 
 @pytest.mark.usefixtures("forked_workers")

@@ -125,7 +125,7 @@ def figures(folder):
 
 @pytest.mark.process
 def test_a_run_that_was_stopped_resumes_to_the_same_result(study, tmp_path):
-    seeded = replace(load_fmu_study(study), seed=7)  # as by --seed: the file in the run folder has another
+    seeded = replace(load_fmu_study(study), seed=7)  # as by --seed: the file that was given has another
     whole = calibrate_fmu_into(tmp_path / "whole", seeded, processes=1)
     assert whole.best["k"] == pytest.approx(TRUTH, rel=1e-4)
 
@@ -140,6 +140,7 @@ def test_a_run_that_was_stopped_resumes_to_the_same_result(study, tmp_path):
     resume_fmu(tmp_path / "half", processes=1)
     assert figures(tmp_path / "half") == figures(tmp_path / "whole")
     assert figures(tmp_path / "half")["seed"] == 7
+    assert load_fmu_study(tmp_path / "half" / "fmu-study.toml").seed == 7
     # the validation data, rows of another file, were simulated and not fitted
     data = figures(tmp_path / "whole")["data"]
     assert [one["role"] for one in data] == ["fit", "validation"]

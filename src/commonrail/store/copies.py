@@ -21,7 +21,7 @@ from commonrail.reading.guarded_file import read_plain, sha256
 from commonrail.store.content import content_of
 from commonrail.store.journal import JOURNAL, LOCK, Input
 
-__all__ = ["copies_of", "copy_apart", "copy_study", "places_apart", "set_in_study", "with_generations"]
+__all__ = ["copies_of", "copy_apart", "copy_study", "places_apart", "set_in_copy", "set_in_study", "with_generations"]
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
 RESERVED = (STUDY, "calibrated.toml", RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
@@ -183,15 +183,40 @@ def with_generations(study: Study, generations: int) -> Study:
     return replace(study, method=replace(study.method, evolution=evolution))
 
 
-def set_in_study(text: str, keys: tuple[str, ...], value: int) -> str:
-    """Text of a study file with one number changed or added.
+def set_in_copy(folder: Path, item: Input, values: Mapping[str, int | str]) -> Input:
+    """Write top-level values into a copied TOML file, and return its entry with the new checksum.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    item : Input
+        Entry of the copy.
+    values : mapping of str to int or str
+        Values by key.
+
+    Raises
+    ------
+    OutputError
+        If the copy cannot be written.
+    """
+    path = folder / item.name
+    text = read_plain(path).decode("utf-8-sig")
+    for key, value in values.items():
+        text = set_in_study(text, (key,), value)
+    write_text(path, text)
+    return item._replace(copy=sha256(text.encode()))
+
+
+def set_in_study(text: str, keys: tuple[str, ...], value: int | str) -> str:
+    """Text of a study file with one value changed or added.
 
     Parameters
     ----------
     text : str
     keys : tuple of str
-        Way to the number from the top.
-    value : int
+        Keys that lead to the value from the top.
+    value : int or str
     """
     import tomlkit  # slow to import
 

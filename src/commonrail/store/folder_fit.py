@@ -16,7 +16,7 @@ from commonrail.calibration.study import Method
 from commonrail.errors import StudyError
 from commonrail.store.beginning import Copied, begun, ending, refuse_wrong
 from commonrail.store.changes import check_files
-from commonrail.store.copies import copy_apart, places_apart
+from commonrail.store.copies import copy_apart, places_apart, set_in_copy
 from commonrail.store.journal import JOURNAL, Journal
 from commonrail.workers.interrupt import held_interrupts
 
@@ -83,7 +83,8 @@ class FolderFit(Generic[_Study, _Fit]):
     content : function of the settings
         Fingerprint: equal ones mean identical searches but for their length.
     chosen : tuple of str
-        Fields of the settings that options of the command may have changed; the journal keeps them.
+        Fields of the settings, each a key of the file, that options of the command may have changed; the copy of the
+        file states the changed ones, and the journal keeps all of them.
     write : function of (Path, result)
         Writes the results into a run folder.
     """
@@ -181,7 +182,11 @@ class FolderFit(Generic[_Study, _Fit]):
 
         def copied() -> Copied[_Study]:
             inputs = copy_apart(study.files, folder, self.file)
-            own = self._as_chosen(self.load(folder / self.file), chosen)
+            own = self.load(folder / self.file)
+            wanted = {name: getattr(study, name) for name in self.chosen}
+            if changed := {name: value for name, value in wanted.items() if value != getattr(own, name)}:
+                inputs[0] = set_in_copy(folder, inputs[0], changed)
+                own = self.load(folder / self.file)
             facts = {
                 "title": study.title,
                 "given": study.text,
