@@ -16,7 +16,7 @@ from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.profile import profiles_of
 from commonrail.calibration import Parameter, Space
 from commonrail.kinds.noise import Correlation, Law, Noise
-from tests.analysis.certainty.linear import Floats, design, fitted, likelihood
+from tests.analysis.certainty.linear import TRUTH, Floats, design, fitted, likelihood
 from tests.analysis.certainty.test_estimate import curve, normal, outliers
 
 STUDENT = LAWS[Law.STUDENT]
@@ -94,13 +94,34 @@ def test_exact_zeros_before_and_after_an_injection_are_no_sample_of_the_noise(
     np.testing.assert_allclose(longer.half_widths(), alone.half_widths(), rtol=0.06)
 
 
+def widths_of(y: Floats, law: Law, sigma: float | None) -> Floats:
+    """Half widths where the noise has a law and a standard deviation, or an estimated one."""
+    stated = Noise(law=law, correlation=Correlation.WHITE, sigma=sigma)
+    return fitted(likelihood([y], [design(len(y))], [stated])).half_widths()
+
+
 def test_a_stated_sigma_is_not_estimated_beside_outliers() -> None:
-    """Of 5, where the values scatter by 0.2: the intervals are those of nearly normal noise of that size."""
-    widths = []
-    for law in (Law.STUDENT, Law.GAUSSIAN):
-        stated = Noise(law=law, correlation=Correlation.WHITE, sigma=5.0)
-        widths.append(fitted(likelihood([curve(outliers, 3)], [design()], [stated])).half_widths())
-    assert widths[0] == pytest.approx(widths[1], rel=0.06)  # 30 degrees of freedom at most, and the draws know 2 %
+    """Of 5, where the values scatter by 0.2: tails of any kind that has this deviation, and no smaller noise."""
+    y = curve(outliers, 3)
+    assert (widths_of(y, Law.STUDENT, 5.0) > 0.3 * widths_of(y, Law.GAUSSIAN, 5.0)).all()
+    assert (widths_of(y, Law.STUDENT, 5.0) > 5.0 * widths_of(y, Law.STUDENT, None)).all()
+
+
+@pytest.mark.parametrize("freedom", [4.0, 200.0])
+def test_a_stated_sigma_is_the_standard_deviation_whatever_the_tails(freedom: float) -> None:
+    """The intervals are those of an estimated scale, known to 3 %; taken as the scale they were 1.2 times as wide."""
+    n = 1000
+    errors = 0.2 * np.random.default_rng(8).standard_t(freedom, n)
+    y, sigma = design(n) @ TRUTH + errors, 0.2 * np.sqrt(freedom / (freedom - 2.0))
+    np.testing.assert_allclose(widths_of(y, Law.STUDENT, sigma), widths_of(y, Law.STUDENT, None), rtol=0.08)
+
+
+@pytest.mark.parametrize("law", [Law.STUDENT, Law.LAPLACE])
+def test_the_fitted_noise_keeps_the_stated_standard_deviation(law: Law) -> None:
+    stated = Noise(law=law, correlation=Correlation.WHITE, sigma=0.5)
+    noise = fitted(likelihood([curve(normal, 1)], [design()], [stated])).likelihood.noises[0]
+    assert noise.sigma == pytest.approx(0.5)
+    assert noise.scale == pytest.approx(0.5 / np.sqrt(2.0))  # of both laws
 
 
 def test_a_sigma_of_few_degrees_of_freedom_lies_between_a_known_and_an_estimated_one() -> None:
