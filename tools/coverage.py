@@ -23,12 +23,13 @@ from numpy.typing import NDArray
 
 import commonrail as cr
 from commonrail.analysis.certainty.certify import friction_withdraws
-from commonrail.analysis.certainty.estimate import Estimate, estimate, library, starts_from
+from commonrail.analysis.certainty.estimate import Estimate, library, starts_from
 from commonrail.analysis.certainty.freed import judged_residuals
 from commonrail.analysis.certainty.lack_of_fit import level_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import missing_delay
 from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
+from commonrail.analysis.certainty.within import Within, estimate_within
 from commonrail.injector.variants import Drive
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import NOISE, Correlation, Noise
@@ -242,11 +243,16 @@ class Benches:
         return data.simulated(simulator, np.array([list(values.values())]))[0]
 
     def fit(self, bench: Bench) -> Estimate:
-        """Estimate of a bench, from members of the library."""
+        """Estimate of a bench, as that of `within`."""
+        return self.within(bench).found
+
+    def within(self, bench: Bench) -> Within:
+        """Estimate of a bench from members of the library, and that with what is fitted as the study states it."""
         own = Likelihood.of(bench.study, 1)
         apart = [a.at_zero - b.at_zero for a, b in zip(own.blocks, self.first.blocks, strict=True)]
         unit, errors = self.library
-        return estimate(own, starts_from(own, (unit, errors + np.concatenate(apart)), self.bed.starts))
+        starts = starts_from(own, (unit, errors + np.concatenate(apart)), self.bed.starts)
+        return estimate_within(bench.study, own, starts, 1)
 
 
 class Row(NamedTuple):
@@ -276,14 +282,15 @@ def row(bed: Bed, many: int) -> Row:
     for seed in range(many):
         bench = benches.bench(seed)
         begin = time.process_time()
-        one = benches.fit(bench)
+        within = benches.within(bench)
+        one, whole, study = within.found, within.whole, within.study
         middle = time.process_time()
-        delay = missing_delay(bench.study, one, 1)
-        tests, freed = judged_residuals(bench.study, one, delay, 1)
+        delay = missing_delay(study, whole, 1)
+        tests, freed = judged_residuals(study, whole, delay, 1, priors_from=len(one.unit))
         tested = freed + (0 if delay is None else delay.simulated)
         low, high = one.interval()
         judged = verdicts_of(one, low, high, withdrawal(one, tests))
-        friction = friction_withdraws(bench.study, one, judged, 1)
+        friction = friction_withdraws(study, whole, judged, 1)
         if friction is not None:
             tests, tested = [*tests, friction.judged(level_of(one, True))], tested + friction.simulated
             judged = verdicts_of(one, low, high, withdrawal(one, tests))

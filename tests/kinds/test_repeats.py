@@ -46,6 +46,15 @@ def test_samples_that_follow_each_other_are_no_independent_ones() -> None:
     assert found.freedom == pytest.approx(24 * 1000 * 0.19 / 1.81, rel=0.1)
 
 
+def test_samples_that_all_shots_state_as_zero_tell_nothing_of_the_noise() -> None:
+    """A meter that shows exactly zero before and after an injection."""
+    shots = 5.0 + np.random.default_rng(7).normal(0.0, 0.4, (6, 300))
+    quiet = np.hstack([np.zeros((6, 500)), shots, np.zeros((6, 400))])
+    alone, found = averaged(shots, [np.arange(6)]), averaged(quiet, [np.arange(6)])
+    assert (found.sigma, found.freedom) == pytest.approx((alone.sigma, alone.freedom))
+    assert found.mean.shape == (1, 1200)
+
+
 def test_ringing_noise_counts_beyond_the_zeros_of_its_autocorrelation() -> None:
     """Samples of a resonance, whose autocorrelation follows its recursion."""
     random, n = np.random.default_rng(6), 520

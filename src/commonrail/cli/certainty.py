@@ -86,6 +86,6 @@ def _posterior(run: Path, found: Certainty, seed: int, most: int) -> dict[str, A
     from commonrail.analysis.posterior.sample import sample_posterior
     from commonrail.files.posterior_file import write_posterior
 
-    drawn = sample_posterior(found.estimate, seed=seed, most=most, note=say)
+    drawn = sample_posterior(found.within.whole, seed=seed, most=most, note=say).of_first(found.estimate)
     write_posterior(run, drawn)
     return posterior_record(drawn, found.level)

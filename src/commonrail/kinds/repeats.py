@@ -73,11 +73,23 @@ def averaged(values: Floats, groups: list[Indices], scale: Floats | float = 1.0)
         return Averaged(mean, counts, None)
     scale = np.broadcast_to(scale, values.shape[:1])
     deviations = np.concatenate([((values[rows] - mean[i]).T / scale[rows]).T for i, rows in enumerate(groups)])
+    deviations = _live(deviations, values)
     # Variance of a single value, pooled over the groups, then of each mean.
     spare = int(np.sum(counts - 1))
-    variance = float(np.sum(deviations**2)) / (spare * values[0].size)
+    variance = float(np.sum(deviations**2)) / (spare * deviations[0].size)
     sigma = float(np.sqrt(variance * np.mean(1.0 / counts))) or None
     return Averaged(mean, counts, sigma, spare * _independent(deviations, spare) if sigma else 0.0)
+
+
+def _live(deviations: Floats, values: Floats) -> Floats:
+    """Deviations without the samples of courses that all rows state as exactly zero: these are no samples of the noise.
+
+    Parameters
+    ----------
+    deviations, values : (n, …)
+    """
+    found = (values.reshape(len(values), -1) != 0.0).any(axis=0)
+    return deviations if found.all() or not found.any() else deviations.reshape(len(deviations), -1)[:, found]
 
 
 def _independent(deviations: Floats, spare: int) -> float:

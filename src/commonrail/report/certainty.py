@@ -40,6 +40,7 @@ def certainty_lines(record: Record) -> list[str]:
         *_search(found),
         *([f"No parameter is called pinned, because {found['withdrawn']}."] if found["withdrawn"] else []),
         *_stated(found["parameters"]),
+        *_fitted(found),
         *_sensitivity(found),
         *_visible(found),
         *_friction(found),
@@ -171,6 +172,12 @@ def _sensitivity(found: Record) -> list[str]:
         moves = list(zip(names, map(number, one["percent"]), strict=True))
         lines.append(f"{one['text']} would move {_moves(moves)}.")
     return lines
+
+
+def _fitted(found: Record) -> list[str]:
+    """Sentence on the quantities that were fitted within what the study states."""
+    values = [f"{one['name']} {to_text(one['value'], one['unit'], 2)}" for one in found.get("fitted_as_stated", [])]
+    return [f"Fitted within what the study states, and integrated out: {listed(values)}."] if values else []
 
 
 def _visible(found: Record) -> list[str]:

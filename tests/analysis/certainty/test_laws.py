@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from commonrail.analysis.certainty.autoregression import Autoregression, estimate
-from commonrail.analysis.certainty.laws import FREEDOM, LAWS, scale_of
+from commonrail.analysis.certainty.laws import FREEDOM, LAWS, agreed, as_normal, sample_count, scale_of
 from commonrail.kinds.noise import Law
 
 U = np.linspace(-6.0, 6.0, 25)
@@ -23,6 +23,21 @@ def test_the_laplace_law_is_rounded_at_its_corner_alone() -> None:
     own, exact = LAWS[Law.LAPLACE], -2.0 * stats.laplace.logpdf(U)
     np.testing.assert_allclose(own.cost(U) + own.constant, exact, atol=0.4)  # twice the rounding
     np.testing.assert_allclose(own.weight(U[[0, -1]]) * np.abs(U[[0, -1]]), 1.0, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("law", "density"), [(Law.GAUSSIAN, stats.norm), (Law.STUDENT, stats.t(FREEDOM)), (Law.LAPLACE, stats.laplace)]
+)
+def test_deviation_and_tail_are_those_of_the_density(law: Law, density: stats.rv_continuous) -> None:
+    assert LAWS[law].deviation == pytest.approx(density.std())
+    np.testing.assert_allclose([LAWS[law].tail(u) for u in (0.0, 1.0, 5.0)], density.sf([0.0, 1.0, 5.0]), rtol=1e-9)
+    np.testing.assert_allclose(as_normal(law, U), np.abs(stats.norm.ppf(density.sf(np.abs(U)))), atol=1e-9)
+
+
+def test_values_that_agree_exactly_are_no_samples() -> None:
+    errors = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 2.0, 1.0, 0.0]])
+    assert [sample_count(errors), sample_count(errors[0]), agreed(errors)] == [2, 1, 2]
+    assert sample_count(np.zeros(5)) == 5  # nothing is known of the noise
 
 
 @pytest.mark.parametrize("law", LAWS)

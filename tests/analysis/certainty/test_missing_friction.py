@@ -7,10 +7,14 @@ from dataclasses import replace
 import pytest
 
 from commonrail.analysis.certainty.certify import friction_withdraws
+from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.lack_of_fit import LEVEL, lack_of_fit
+from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_friction import missing_friction
 from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
-from tools.coverage import BEDS, Benches
+from commonrail.calibration.study import Study
+from commonrail.kinds.noise import Noise
+from tools.coverage import BEDS, FRICTION, Benches
 
 
 def test_friction_that_moves_a_pinned_parameter_withdraws_it() -> None:
@@ -43,13 +47,18 @@ def test_a_bench_without_friction_raises_no_alarm(bed: str) -> None:
     assert friction.simulated < 300
 
 
-def test_friction_of_the_model_is_not_missing_and_that_of_a_statement_is() -> None:
-    """Stated as uncertain, friction has one sign, which a symmetric interval does not know."""
-    benches = Benches(BEDS["friction, stated as uncertain"])
+def test_friction_of_the_model_or_of_a_statement_is_not_missing() -> None:
+    benches = Benches(BEDS["friction that nobody has stated"])
     bench = benches.bench(2)
     found = benches.fit(bench)
-    friction = missing_friction(bench.study, found, 1)
-    assert friction is not None
-    assert "which is uncertain in the study" in friction.judged(LEVEL / 3.0).sentence
     with_some = bench.study.injector.with_values({"plunger_needle.viscous": 1.0})
     assert missing_friction(replace(bench.study, injector=with_some), found, 1) is None
+    (curve,) = bench.study.data
+    stated = replace(bench.study, data=(curve.with_noise(Noise(uncertain=FRICTION)),))
+    assert missing_friction(stated, estimate_at_truth(stated, found), 1) is None
+
+
+def estimate_at_truth(study: Study, found: Estimate) -> Estimate:
+    """Estimate whose likelihood is that of a study."""
+    own = Likelihood.of(study, 1).with_noises(found.likelihood.noises)
+    return replace(found, likelihood=own)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from commonrail.analysis.certainty.nuisance import Nuisance
 from commonrail.analysis.posterior.density import PosteriorDensity
-from commonrail.kinds.noise import Law, Noise
+from commonrail.kinds.noise import Correlation, Law, Noise
 from tests.analysis.certainty.linear import TRUTH, design, fitted, likelihood
 
 SIGMA = 0.5
@@ -34,6 +36,17 @@ def test_an_estimated_scale_is_integrated_out() -> None:
     logs, points = differences(Noise(law=Law.GAUSSIAN, correlation="white"))  # type: ignore[arg-type]
     squares = np.sum((points @ A.T - Y) ** 2, axis=1)
     np.testing.assert_allclose(logs, -30.0 * np.log(squares / squares[0]), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("noise", [Noise(law=Law.GAUSSIAN), Noise(law=Law.GAUSSIAN, sigma=SIGMA, freedom=4.0)])
+def test_exact_zeros_of_a_quiet_meter_do_not_sharpen_the_density(noise: Noise) -> None:
+    """180 values at which meter and model agree exactly change no difference of densities."""
+    noise, quiet = replace(noise, correlation=Correlation.WHITE), np.zeros(180)
+    logs = []
+    for y, x in ((Y, A), (np.append(Y, quiet), np.vstack([A, np.zeros((180, 3))]))):
+        found = fitted(likelihood([y], [x], [noise]))
+        logs.append(PosteriorDensity(found)(np.array([[0.3, 0.3, 0.5], [0.32, 0.3, 0.49]])))
+    np.testing.assert_allclose(np.diff(logs[1]), np.diff(logs[0]), rtol=1e-6)
 
 
 def test_the_scale_of_few_repeats_is_integrated_out() -> None:

@@ -166,6 +166,19 @@ def test_residuals_beyond_a_stated_noise_count(many: int) -> None:
     assert scatter_of(honest, [quantities(np.zeros(many))])["quantities"].factor == 5.0
 
 
+def test_values_that_agree_exactly_do_not_hide_residuals_beyond_a_stated_noise() -> None:
+    """A wave that is not in the model, and three times as many values that are exactly zero in data and model."""
+    place = np.arange(200) / 200
+    x = np.column_stack([np.ones(200), place, place**2])
+    y = x @ MIDDLE + 3.0 * np.cos(6.0 * np.pi * place)
+    stated, levels = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=0.1), []
+    for quiet in (0, 600):
+        own, design = np.append(y, np.zeros(quiet)), np.vstack([x, np.zeros((quiet, 3))])
+        found = fitted(likelihood([own], [design], [stated], room=space(1e6)))
+        levels.append(scatter_of(found, [quantities(np.zeros(200 + quiet))])["quantities"].factor)
+    assert levels[1] == pytest.approx(levels[0], rel=1e-3)
+
+
 def band(values: Sequence[float], measured: Sequence[float], half: float, alone: float, **more: Any) -> Band:
     middle = np.array(values)
     edges = {0.9: (middle - half, middle + half)}

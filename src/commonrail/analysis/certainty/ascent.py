@@ -60,7 +60,7 @@ class _Climber:
         errors: Floats | None,
         slopes: Floats | None,
     ) -> None:
-        self.likelihood, self.held = likelihood, held
+        self.likelihood, self.held = likelihood, None if held is None else held.reshape(len(unit), -1)
         self.walls = Walls.of(likelihood.space)
         self.unit = unit.copy()
         self.errors = errors.copy() if errors is not None else likelihood.residuals(likelihood.space.from_unit(unit))
@@ -131,7 +131,7 @@ class _Climber:
         damped = self._damped(metric, which)
         wanted = np.broadcast_to(force[:, None, :, None], (*damped.shape[:3], 1))
         step: Floats = np.asarray(np.linalg.solve(damped, wanted)[..., 0], float)
-        if self.unit.shape[1] - (self.held is not None) > FEW:
+        if self.unit.shape[1] - (0 if self.held is None else self.held.shape[1]) > FEW:
             step = step + self._bend(which, damped, weighted, tangents, step)
         self._try(which, damped, step, tolerance)
 
@@ -158,7 +158,8 @@ class _Climber:
         pull = -np.einsum("kdm,ktm->ktd", weighted, second)
         bend = np.linalg.solve(damped, pull[..., None])[..., 0]
         if self.held is not None:
-            bend[np.arange(len(which)), :, self.held[which]] = 0.0
+            for column in self.held[which].T:
+                bend[np.arange(len(which)), :, column] = 0.0
         share = np.linalg.norm(bend, axis=-1) / np.maximum(np.linalg.norm(step, axis=-1), 1e-300)
         return np.asarray(np.where(share < MOST_BEND, 0.5, 0.0)[..., None] * bend)
 
@@ -213,8 +214,8 @@ def climb(
         With its noise.
     unit : (k, d)
         Positions between the bounds, within the constraints.
-    held : (k,), optional
-        Parameter that each ascent leaves where it is.
+    held : (k,) or (k, h), optional
+        Parameters that each ascent leaves where they are.
     errors : (k, n), optional
         Residuals at the positions, if they are known.
     slopes : (k, d, n), optional
@@ -251,12 +252,13 @@ def promised_step(walls: Walls, unit: Floats, metric: Floats, force: Floats) -> 
 
 
 def _hold(metric: Floats, force: Floats, held: Indices) -> None:
-    """Decouple the parameter that each ascent holds, in place."""
+    """Decouple the parameters that each ascent holds, in place."""
     rows = np.arange(len(held))
-    force[rows, held] = 0.0
-    metric[rows, held] = 0.0
-    metric[rows, :, held] = 0.0
-    metric[rows, held, held] = 1.0
+    for column in held.T:
+        force[rows, column] = 0.0
+        metric[rows, column] = 0.0
+        metric[rows, :, column] = 0.0
+        metric[rows, column, column] = 1.0
 
 
 def _diagonal(values: Floats) -> Floats:

@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.analysis.certainty.laws import sample_count
+
 __all__ = ["MOST", "Autoregression", "estimate"]
 
 Floats = NDArray[np.float64]
@@ -79,11 +81,11 @@ def estimate(series: Floats, most: int = MOST) -> Autoregression:
     most : int
         Largest order; at most a tenth of the samples is taken.
     """
-    n = series.shape[1]
+    samples = sample_count(series[0])
     forward, backward = np.array(series, float), np.array(series, float)
     reflections: list[float] = []
     criterion = [0.0]
-    for _ in range(min(most, int(_SHARE * n))):
+    for _ in range(min(most, int(_SHARE * samples))):
         ahead, behind = forward[:, 1:], backward[:, :-1]
         energy = float(np.sum(ahead**2) + np.sum(behind**2))
         if not energy > 0.0:
@@ -91,8 +93,8 @@ def estimate(series: Floats, most: int = MOST) -> Autoregression:
         k = float(np.clip(2.0 * np.sum(ahead * behind) / energy, -_LIMIT, _LIMIT))
         forward, backward = ahead - k * behind, behind - k * ahead
         reflections.append(k)
-        criterion.append(criterion[-1] + n * float(np.log(1.0 - k * k)) + 2.0)
+        criterion.append(criterion[-1] + samples * float(np.log(1.0 - k * k)) + 2.0)
     chosen = np.array(reflections[: int(np.argmin(criterion))])
     if len(chosen):
-        chosen[0] *= 1.0 + BIAS / n
+        chosen[0] *= 1.0 + BIAS / samples
     return Autoregression(chosen)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.autoregression import Autoregression, estimate
-from commonrail.analysis.certainty.laws import LAWS, DensityLaw, scale_of, unequal
+from commonrail.analysis.certainty.laws import LAWS, DensityLaw, sample_count, scale_of, unequal
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import NOISE, Correlation, Law, Noise
 
@@ -32,7 +32,7 @@ class FittedNoise:
     law : Law
         Not "auto".
     scale : float
-        Of an innovation, in the unit of the residuals; the standard deviation for the Gaussian law.
+        Of an innovation, in the unit of the residuals; `density.deviation` of it are a standard deviation.
     freedom : float
         Degrees of freedom of the scale; infinite where it is exactly known.
     autoregression : Autoregression
@@ -52,9 +52,14 @@ class FittedNoise:
         return LAWS[self.law]
 
     @property
-    def sigma(self) -> float:
+    def value_scale(self) -> float:
         """Scale of a value, correlation included."""
         return self.scale / self.autoregression.innovation_share
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of a value, correlation included."""
+        return self.value_scale * self.density.deviation
 
     def whiten(self, errors: Floats) -> Floats:
         """Standardised innovations (…, n) of residuals (…, n)."""
@@ -201,8 +206,9 @@ def fit_noise(
         floor = block.noise.discrepancy if not block.noise.length else 0.0
         whole = math.hypot(sigma, floor)
         freedom = block.noise.freedom * (whole / sigma) ** 4  # Satterthwaite: the discrepancy is exactly known
-        return FittedNoise(law, whole * regression.innovation_share, freedom, regression, known=True)
-    freedom = max(len(unequal(errors)) - used, 1.0)
+        scale = whole * regression.innovation_share / LAWS[law].deviation
+        return FittedNoise(law, scale, freedom, regression, known=True)
+    freedom = max(sample_count(errors) - used, 1.0)
     scale = scale_of(law, regression.whiten(errors), freedom)
     return FittedNoise(law, max(scale, np.finfo(float).tiny ** 0.25), freedom, regression)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import student
-from commonrail.analysis.certainty.estimate import Estimate, estimate, library, starts_from
+from commonrail.analysis.certainty.estimate import Estimate, library, starts_from
 from commonrail.analysis.certainty.freed import judged_residuals
 from commonrail.analysis.certainty.lack_of_fit import LackOfFit, level_of
 from commonrail.analysis.certainty.likelihood import Likelihood
@@ -19,10 +19,12 @@ from commonrail.analysis.certainty.missing_friction import MissingFriction, miss
 from commonrail.analysis.certainty.profile import Profile, profiles_of
 from commonrail.analysis.certainty.record import certainty_record
 from commonrail.analysis.certainty.verdict import LIMIT, Judged, Verdict, verdicts_of, withdrawal
+from commonrail.analysis.certainty.within import Within, estimate_within
 from commonrail.arguments import instance, number, thread_count, whole
 from commonrail.calibration.constraint_text import parse_constraints
 from commonrail.calibration.study import Study
 from commonrail.display.shown import Shown
+from commonrail.display.text import listed
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.noise import Law
 
@@ -31,6 +33,7 @@ __all__ = ["Certainty", "certify", "friction_withdraws"]
 Floats = NDArray[np.float64]
 
 MEMBERS = 512  # of the library from which further starts are chosen
+MANY = 1e6  # degrees of freedom from which a quantile of Student's t is a normal one
 MOST_RESTARTS = 3  # from profile points that beat the optimum
 
 
@@ -63,6 +66,8 @@ class Certainty(Shown):
         Value and half width [SI] of each stated combination.
     simulated : int
         Points simulated.
+    within : Within
+        The same estimate with the quantities that were fitted as the study states them, see `within`.
     """
 
     estimate: Estimate
@@ -78,6 +83,7 @@ class Certainty(Shown):
     adopted: int
     combinations: Mapping[str, tuple[float, float]]
     simulated: int
+    within: Within
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, the key "certainty" of a result."""
@@ -137,26 +143,27 @@ def certify(
     if starts > 1:
         note(f"searching from {starts} starts ...")
         begin = np.vstack([begin, starts_from(own, library(own, MEMBERS), starts - 1)])
-    found = estimate(own, begin)
-    simulated, adopted = own.simulated + found.simulated, 0
+    within = estimate_within(study, own, begin, thread_count(threads))
+    simulated, adopted = own.simulated + within.whole.simulated, 0
     profiled: dict[str, Profile] = {}
     while columns:
         note(f"profiling {len(columns)} parameters ...")
-        done = profiles_of(found, columns, level)
+        done = profiles_of(within.whole, columns, level)
         simulated += done.simulated
         if done.better is None or adopted == MOST_RESTARTS:
             profiled = {} if done.better is not None else {profile.name: profile for profile in done.found}
             break
         note("a profile has met a better fit, which is adopted")
         adopted += 1
-        again = estimate(own, done.better[None])
-        simulated += again.simulated
-        found = _adopted(found, again)
-    low, high, estimators = _intervals(found, profiled, level)
-    tests, visible, more = _tests(study, found, thread_count(threads))
+        again = estimate_within(study, own, done.better[None], thread_count(threads))
+        simulated += again.whole.simulated
+        within = _adopted(within, again)
+    found = within.found
+    low, high, estimators = _intervals(within, profiled, level)
+    tests, visible, more = _tests(within, thread_count(threads))
     reason = withdrawal(found, tests)
     verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
-    friction = friction_withdraws(study, found, verdicts, thread_count(threads))
+    friction = friction_withdraws(within.study, within.whole, verdicts, thread_count(threads))
     if friction is not None:
         tests, more = [*tests, friction.judged(level_of(found, True))], more + friction.simulated
         reason = withdrawal(found, tests)
@@ -175,13 +182,15 @@ def certify(
         adopted,
         {text: _combined(found, row, level) for text, row in rows.items()},
         simulated + more,
+        within,
     )
 
 
-def _tests(study: Study, found: Estimate, threads: int | None) -> tuple[list[LackOfFit], float, int]:
+def _tests(within: Within, threads: int | None) -> tuple[list[LackOfFit], float, int]:
     """Tests for lack of fit, the smallest delay that they find, and the points simulated."""
+    study, found = within.study, within.whole
     delay = missing_delay(study, found, threads)
-    tests, simulated = judged_residuals(study, found, delay, threads)
+    tests, simulated = judged_residuals(study, found, delay, threads, priors_from=len(within.found.unit))
     if delay is None:
         return tests, float("nan"), simulated
     visible, more = visible_delay(study, found, level_of(found, True), threads)
@@ -205,9 +214,10 @@ def friction_withdraws(
     return missing_friction(study, found, threads) if pinned else None
 
 
-def _adopted(first: Estimate, again: Estimate) -> Estimate:
+def _adopted(first: Within, again: Within) -> Within:
     """The better estimate; starts that agreed with the first one do not count for it."""
-    return replace(again, starts=first.starts, agreeing=1)
+    whole, found = (replace(one, starts=first.whole.starts, agreeing=1) for one in (again.whole, again.found))
+    return again._replace(whole=whole, found=found)
 
 
 def _share(value: float, what: str) -> float:
@@ -238,10 +248,12 @@ def _combined(found: Estimate, row: Floats, level: float) -> tuple[float, float]
     return float(row @ found.point), quantile * float(np.sqrt(slope @ total @ slope))
 
 
-def _intervals(found: Estimate, profiled: Mapping[str, Profile], level: float) -> tuple[Floats, Floats, list[str]]:
+def _intervals(within: Within, profiled: Mapping[str, Profile], level: float) -> tuple[Floats, Floats, list[str]]:
     """Ends of the intervals, and the estimator of each."""
+    found = within.found
     low, high = (np.array(end) for end in found.interval(level))
-    local = _local_label(found)
+    fitted = f", {listed(list(within.fitted))} fitted as stated" if within.fitted else ""
+    local = _local_label(found) + fitted
     labels = [local] * len(low)
     scale = np.abs(found.likelihood.scaled(found.unit))
     nuisances, discrepancy = found.covariance.nuisances, found.covariance.discrepancy
@@ -253,7 +265,7 @@ def _intervals(found: Estimate, profiled: Mapping[str, Profile], level: float) -
             continue
         low[i] = found.point[i] - np.hypot(found.point[i] - profile.low.value, np.sqrt(wider[i]))
         high[i] = found.point[i] + np.hypot(profile.high.value - found.point[i], np.sqrt(wider[i]))
-        labels[i] = "profile likelihood" + (", uncertain quantities added" if wider[i] else "")
+        labels[i] = "profile likelihood" + (", uncertain quantities added" if wider[i] else "") + fitted
     return low, high, labels
 
 
@@ -262,9 +274,10 @@ def _local_label(found: Estimate) -> str:
     laws = list(dict.fromkeys(noise.law.value for noise in found.likelihood.noises))
     orders = [noise.autoregression.order for noise in found.likelihood.noises]
     white = f"AR({max(orders)})" if max(orders) else "white"
-    parts = [f"curvature of the likelihood ({', '.join(laws)}, {white}), t quantile"]
+    parts = [f"curvature of the likelihood ({', '.join(laws)}, {white})"]
     if Law.STUDENT.value in laws:
-        parts.append("outliers integrated out")
+        parts.append("outliers, their scale and freedom integrated out")
+    parts.append("t quantile" if (found.covariance.freedom < MANY).any() else "normal quantile")
     if found.likelihood.nuisances:
         parts.append("uncertain quantities added")
     if any(block.noise.discrepancy for block in found.likelihood.blocks):

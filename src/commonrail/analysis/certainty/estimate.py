@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from commonrail.analysis.certainty.ascent import FEW, Ascent, climb, promised_step
 from commonrail.analysis.certainty.covariance import Covariance, covariance_of, half_widths, moved_by
 from commonrail.analysis.certainty.integrated import with_integration
+from commonrail.analysis.certainty.laws import sample_count
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
 from commonrail.calibration.sampling import sample_feasible
@@ -125,7 +126,8 @@ def library(likelihood: Likelihood, many: int, seed: int = 0) -> tuple[Floats, F
 def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int) -> Floats:
     """Starts (k, d): the best member of a library, and of its best ones those that lie farthest apart.
 
-    Members are compared by Σ n ln Σ e² over the blocks, for which no noise need be known.
+    Members are compared by Σ n ln Σ|e| over the blocks: no noise need be known for that, and outliers, whose squares lead
+    all starts to another optimum, add little. Of n, values at which all members agree with the data do not count.
 
     Parameters
     ----------
@@ -135,8 +137,8 @@ def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
     many : int
     """
     unit, errors = found
-    sums = [np.sum(errors[:, b.rows] ** 2, axis=1) for b in likelihood.blocks]
-    sizes = [block.size for block in likelihood.blocks]
+    sums = [np.sum(np.abs(errors[:, b.rows]), axis=1) for b in likelihood.blocks]
+    sizes = [sample_count(errors[:, b.rows]) for b in likelihood.blocks]
     cost = np.sum([n * np.log(np.maximum(s, 1e-300)) for n, s in zip(sizes, sums, strict=True)], axis=0)
     near = unit[np.argsort(cost, kind="stable")[:CLOSEST]]
     chosen = [near[0]]

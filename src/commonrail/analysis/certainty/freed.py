@@ -28,7 +28,12 @@ BEGINS = np.array([0.0, -1.5, 1.5])  # standard deviations of all uncertain quan
 
 
 def judged_residuals(
-    study: Study, found: Estimate, delay: MissingDelay | None, threads: int | None = None
+    study: Study,
+    found: Estimate,
+    delay: MissingDelay | None,
+    threads: int | None = None,
+    *,
+    priors_from: int | None = None,
 ) -> tuple[list[LackOfFit], int]:
     """Tests for lack of fit of an estimate, and the points simulated for them.
 
@@ -40,8 +45,10 @@ def judged_residuals(
     delay : MissingDelay or None
     threads : int, optional
         All usable processors by default; the result does not depend on it.
+    priors_from : int, optional
+        As for `lack_of_fit`.
     """
-    tests = lack_of_fit(found, delay)
+    tests = lack_of_fit(found, delay, priors_from=priors_from)
     if not found.likelihood.nuisances or not any(test.found for test in tests):
         return tests, 0
     free = with_uncertain_free(study)
@@ -52,7 +59,7 @@ def judged_residuals(
         freed = estimate(wide, _starts(wide, found))
     except SimulationError:
         return tests, wide.simulated
-    again = lack_of_fit(freed, delay, priors_from=len(found.unit))
+    again = lack_of_fit(freed, delay, priors_from=len(found.unit) if priors_from is None else priors_from)
     return [min(pair, key=lambda test: test.found) for pair in zip(tests, again, strict=True)], freed.simulated
 
 

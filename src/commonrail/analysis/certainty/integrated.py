@@ -5,7 +5,8 @@ likelihood, whose weights are averages over all values, does not know that: in t
 11 of 520 samples hold k7, and its intervals were a fifth too narrow. Student's t is a normal distribution of unknown
 weight for each value: given the weights, the parameters of the linear model are normal; given the parameters, the
 weights are gamma variables. Both are drawn in turn (Gibbs sampling; Geweke 1993), for scales and degrees of freedom
-from their own posterior at the fitted residuals, with flat priors on the logarithms of both.
+from their own posterior at the fitted residuals, with flat priors on the logarithms of both. A stated
+standard deviation is that of every degree of freedom above two, whose scales differ.
 
 The second moment is taken about the most likely values, which the intervals are centred on. No simulation is added.
 """
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import Covariance, combined_freedom
+from commonrail.analysis.certainty.laws import LAWS
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.kinds.noise import Law
 
@@ -51,7 +53,7 @@ class Robust(NamedTuple):
     used : float
         Parameters that the data set pays for.
     stated : float
-        Degrees of freedom of a stated scale, infinite where it is exactly known; zero where it is estimated.
+        Degrees of freedom of a stated deviation, infinite where it is exactly known; zero where it is estimated.
     """
 
     innovations: Floats
@@ -165,23 +167,31 @@ def _noises(block: Robust, rng: np.random.Generator) -> tuple[Floats, Floats]:
     square = block.innovations**2
     n = len(square)
     reach = REACH + SPREAD / math.sqrt(n) + (STATED / math.sqrt(block.stated) if block.stated else 0.0)
-    scales = np.exp(np.linspace(-reach, reach, SCALES))
+    grid = np.linspace(-reach, reach, SCALES)
+    scales = np.exp(grid)[:, None] * (_of_one_deviation() if block.stated else np.ones(len(FREEDOMS)))
     half = 0.5 * (FREEDOMS + 1.0)
     constants = np.array([math.lgamma(h) - math.lgamma(h - 0.5) - 0.5 * math.log(2.0 * h - 1.0) for h in half])
     logarithms = np.empty((SCALES, len(FREEDOMS)))
-    for i, scale in enumerate(scales.tolist()):
-        tails = np.log1p(square / (scale**2 * FREEDOMS[:, None])).sum(axis=1)
-        logarithms[i] = n * constants - half * tails - max(n - block.used, 1.0) * math.log(scale)
+    for i, scale in enumerate(np.where(scales > 0.0, scales, 1.0)):
+        tails = np.log1p(square / (scale**2 * FREEDOMS)[:, None]).sum(axis=1)
+        logarithms[i] = n * constants - half * tails - max(n - block.used, 1.0) * np.log(scale)
     if block.stated:
-        logarithms += _stated(scales, block.stated)[:, None]
+        logarithms += _stated(np.exp(grid), block.stated)[:, None]
+    logarithms[scales == 0.0] = -np.inf
     share = np.cumsum(np.exp(logarithms - logarithms.max()))
     wanted = (rng.permutation(CHAINS) + 0.5) / CHAINS
     chosen = np.searchsorted(share / share[-1], wanted)
-    return scales[chosen // len(FREEDOMS)], FREEDOMS[chosen % len(FREEDOMS)]
+    return scales.ravel()[chosen], FREEDOMS[chosen % len(FREEDOMS)]
+
+
+def _of_one_deviation() -> Floats:
+    """Scales (`FREEDOMS`,) of one standard deviation, over that of the fitted law; zero where there is none."""
+    share = np.maximum(1.0 - 2.0 / FREEDOMS, 0.0)
+    return np.asarray(LAWS[Law.STUDENT].deviation * np.sqrt(share))
 
 
 def _stated(scales: Floats, freedom: float) -> Floats:
-    """Logarithm of the density (`SCALES`,) of scales over a stated one of some degrees of freedom."""
+    """Logarithm of the density (`SCALES`,) of deviations over a stated one of some degrees of freedom."""
     if math.isinf(freedom):
         return np.where(np.arange(SCALES) == SCALES // 2, 0.0, -np.inf)
     return np.asarray(-freedom * (np.log(scales) + 0.5 / scales**2))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import Block
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
+from commonrail.analysis.certainty.laws import agreed, as_normal, unequal
 from commonrail.analysis.certainty.missing_delay import MissingDelay
 from commonrail.probability import beta_share, gamma_rest
 from commonrail.units import to_text
@@ -152,14 +153,19 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
     changes = robust * noise.whiten(np.array(list(suspects.values())))
     tangents = robust * np.vstack([noise.whiten(slopes), held.changes[:, block.rows]])
     wide = np.hstack([tangents, held.slopes.T])
-    score, suspect = _score(np.append(robust * innovations, held.distances), wide, list(suspects), changes)
+    values = np.append(robust * innovations, held.distances)
+    score, suspect = _score(values, wide, list(suspects), changes, agreed(errors))
     judged = noise.known and block.shots is None
-    size = _size(innovations, estimate.covariance.used[index], noise.freedom) if judged else None
+    size = (
+        _size(as_normal(noise.law, innovations), agreed(errors) + estimate.covariance.used[index], noise.freedom)
+        if judged
+        else None
+    )
     sentence = ""
     if score < level:
         sentence = f"the residuals of {block.name} are no noise: a {suspect} of the meter would explain much of them"
     elif size is not None and size < level:
-        ratio = float(np.sqrt(np.mean(innovations**2)))
+        ratio = float(np.sqrt(np.mean(unequal(innovations) ** 2))) / noise.density.deviation
         sentence = f"the residuals of {block.name} are {ratio:.2f} times as large as the noise is stated to be"
     return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence)
 
@@ -174,7 +180,9 @@ def _suspects(block: Block, errors: Floats) -> dict[str, Floats]:
     return {"delay": -slope, "bandwidth": np.gradient(slope, times), "gain": shown, "offset": block.offset}
 
 
-def _score(innovations: Floats, tangents: Floats, names: Sequence[str], suspects: Floats) -> tuple[float, str]:
+def _score(
+    innovations: Floats, tangents: Floats, names: Sequence[str], suspects: Floats, exact: int
+) -> tuple[float, str]:
     """Probability of the F test, and the name of the suspect that explains most by itself.
 
     Parameters
@@ -186,6 +194,8 @@ def _score(innovations: Floats, tangents: Floats, names: Sequence[str], suspects
     names : sequence of str
     suspects : (m, n)
         Whitened derivatives of the meter's quantities.
+    exact : int
+        Values that are no samples of the noise.
     """
     suspects = np.pad(suspects, ((0, 0), (0, len(innovations) - suspects.shape[1])))
     base = _basis(tangents)
@@ -193,7 +203,7 @@ def _score(innovations: Floats, tangents: Floats, names: Sequence[str], suspects
     apart = suspects - (suspects @ base) @ base.T
     imitated = np.linalg.norm(apart, axis=1) < IMITATED * np.maximum(np.linalg.norm(suspects, axis=1), 1e-300)
     apart, left = apart[~imitated], [name for name, gone in zip(names, imitated, strict=True) if not gone]
-    freedom = len(innovations) - base.shape[1] - len(left)
+    freedom = len(innovations) - exact - base.shape[1] - len(left)
     if not left or freedom < 1:
         return 1.0, ""
     more = _basis(apart)
@@ -218,8 +228,9 @@ def _size(innovations: Floats, used: float, known: float) -> float:
     Parameters
     ----------
     innovations : (n,)
+        Or the magnitudes of normal variables in their place.
     used : float
-        Parameters that the data set pays for.
+        Parameters that the data set pays for, and values that are no samples of the noise.
     known : float
         Degrees of freedom of the noise; infinite where it is exactly known.
     """

@@ -7,6 +7,7 @@ the Laplace law is a kernel density estimate: its mean over residuals is twice t
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -14,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.kinds.noise import Law
+from commonrail.probability import normal_quantile, student_tail
 
-__all__ = ["LAWS", "DensityLaw", "scale_of", "unequal"]
+__all__ = ["LAWS", "DensityLaw", "agreed", "as_normal", "sample_count", "scale_of", "unequal"]
 
 Floats = NDArray[np.float64]
 
@@ -34,15 +36,18 @@ class DensityLaw(NamedTuple):
         ρ, ψ/u and ψ′ of standardised residuals.
     constant : float
         −2 ln of the density at zero, with scale 1.
-    scatter : float
-        Scale over the standard deviation of normal noise, to start from.
+    deviation : float
+        Standard deviation over the scale.
+    tail : function of float
+        Probability that a standardised residual exceeds a value u ≥ 0.
     """
 
     cost: Callable[[Floats], Floats]
     weight: Callable[[Floats], Floats]
     slope: Callable[[Floats], Floats]
     constant: float
-    scatter: float = 1.0
+    deviation: float
+    tail: Callable[[float], float]
 
 
 def _student_slope(u: Floats) -> Floats:
@@ -59,20 +64,39 @@ _STUDENT_CONSTANT = 2.0 * (
 )
 
 LAWS: dict[Law, DensityLaw] = {
-    Law.GAUSSIAN: DensityLaw(lambda u: u * u, np.ones_like, np.ones_like, math.log(2.0 * math.pi)),
+    Law.GAUSSIAN: DensityLaw(
+        lambda u: u * u,
+        np.ones_like,
+        np.ones_like,
+        math.log(2.0 * math.pi),
+        1.0,
+        lambda u: 0.5 * math.erfc(u / math.sqrt(2.0)),
+    ),
     Law.STUDENT: DensityLaw(
         lambda u: np.asarray((FREEDOM + 1.0) * np.log1p(u * u / FREEDOM)),
         lambda u: np.asarray((FREEDOM + 1.0) / (FREEDOM + u * u)),
         _student_slope,
         _STUDENT_CONSTANT,
+        math.sqrt(FREEDOM / (FREEDOM - 2.0)),
+        lambda u: student_tail(u, FREEDOM),
     ),
     Law.LAPLACE: DensityLaw(
         lambda u: 2.0 * (_rounded(u) - ROUNDING),
         lambda u: 1.0 / _rounded(u),
         lambda u: ROUNDING**2 / _rounded(u) ** 3,
         2.0 * math.log(2.0),
+        math.sqrt(2.0),
+        lambda u: 0.5 * math.exp(-u),
     ),
 }
+
+
+def as_normal(law: Law, u: Floats) -> Floats:
+    """Magnitudes (n,) of normal variables that are as likely to be exceeded as standardised residuals (n,) of a law."""
+    if law is Law.GAUSSIAN:
+        return np.asarray(np.abs(u))
+    tails = [max(LAWS[law].tail(one), sys.float_info.min) for one in np.abs(u).tolist()]
+    return np.array([-normal_quantile(tail) for tail in tails])
 
 
 def unequal(errors: Floats) -> Floats:
@@ -83,6 +107,17 @@ def unequal(errors: Floats) -> Floats:
     """
     found = errors[errors != 0.0]
     return found if len(found) else errors
+
+
+def sample_count(errors: Floats) -> int:
+    """Number of samples of the noise among errors (n,), see `unequal`; of several series (k, n) those of any."""
+    return int(errors.shape[-1] - agreed(errors))
+
+
+def agreed(errors: Floats) -> int:
+    """Number of values of errors (n,), or of all series (k, n), that agree exactly; none where all do."""
+    exact = (np.atleast_2d(errors) == 0.0).all(axis=0)
+    return 0 if exact.all() else int(np.count_nonzero(exact))
 
 
 def scale_of(law: Law, errors: Floats, freedom: float) -> float:

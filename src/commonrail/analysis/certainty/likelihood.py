@@ -134,7 +134,9 @@ class Likelihood:
         other.noises = tuple(noises)
         return other
 
-    def with_space(self, space: Space, residuals: Callable[[Floats], Floats]) -> Likelihood:
+    def with_space(
+        self, space: Space, residuals: Callable[[Floats], Floats], nuisances: Sequence[Nuisance] = ()
+    ) -> Likelihood:
         """A likelihood of the same blocks with other parameters; its noise is not known.
 
         Parameters
@@ -142,8 +144,10 @@ class Likelihood:
         space : Space
         residuals : function of (m, d)
             As that of the class.
+        nuisances : sequence of Nuisance
+            As those of the class.
         """
-        return Likelihood(space, self.blocks, residuals, forward=self._forward)
+        return Likelihood(space, self.blocks, residuals, nuisances, forward=self._forward)
 
     def estimated(
         self, errors: Floats, used: Sequence[float], off: Floats | None = None, *, correlated: bool = True
@@ -234,13 +238,13 @@ class Likelihood:
         central : bool
             Differences to both sides; otherwise to that with more room, `base` being the residuals there.
         base : (k, n), optional
-        held : (k,), optional
-            Parameter of each position whose derivatives are not asked for; they are zero.
+        held : (k,) or (k, h), optional
+            Parameters of each position whose derivatives are not asked for; they are zero.
         """
         k, d = unit.shape
         wanted = np.ones((k, d), bool)
         if held is not None:
-            wanted[np.arange(k), held] = False
+            wanted[np.arange(k)[:, None], held.reshape(k, -1)] = False
         step = STEP if central else self._forward
         sign = np.where(unit > 0.5, -1.0, 1.0)[:, None, :] * np.eye(d)
         ahead = np.clip(unit[:, None] + step * sign, 0.0, 1.0)

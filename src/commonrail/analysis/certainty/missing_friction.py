@@ -3,8 +3,8 @@
 The parameters imitate most of what friction does to a curve, along a curved path, and the tests of the meter see little
 of the rest. All parameters are therefore fitted anew with the friction free, from zero upwards, as in `missing_delay`.
 
-Friction that a study states as uncertain about zero is tested too: it has one sign, and the intervals, which are linear
-and symmetric, do not hold what it moves the parameters by. Other uncertain quantities are fitted beside it.
+Uncertain quantities are fitted beside it. Friction that a study states as uncertain about zero is no longer missing: it
+is fitted within its statement, see `within`.
 """
 
 from __future__ import annotations
@@ -52,8 +52,6 @@ class MissingFriction(NamedTuple):
         Parameters [SI] that belong to it.
     simulated : int
         Points simulated.
-    stated : bool
-        The study states the friction as uncertain.
     """
 
     dry: float
@@ -61,14 +59,12 @@ class MissingFriction(NamedTuple):
     probability: float
     point: Floats
     simulated: int
-    stated: bool
 
     def judged(self, level: float) -> LackOfFit:
         """Test as those of the residuals, at a level."""
         found = self.probability < level
         size = f"{to_text(self.dry, 'N', 2)} and {to_text(self.viscous, 'N s/m', 2)}"
-        words = "is uncertain in the study" if self.stated else "the model lacks"
-        sentence = f"friction in the guides of about {size}, which {words}, explains the curves better"
+        sentence = f"friction in the guides of about {size}, which the model lacks, explains the curves better"
         return LackOfFit(GUIDES, self.probability, None, "friction", found, sentence if found else "")
 
 
@@ -86,14 +82,12 @@ def missing_friction(study: Study, estimate: Estimate, threads: int | None = Non
     Returns
     -------
     MissingFriction or None
-        None where no data set is a course in time, or the model has such friction, fixed or free.
+        None where no data set is a course in time, or the model has such friction: fixed, free or stated as uncertain.
     """
     own, unit = estimate.likelihood, estimate.unit
     if not _is_missing(study, own):
         return None
-    stated = any(nuisance.key in FRICTION for nuisance in own.nuisances)
-    study = _without_friction(study)
-    if not all(nuisance.key in FRICTION for nuisance in own.nuisances):
+    if own.nuisances:
         free = with_uncertain_free(study)
         if free is None:
             return None
@@ -117,22 +111,14 @@ def missing_friction(study: Study, estimate: Estimate, threads: int | None = Non
     point, d = wide.space.from_unit(at.unit)[0], len(estimate.unit)
     simulated += noisy.simulated - before + without.simulated
     dry, viscous = float(point[-2]), float(point[-1])
-    return MissingFriction(dry, viscous, _probability(fall, freedom), point[:d], simulated, stated)
+    return MissingFriction(dry, viscous, _probability(fall, freedom), point[:d], simulated)
 
 
 def _is_missing(study: Study, own: Likelihood) -> bool:
-    """True if the model has no friction, fixed or free, and the study curves that it could be seen in."""
-    none = all(name not in own.names and study.injector.values.get(name) == 0.0 for name in FRICTION)
+    """True if the model has no friction, fixed, free or uncertain, and the study curves that it could be seen in."""
+    known = {*own.names, *(nuisance.key for nuisance in own.nuisances)}
+    none = all(name not in known and study.injector.values.get(name) == 0.0 for name in FRICTION)
     return none and any(block.ordered for block in own.blocks)
-
-
-def _without_friction(study: Study) -> Study:
-    """Study that does not state the friction as uncertain."""
-    data = []
-    for one in study.data:
-        left = {key: value for key, value in one.noise.uncertain.items() if key not in FRICTION}
-        data.append(one.with_noise(replace(one.noise, uncertain=left)))
-    return replace(study, data=tuple(data))
 
 
 def _freed(wide: Likelihood, own: Likelihood, unit: Floats) -> tuple[Likelihood, Ascent, int] | None:

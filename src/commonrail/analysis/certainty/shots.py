@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import Block, fit_noise
+from commonrail.analysis.certainty.laws import sample_count
 from commonrail.errors import ConfigurationError
 from commonrail.kinds import DataSet
 
@@ -44,14 +45,16 @@ def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block,
                 f"{', '.join(blocks[i].name for i in members)} cannot be compared."
             )
         apart = _deviations([blocks[i].at_zero for i in members])
-        used = blocks[members[0]].size  # the mean shot
-        noise = fit_noise(replace(blocks[members[0]], noise=replace(blocks[members[0]].noise, shots="")), apart, used)
+        used = sample_count(apart)  # the mean shot
+        noise = fit_noise(
+            replace(blocks[members[0]], noise=replace(blocks[members[0]].noise, shots="")), apart.reshape(-1), used
+        )
         for i in members:
             found[i] = replace(blocks[i], shots=noise)
     return tuple(found)
 
 
 def _deviations(shots: Sequence[Floats]) -> Floats:
-    """Deviations from the mean shot, one shot after the other."""
+    """Deviations (shots, n) from the mean shot."""
     values = np.array(shots)
-    return np.asarray((values - values.mean(axis=0)).reshape(-1))
+    return np.asarray(values - values.mean(axis=0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,13 +17,29 @@ from commonrail.kinds.noise import OF_METER, TEMPERATURE
 from commonrail.observation.meter import Meter
 from commonrail.observation.quantities import QUANTITIES, known_quantity
 
-__all__ = ["wider", "with_uncertain_free"]
+__all__ = ["one_sided", "wider", "with_uncertain_free"]
 
 REACH = (6.0, 3.0, 1.0, 0.0)  # standard deviations that a quantity may go to either side, as far as its domain admits
 
 
-def with_uncertain_free(study: Study) -> Study | None:
+def one_sided(study: Study) -> tuple[str, ...]:
+    """Uncertain quantities whose value is an end of what is possible, such as friction about zero."""
+    found: dict[str, None] = {}
+    for data in of_role(study.data, Role.FIT):
+        for key, (parameter, value) in _parameters(study, data, Meter("unnamed")).items():
+            if value in (parameter.lower, parameter.upper):
+                found[key] = None
+    return tuple(found)
+
+
+def with_uncertain_free(study: Study, keys: Collection[str] | None = None) -> Study | None:
     """Study with its uncertain quantities as last parameters, their standard deviations as priors.
+
+    Parameters
+    ----------
+    study : Study
+    keys : collection of str, optional
+        Quantities that become free, the others stay uncertain; all by default.
 
     Returns
     -------
@@ -34,16 +50,11 @@ def with_uncertain_free(study: Study) -> Study | None:
     added: dict[str, Parameter] = {}
     for i, data in enumerate(of_role(study.data, Role.FIT)):
         meter = data.meter or Meter(f"unnamed_{i + 1}")
-        plain = data.with_noise(replace(data.noise, uncertain={}))
-        fitted.append(plain if not set(OF_METER) & set(data.noise.deviations) else plain.with_meter(meter))
-        for key, deviation in data.noise.deviations.items():
-            if key in OF_METER:
-                default = QUANTITIES[key].default
-                name, value = meter.parameter(key), meter.values.get(key, 0.0 if default is None else default)
-            else:
-                name = FUEL_TEMPERATURE if key == TEMPERATURE else key
-                value = study.injector.values[name]
-            added[name] = _parameter(name, float(value), deviation)
+        own = {k: p for k, (p, _) in _parameters(study, data, meter).items() if keys is None or k in keys}
+        left = {key: value for key, value in data.noise.uncertain.items() if key not in own}
+        plain = data.with_noise(replace(data.noise, uncertain=left))
+        fitted.append(plain if not set(OF_METER) & set(own) else plain.with_meter(meter))
+        added.update({parameter.name: parameter for parameter in own.values()})
     if not all(parameter.lower < parameter.upper for parameter in added.values()):
         return None
     return replace(study, data=tuple(fitted), space=wider(study.space, list(added.values())))
@@ -55,6 +66,28 @@ def wider(space: Space, more: Sequence[Parameter]) -> Space:
     if len(rows):
         rows = replace(rows, matrix=np.column_stack([rows.matrix, np.zeros((len(rows), len(more)))]))
     return Space((*space.parameters, *more), rows if len(rows) else (), space.products)
+
+
+def _parameters(study: Study, data: DataSet, meter: Meter) -> dict[str, tuple[Parameter, float]]:
+    """Uncertain quantities of a data set as parameters, and their values, by key.
+
+    Parameters
+    ----------
+    study : Study
+    data : DataSet
+    meter : Meter
+        Of the data set.
+    """
+    found = {}
+    for key, deviation in data.noise.deviations.items():
+        if key in OF_METER:
+            default = QUANTITIES[key].default
+            name, value = meter.parameter(key), meter.values.get(key, 0.0 if default is None else default)
+        else:
+            name = FUEL_TEMPERATURE if key == TEMPERATURE else key
+            value = study.injector.values[name]
+        found[key] = _parameter(name, float(value), deviation), float(value)
+    return found
 
 
 def _parameter(name: str, value: float, deviation: float) -> Parameter:

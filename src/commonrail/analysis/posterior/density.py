@@ -3,8 +3,9 @@
 Uncertain quantities and discrepancies that a study states move the innovations u by u + z G, z of unit deviation, with
 the derivatives G at the most likely values. A scale that is estimated is integrated out too, under a density of
 1/scale: −2 ln p = n ln Σρ in place of Σρ; one of repeated measurements with ν degrees of freedom gives
-(n + ν) ln(1 + Σρ/ν). Autocorrelations are those of the estimate. The density of the parameters
-is that of their priors, uniform between the bounds on the scale of each, and zero beyond bounds and constraints.
+(n + ν) ln(1 + Σρ/ν). Values at which data and best fit agree exactly do not count in n, see `laws.unequal`.
+Autocorrelations are those of the estimate. The density of the parameters is that of their priors, uniform between the
+bounds on the scale of each, and zero beyond bounds and constraints.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import FittedNoise
 from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.analysis.certainty.laws import sample_count
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.kinds.noise import Law
 
@@ -48,6 +50,7 @@ class PosteriorDensity:
             wide[:, block.rows] = courses
             rows.append(wide)
         self._moves = own.whiten(np.vstack(rows))
+        self._samples = [sample_count(estimate.errors[block.rows]) for block in own.blocks]
 
     def __call__(self, unit: Floats) -> Floats:
         """Logarithm (m,) without its constant of positions (m, d); −inf beyond the walls and where a simulation fails.
@@ -68,8 +71,8 @@ class PosteriorDensity:
         left, pulls = self._moved(innovations)
         total = pulls
         costs = self.likelihood.block_costs(left)
-        for i, (block, noise) in enumerate(zip(self.likelihood.blocks, self.likelihood.noises, strict=True)):
-            total = total + _integrated(block.size, noise, costs[:, i])
+        for i, (samples, noise) in enumerate(zip(self._samples, self.likelihood.noises, strict=True)):
+            total = total + _integrated(samples, noise, costs[:, i])
         return -0.5 * total
 
     def _moved(self, innovations: Floats) -> tuple[Floats, Floats]:
@@ -94,10 +97,10 @@ class PosteriorDensity:
         return np.where(np.isfinite(found), found, 1.0)
 
 
-def _integrated(size: int, noise: FittedNoise, cost: Floats) -> Floats:
-    """Cost (m,) of a block of `size` values with the scale of its noise integrated out, as far as it is not known."""
+def _integrated(samples: int, noise: FittedNoise, cost: Floats) -> Floats:
+    """Cost (m,) of a block of `samples` with the scale of its noise integrated out, as far as it is not known."""
     if noise.law is not Law.GAUSSIAN or (noise.known and np.isinf(noise.freedom)):
         return cost
     if noise.known:
-        return np.asarray((size + noise.freedom) * np.log1p(cost / noise.freedom))
-    return np.asarray(size * np.log(np.maximum(cost, 1e-300)))
+        return np.asarray((samples + noise.freedom) * np.log1p(cost / noise.freedom))
+    return np.asarray(samples * np.log(np.maximum(cost, 1e-300)))

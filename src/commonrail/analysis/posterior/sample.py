@@ -8,7 +8,7 @@ from a t distribution, which is refined once. All walkers of a half step are sim
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -112,6 +112,13 @@ class Posterior(Shown):
         """
         low, high = np.quantile(self.points(), [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
         return low, high
+
+    def of_first(self, estimate: Estimate) -> Posterior:
+        """Draws of the first parameters alone, those of an estimate; what was drawn beside them is integrated out."""
+        d = len(estimate.unit)
+        return replace(
+            self, estimate=estimate, unit=self.unit[..., :d], r_hat=self.r_hat[:d], effective=self.effective[:d]
+        )
 
     def require(self) -> None:
         """Raise a `SimulationError` if the chains do not agree."""

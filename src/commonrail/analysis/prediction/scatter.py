@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import covariance_of
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of, with_outliers
-from commonrail.analysis.certainty.laws import scale_of
+from commonrail.analysis.certainty.laws import sample_count, scale_of
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import Law
 
@@ -124,8 +124,8 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
         data.discrepancy(data.measured) is not None and len(_rows(found, fitted, data.kind)) < LEAST for data in fitted
     ]
     noises = [
-        replace(noise, scale=1.0, freedom=np.inf, known=True)
-        if low and not noise.known and noise.scale < 1.0
+        replace(noise, scale=1.0 / noise.density.deviation, freedom=np.inf, known=True)
+        if low and not noise.known and noise.sigma < 1.0
         else noise
         for low, noise in zip(few, own.noises, strict=True)
     ]
@@ -193,11 +193,12 @@ def _of_set(found: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatte
     noise, block = found.likelihood.noises[index], found.likelihood.blocks[index]
     extra = block.noise.discrepancy if block.noise.length else 0.0
     tail = TAILS.get(noise.law, np.inf)
-    one = Scatter(float(np.hypot(noise.sigma, extra)) / data.residual_scale, min(noise.freedom, tail))
+    one = Scatter(float(np.hypot(noise.value_scale, extra)) / data.residual_scale, min(noise.freedom, tail))
     if not (noise.known or block.shots is not None):
         return one, one
-    freedom = max(block.size - float(found.covariance.used[index]), 1.0)
-    level = scale_of(noise.law, found.errors[block.rows], freedom) / data.residual_scale
+    errors = found.errors[block.rows]
+    freedom = max(sample_count(errors) - float(found.covariance.used[index]), 1.0)
+    level = scale_of(noise.law, errors, freedom) / data.residual_scale
     return one, one if level <= one.factor else Scatter(level, min(freedom, tail))
 
 

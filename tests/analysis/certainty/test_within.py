@@ -1,0 +1,111 @@
+"""Quantities that are uncertain about an end of what they can be: fitted as stated, and integrated out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import commonrail as cr
+from commonrail.analysis.certainty.certify import certify
+from commonrail.analysis.certainty.estimate import estimate
+from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.analysis.certainty.mixture import mixture_of
+from commonrail.analysis.certainty.uncertain import one_sided, with_uncertain_free
+from commonrail.calibration import Parameter, Space
+from commonrail.calibration.prior import Prior
+from commonrail.kinds.noise import Correlation, Law, Noise
+from tests.analysis.certainty.linear import Floats, design, likelihood
+from tools.coverage import BEDS, FRICTION, Bench, Benches
+
+SIGMA = 0.5
+WHITE = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=SIGMA)
+
+
+def with_friction(prior: float) -> Space:
+    """Two parameters, and a third one that is uncertain about zero and never negative."""
+    first = [Parameter(n, 4.0, 0.1, 10.0, "1", mark="E", source="test") for n in "ab"]
+    last = Parameter("c", 0.0, 0.0, 6.0 * prior, "1", mark="E", source="test", prior=Prior(0.0, prior, "test"))
+    return Space([*first, last])
+
+
+def by_quadrature(x: Floats, y: Floats, prior: float, about: Floats) -> Floats:
+    """Second moment (2, 2) of the first two parameters about given values, the third integrated out from zero on."""
+    grid = np.linspace(0.0, 6.0 * prior, 2001)
+    inverse = np.linalg.inv(x[:, :2].T @ x[:, :2])
+    fits = (inverse @ x[:, :2].T @ (y[:, None] - np.outer(x[:, 2], grid))).T
+    squares = np.sum((y[:, None] - x[:, :2] @ fits.T - np.outer(x[:, 2], grid)) ** 2, axis=0)
+    logarithms = -0.5 * squares / SIGMA**2 - 0.5 * (grid / prior) ** 2
+    share = np.exp(logarithms - logarithms.max())
+    share /= share.sum()
+    away = fits - about
+    return np.asarray((share * away.T) @ away + SIGMA**2 * inverse)
+
+
+@pytest.mark.parametrize("true", [0.0, 0.4, 1.5])
+def test_the_second_moment_is_that_of_quadrature(true: float) -> None:
+    """A third parameter that the others imitate, at its end, near it and away from it."""
+    x = design(60)
+    x[:, 2] = 0.8 * x[:, 0] + 0.5 * x[:, 1] + 0.3 * x[:, 2]
+    prior = 1.0
+    y = x @ [2.0, 3.0, true] + SIGMA * np.random.default_rng(11).standard_normal(60)
+    found = estimate(likelihood([y], [x], [WHITE], room=with_friction(prior)), np.array([[0.2, 0.3, 0.1]]))
+    over = mixture_of(found, 2)
+    expected = by_quadrature(x, y, prior, found.point[:2])
+    assert over.effective > 20.0
+    # 64 draws, spread evenly, know a variance to some 12 %; the curvature is off by up to a factor of two
+    np.testing.assert_allclose(np.diag(over.moment) * 9.9**2, np.diag(expected), rtol=0.15)
+    assert over.moment[0, 1] * 9.9**2 == pytest.approx(expected[0, 1], rel=0.25)
+
+
+@pytest.fixture(scope="module")
+def benches() -> Benches:
+    return Benches(BEDS["friction, stated as uncertain"])
+
+
+@pytest.fixture(scope="module")
+def bench(benches: Benches) -> Bench:
+    return benches.bench(2)
+
+
+def test_friction_about_zero_has_one_side_and_a_delay_has_two(bench: Bench) -> None:
+    (curve,) = bench.study.data
+    both = replace(bench.study, data=(curve.with_noise(Noise(uncertain={"delay": 1e-6, **FRICTION})),))
+    assert set(one_sided(both)) == set(FRICTION)
+    with_some = both.injector.with_values({"plunger_needle.friction": 10.0})
+    assert one_sided(replace(both, injector=with_some)) == ("plunger_needle.viscous",)
+    free = with_uncertain_free(both, one_sided(both))
+    assert free is not None
+    assert free.space.names[3:] == tuple(free.space.names[3:5])
+    assert dict(free.data[0].noise.deviations) == {"delay": 1e-6}
+
+
+def test_stated_friction_is_found_and_no_longer_in_the_parameters(benches: Benches, bench: Bench) -> None:
+    within = benches.within(bench)
+    low, high = within.found.interval()
+    assert ((low < bench.truth) & (bench.truth < high)).all()
+    assert (0.5 * (high - low) < [0.002, 0.002, 0.1] * bench.truth).all()
+    # without friction in the fit k7 is 12 % off, and half of a linear interval is 20 %
+    own = Likelihood.of(bench.study, 1)
+    plain = estimate(own, own.space.to_unit(bench.truth)[None])
+    assert abs(plain.point[2] - bench.truth[2]) > 2.0 * abs(within.found.point[2] - bench.truth[2])
+    assert plain.half_widths()[2] > 2.0 * within.found.half_widths()[2]
+    # the derivatives let the friction follow: they are those of the whole fit
+    whole = within.whole
+    shift = whole.slopes[3:4]  # a course that friction explains moves no parameter
+    assert np.abs(within.found.moved(shift)).max() < 0.2 * np.abs(plain.moved(shift)).max() + 1e-12
+    np.testing.assert_allclose(within.found.moved(shift), whole.moved(shift)[:, :3], rtol=1e-3, atol=1e-9)
+
+
+def test_a_certainty_tells_of_the_friction_that_it_has_fitted(bench: Bench) -> None:
+    best = dict(zip(bench.study.space.names, bench.truth.tolist(), strict=True))
+    found = certify(bench.study, best, threads=1)
+    assert found.estimate.likelihood.names == bench.study.space.names
+    assert all("plunger_needle.friction and plunger_needle.viscous fitted as stated" in one for one in found.estimators)
+    record = found.record()
+    assert [one["name"] for one in record["fitted_as_stated"]] == list(FRICTION)
+    assert record["fitted_as_stated"][1]["value"] == pytest.approx(2.0 * 1.63, abs=3.0)
+    assert len(record["parameters"]) == len(record["sensitivity"][0]["percent"]) == 3
+    assert not any(test.suspect == "friction" for test in found.tests)
+    assert isinstance(found, cr.Certainty)
