@@ -5,6 +5,7 @@ Each variant is one kernel, compiled at its first use and then kept on disk: tak
 
 from __future__ import annotations
 
+import gc
 import signal
 from collections.abc import Iterator
 from dataclasses import replace
@@ -54,6 +55,18 @@ OTHERS = (
     "reproduction/",
     "cli/test_reproduce.py",
 )
+
+
+# Whatever is imported and collected lives as long as the tests do. Looking through it for garbage again and again took a
+# sixth of their processor time.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage from here on, among what tests make, and less often than by default."""
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 100)
+    gc.enable()
 
 
 @pytest.hookimpl(trylast=True)  # when those that are left out are gone
