@@ -106,10 +106,11 @@ $(VENV)/.runtime: $(VENV)/.made pyproject.toml constraints.txt
 	@touch $@
 
 # Of some 13,000 modules the tests import a tenth: these are compiled to bytecode as they are imported. Of all files 40 %
-# are ziglang's, which requires nothing: it is installed beside what simulates, the rest when both are there.
+# are ziglang's, which requires nothing: it is installed beside what simulates, the rest when both are there. Coverage is
+# there by then because Numba imports it where it finds it, whole or not.
 $(VENV)/.dev: $(VENV)/.made pyproject.toml constraints.txt
 	@$(BIN)/python -c '$(REQUIRED)' > $(VENV)/required.txt
-	$(INSTALL) --no-compile --no-deps ziglang & zig=$$!; \
+	$(INSTALL) --no-compile --no-deps ziglang coverage & zig=$$!; \
 	    $(INSTALL) --no-compile -r $(VENV)/required.txt && wait $$zig
 	$(BESIDE) $(INSTALL) --no-compile -e '.[dev]'
 	@touch $@ $(VENV)/.runtime
