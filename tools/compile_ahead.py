@@ -1,4 +1,4 @@
-"""Compile the kernels that most tests wait for: ``PYTHONPATH=src python tools/compile_ahead.py``.
+"""Compile the kernels that most tests wait for: ``PYTHONPATH=src python -m tools.compile_ahead``.
 
 `make test` does it on a fresh machine while pip, which waits for network and disk, installs what tests need beside what
 simulates. A kernel that is in the cache is left as it is; a test whose kernel is being compiled here waits for it.
