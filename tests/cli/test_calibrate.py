@@ -11,6 +11,7 @@ import pytest
 
 from commonrail.calibration.run import Progress
 from commonrail.errors import StudyError
+from commonrail.workers import link
 from tests.cli.conftest import Command, check_made_again
 
 OWN = {"calibrated.toml", "result.json", "traces.csv", "SHA256SUMS", "report.html", "journal.sqlite", "journal.lock"}
@@ -223,9 +224,10 @@ def test_workers_give_the_same_result(command: Command, finished: dict[str, Any]
 
 
 def test_a_scheduler_that_is_not_there_is_a_sentence(
-    command: Command, finished: dict[str, Any], tmp_path: Path
+    command: Command, finished: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    monkeypatch.setattr(link, "CONNECT", 0.5)
     done = command("calibrate", finished["study"], "--out", tmp_path / "run", "--cluster", "tcp://127.0.0.1:1")
     assert done.status == 2
     assert "tcp://127.0.0.1:1" in done.sentence

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from commonrail.workers import link
 from tests.cli.conftest import Command
 from tests.fleet.conftest import edited
 from tools.make_fleet import make_fleet
@@ -85,9 +86,10 @@ def test_a_cluster_has_its_own_number_of_workers(command: Command, fleet_file: P
 
 @pytest.mark.usefixtures("forked_workers")
 def test_a_scheduler_that_is_not_there_is_a_sentence_and_the_fleet_can_go_on_without(
-    command: Command, fleet_file: Path, tmp_path: Path
+    command: Command, fleet_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    monkeypatch.setattr(link, "CONNECT", 0.5)
     done = command("fleet", fleet_file, "--cluster", "tcp://127.0.0.1:1", "--out", tmp_path / "run")
     assert done.status == 2
     assert "There is no Dask scheduler at tcp://127.0.0.1:1" in done.sentence

@@ -9,8 +9,9 @@ from scipy.stats import binomtest
 
 from commonrail.cli.reproduce import QUICK_SEEDS
 from commonrail.files.truth_file import load_truth
+from commonrail.reproduction import repetition
 from tests.cli.conftest import Command, Done, run_command
-from tests.reproduction.conftest import shorten
+from tests.reproduction.conftest import measured, shorten
 
 
 @pytest.fixture(scope="module")
@@ -20,9 +21,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def done(run: Path) -> Done:
-    """One repetition of everything, with short searches."""
+    """One repetition of everything, with short searches, of curves that are simulated once."""
     with pytest.MonkeyPatch.context() as patch:
         shorten(patch)
+        patch.setattr(repetition, "measure", lambda _, seed: measured(seed))
         return run_command("reproduce", "--seeds", "1", "--out", run, "--json")
 
 

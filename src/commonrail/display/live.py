@@ -28,7 +28,7 @@ class Live:
     def __init__(self) -> None:
         from IPython.display import display
 
-        self._shown: Any = display(_Text(""), display_id=True)  # type: ignore[no-untyped-call]
+        self._shown: Any = display(_Text(""), display_id=True)
 
     def show(self, text: str, done: int = 0, total: int = 0) -> None:
         """Replace the line.

@@ -1,0 +1,37 @@
+"""Compile the kernels that most tests wait for: ``PYTHONPATH=src python -m tools.compile_ahead``.
+
+`make test` does it on a fresh machine while pip, which waits for network and disk, installs what tests need beside what
+simulates. A kernel that is in the cache is left as it is; a test whose kernel is being compiled here waits for it.
+"""
+
+from __future__ import annotations
+
+from commonrail.choices import Actuation, Body, Boundary, Drive, Laws, Precision
+from commonrail.compile_target import own_processor
+from commonrail.engine.lanes import VECTORS
+from commonrail.engine.machine_code import object_of
+from commonrail.injector.variants import Variant
+
+# In double precision, in the order in which the tests of `DOUBLE` in tests/conftest.py ask for them. What is compiled
+# after the first shares its laws; kernels of other kinds do not, so that the tests compile those themselves meanwhile.
+WIRINGS = (
+    Variant(),
+    Variant(drive=Drive.PWM),
+    Variant(Body.RIGID, drive=Drive.PWM),
+    Variant(boundary=Boundary.VOLUME),
+    Variant(drive=Drive.VOLTAGE),
+    Variant(laws=Laws.EXTENDED),
+    Variant(drive=Drive.PWM, laws=Laws.EXTENDED),
+    Variant(drive=Drive.CURRENT, actuation=Actuation.DIRECT),
+    Variant(Body.RIGID),
+)
+
+
+def main() -> None:
+    """Compile each wiring for this processor."""
+    for wiring in WIRINGS:
+        object_of(wiring, VECTORS[Precision.F64], own_processor())
+
+
+if __name__ == "__main__":
+    main()
