@@ -75,6 +75,16 @@ def test_a_fit_counts_by_the_volume_that_it_leaves_the_parameters() -> None:
     np.testing.assert_allclose(weights, [0.2, 0.8])
 
 
+def test_draws_of_which_none_can_be_simulated_leave_the_curvature() -> None:
+    x = design(60)
+    y = x @ [2.0, 3.0, 0.5] + SIGMA * np.random.default_rng(11).standard_normal(60)
+    found = estimate(likelihood([y], [x], [WHITE], room=with_friction(1.0)), np.array([[0.2, 0.3, 0.1]]))
+    own = found.likelihood
+    broken = own.with_space(own.space, lambda points: np.full((len(points), 60), np.nan)).with_noises(own.noises)
+    over = mixture_of(replace(found, likelihood=broken), 2)
+    assert (over.effective, over.believed) == (0.0, False)
+
+
 @pytest.fixture(scope="module")
 def benches() -> Benches:
     return Benches(BEDS["friction, stated as uncertain"])
