@@ -99,14 +99,8 @@ def _begins(wide: Likelihood, d: int, many: int) -> Floats:
         np.append(wide.space.reference[:d], [prior.value + side * prior.sigma for prior in priors if prior is not None])
         for side in BEGINS
     ]
-    return np.array([wide.space.to_unit(np.clip(places[i % len(places)], *_ends(wide)))[d:] for i in range(many)])
-
-
-def _ends(wide: Likelihood) -> tuple[Floats, Floats]:
-    return (
-        np.array([parameter.lower for parameter in wide.space.parameters]),
-        np.array([parameter.upper for parameter in wide.space.parameters]),
-    )
+    unit = np.clip([wide.space.to_unit(place)[d:] for place in places], 0.0, 1.0)
+    return np.asarray(unit[np.arange(many) % len(places)])
 
 
 def _alone(own: Likelihood, whole: Estimate, over: Mixture) -> Estimate:
