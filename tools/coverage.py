@@ -96,7 +96,7 @@ class Bed:
     temperature : bool
         The fuel temperature is free, with a prior that each bench draws its own from.
     hidden : mapping of str to float
-        Values that each bench draws as |normal| with this standard deviation and the model lacks.
+        Values that each bench draws as |normal| with this standard deviation; the model lacks them, or they are stated.
     """
 
     promise: Promise
@@ -139,7 +139,7 @@ class Promise(NamedTuple):
 
 HONEST = Promise((93, 97), (90, 99), (0.9, 1.2), 7, (0, 3))
 DELAYED = Promise(every=(92, 97), wrong=7)
-LACKING = Promise(wrong=7)
+LACKING = Promise(every=(90, 98), wrong=7)
 
 
 def _delay(deviation: float, noise: Draw = white) -> Bed:
@@ -157,6 +157,7 @@ BEDS: dict[str, Bed] = {
     "delay 0.5 us": _delay(0.5e-6),
     "delay 2 us": _delay(2e-6),
     "delay 0.5 us, autoregressive": _delay(0.5e-6, autoregressive),
+    "delay 1 us, autoregressive": _delay(1e-6, autoregressive),
     "seven in order": Bed(Promise(every=(90, 98), wrong=7), SEVEN, starts=8, spread=(0.9, 0.9), constraints=(ORDER,)),
     "unstated delay 5 us, known white": Bed(
         Promise(alarms=(90, 100)), stated=Noise(correlation=Correlation.WHITE), delay=5e-6
@@ -166,7 +167,7 @@ BEDS: dict[str, Bed] = {
     "unstated delay 1.7 us": Bed(Promise(alarms=(80, 100)), delay=1.7e-6),
     "unstated delay 2.45 us, autoregressive": Bed(Promise(alarms=(80, 100)), noise=autoregressive, delay=2.45e-6),
     "friction, stated as uncertain": Bed(LACKING, stated=Noise(uncertain=FRICTION), hidden=FRICTION),
-    "friction that nobody has stated": Bed(Promise(), hidden=FRICTION),
+    "friction that nobody has stated": Bed(Promise(wrong=7), hidden=FRICTION),
     "friction and delay 1 us, stated": Bed(
         LACKING,
         noise=autoregressive,

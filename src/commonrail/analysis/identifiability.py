@@ -62,7 +62,7 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     found = identify_at(study.space, objective, best)
     if found.influence and not study.same_bits:  # LAPACK, which the likelihood uses, has other bits elsewhere
         certain = certify(study, calibration.best, threads=threads)
-        found.bands = judged_bands(study, certain.estimate, np.array([best, *_others(calibration)]), threads)
+        found.bands = judged_bands(study, certain.within, np.array([best, *_others(calibration)]), threads)
         found.certainty = certain.record()
         for one in found.certainty["parameters"]:
             found[one["name"]] |= {key: one[key] for key in ("standard_error", "verdict")}

@@ -53,8 +53,8 @@ class Noise:
     law : Law
     correlation : Correlation
     sigma : float or None
-        Standard deviation of one value, in the unit of the kind's residuals [SI]: m³/s for a curve, multiples of the
-        tolerance for a map. None: estimated from the residuals.
+        Standard deviation of one value under every law, in the unit of the kind's residuals [SI]: m³/s for a curve,
+        multiples of the tolerance for a map. None: estimated from the residuals.
     freedom : float
         Degrees of freedom of `sigma`, such as repeats − 1 of the strokes that it was estimated from; infinite where it
         is exactly known.

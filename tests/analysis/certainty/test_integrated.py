@@ -165,7 +165,7 @@ def test_a_profile_reaches_as_far_as_the_standard_error_lies_beyond_the_curvatur
 
 
 def of_one_bump() -> Likelihood:
-    """Likelihood of the place of a bump: at 3 by most values, with six outliers at 7 that least squares takes for it."""
+    """Likelihood of the place of a bump: at 3 by most values; least squares takes six outliers at 7 for it."""
     t = np.linspace(0.0, 10.0, 300)
     measured = np.exp(-(((t - 3.0) / 0.3) ** 2)) + 0.05 * np.random.default_rng(1).standard_normal(300)
     measured[206:218:2] += 6.0

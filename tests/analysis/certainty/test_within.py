@@ -11,7 +11,7 @@ import commonrail as cr
 from commonrail.analysis.certainty.certify import certify
 from commonrail.analysis.certainty.estimate import estimate
 from commonrail.analysis.certainty.likelihood import Likelihood
-from commonrail.analysis.certainty.mixture import mixture_of
+from commonrail.analysis.certainty.mixture import _density, _Round, _weights, mixture_of
 from commonrail.analysis.certainty.uncertain import one_sided, with_uncertain_free
 from commonrail.calibration import Parameter, Space
 from commonrail.calibration.prior import Prior
@@ -59,6 +59,32 @@ def test_the_second_moment_is_that_of_quadrature(true: float) -> None:
     assert over.moment[0, 1] * 9.9**2 == pytest.approx(expected[0, 1], rel=0.25)
 
 
+def test_reflected_draws_have_a_density_of_one_in_sum() -> None:
+    """About a bound, a third of the proposal lies beyond it."""
+    grid = (np.arange(20_000) + 0.5) / 20_000
+    for centre in (0.02, 0.5, 0.99):
+        density = _density(grid[:, None], np.array([centre]), np.array([[0.05**2]]))
+        assert density.mean() == pytest.approx(np.sqrt(2.0 * np.pi), rel=1e-3)
+
+
+def test_a_fit_counts_by_the_volume_that_it_leaves_the_parameters() -> None:
+    """Two draws of equal cost and density, the parameters twice as uncertain in both directions with the second."""
+    covariances = np.array([np.eye(2), 4.0 * np.eye(2)])
+    every = _Round(np.array([[0.4], [0.6]]), np.zeros((2, 2)), np.array([7.0, 7.0]), covariances)
+    weights = _weights(every, [(np.array([0.5]), np.array([[0.01]]))])
+    np.testing.assert_allclose(weights, [0.2, 0.8])
+
+
+def test_draws_of_which_none_can_be_simulated_leave_the_curvature() -> None:
+    x = design(60)
+    y = x @ [2.0, 3.0, 0.5] + SIGMA * np.random.default_rng(11).standard_normal(60)
+    found = estimate(likelihood([y], [x], [WHITE], room=with_friction(1.0)), np.array([[0.2, 0.3, 0.1]]))
+    own = found.likelihood
+    broken = own.with_space(own.space, lambda points: np.full((len(points), 60), np.nan)).with_noises(own.noises)
+    over = mixture_of(replace(found, likelihood=broken), 2)
+    assert (over.effective, over.believed) == (0.0, False)
+
+
 @pytest.fixture(scope="module")
 def benches() -> Benches:
     return Benches(BEDS["friction, stated as uncertain"])
@@ -91,6 +117,7 @@ def test_stated_friction_is_found_and_no_longer_in_the_parameters(benches: Bench
     plain = estimate(own, own.space.to_unit(bench.truth)[None])
     assert abs(plain.point[2] - bench.truth[2]) > 2.0 * abs(within.found.point[2] - bench.truth[2])
     assert plain.half_widths()[2] > 2.0 * within.found.half_widths()[2]
+    np.testing.assert_allclose(within.found.covariance.noise, mixture_of(within.whole, 3).moment, rtol=1e-9)
     # the derivatives let the friction follow: they are those of the whole fit
     whole = within.whole
     shift = whole.slopes[3:4]  # a course that friction explains moves no parameter
@@ -100,7 +127,10 @@ def test_stated_friction_is_found_and_no_longer_in_the_parameters(benches: Bench
 
 def test_a_certainty_tells_of_the_friction_that_it_has_fitted(bench: Bench) -> None:
     best = dict(zip(bench.study.space.names, bench.truth.tolist(), strict=True))
-    found = certify(bench.study, best, threads=1)
+    found = certify(bench.study, best, threads=1, profiles=["plunger_needle.k7"])
+    local = found.estimate.interval()
+    assert (found.low <= local[0]).all()  # a profile, which has the friction at its best, narrows nothing
+    assert (found.high >= local[1]).all()
     assert found.estimate.likelihood.names == bench.study.space.names
     assert all("plunger_needle.friction and plunger_needle.viscous fitted as stated" in one for one in found.estimators)
     record = found.record()
@@ -109,3 +139,17 @@ def test_a_certainty_tells_of_the_friction_that_it_has_fitted(bench: Bench) -> N
     assert len(record["parameters"]) == len(record["sensitivity"][0]["percent"]) == 3
     assert not any(test.suspect == "friction" for test in found.tests)
     assert isinstance(found, cr.Certainty)
+
+
+def test_a_delay_counts_with_the_larger_of_its_moves() -> None:
+    """Friction that follows hides a part of what a delay moves, and makes more of it in another parameter."""
+    benches = Benches(BEDS["friction and delay 1 us, stated"])
+    within = benches.within(benches.bench(3))
+    follow = within.whole.covariance.nuisances[:, :3]
+    (largest,) = np.abs(within.found.covariance.nuisances)
+    assert (largest >= np.abs(follow[0]) * (1.0 - 1e-9)).all()
+    assert (largest > 1.2 * np.abs(follow[0])).any()
+    assert [nuisance.key for nuisance in within.found.likelihood.nuisances] == ["delay"]
+    # the delay's effect on the residuals, at the friction that was found
+    shift = within.found.likelihood.nuisances[0].shift(within.found.point)
+    np.testing.assert_allclose(shift, within.found.shifts[0], atol=1e-9 * np.abs(shift).max())

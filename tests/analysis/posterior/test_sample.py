@@ -67,3 +67,12 @@ def test_chains_that_are_too_short_are_refused() -> None:
     assert not short.converged
     with pytest.raises(SimulationError, match="cannot be used"):
         short.interval()
+
+
+def test_draws_of_the_first_parameters_leave_the_others_out(found: Posterior) -> None:
+    y = design(60) @ TRUTH
+    narrow = fitted(likelihood([y], [design(60)[:, :2]], [Noise(sigma=SIGMA)]))
+    first = found.of_first(narrow)
+    assert first.names == ("a", "b")
+    np.testing.assert_array_equal(first.points(), found.points()[:, :2])
+    assert (len(first.r_hat), len(first.effective), first.converged) == (2, 2, True)

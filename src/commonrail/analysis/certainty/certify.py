@@ -263,8 +263,13 @@ def _intervals(within: Within, profiled: Mapping[str, Profile], level: float) ->
         profile = profiled.get(name)
         if profile is None or not (profile.low.finished and profile.high.finished):
             continue
-        low[i] = found.point[i] - np.hypot(found.point[i] - profile.low.value, np.sqrt(wider[i]))
-        high[i] = found.point[i] + np.hypot(profile.high.value - found.point[i], np.sqrt(wider[i]))
+        below = found.point[i] - np.hypot(found.point[i] - profile.low.value, np.sqrt(wider[i]))
+        above = found.point[i] + np.hypot(profile.high.value - found.point[i], np.sqrt(wider[i]))
+        if within.fitted:  # a profile takes these quantities at their best, the interval as they may be
+            below, above = min(low[i], below), max(high[i], above)
+            if (below, above) == (low[i], high[i]):
+                continue
+        low[i], high[i] = below, above
         labels[i] = "profile likelihood" + (", uncertain quantities added" if wider[i] else "") + fitted
     return low, high, labels
 

@@ -126,8 +126,8 @@ def library(likelihood: Likelihood, many: int, seed: int = 0) -> tuple[Floats, F
 def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int) -> Floats:
     """Starts (k, d): the best member of a library, and of its best ones those that lie farthest apart.
 
-    Members are compared by Σ n ln Σ|e| over the blocks: no noise need be known for that, and outliers, whose squares lead
-    all starts to another optimum, add little. Of n, values at which all members agree with the data do not count.
+    Members are compared by Σ n ln Σ|e| over the blocks: no noise need be known for that, and outliers, whose squares
+    lead all starts to another optimum, add little. Values at which all members agree with the data do not count in n.
 
     Parameters
     ----------

@@ -87,6 +87,8 @@ def mixture_of(whole: Estimate, d: int) -> Mixture:
         rounds.append(_fitted(own, whole, drawn, rounds))
         every = _Round(*(np.concatenate(parts) for parts in zip(*rounds, strict=True)))
         weights = _weights(every, proposals)
+        if not weights.any():
+            return Mixture(np.zeros((d, d)), 0.0, own.simulated)
         centre = weights @ every.drawn
         off = every.drawn - centre
         spread = ADAPTED * (weights * off.T) @ off + KEPT * local
@@ -109,18 +111,29 @@ def _reflected(unit: Floats) -> Floats:
 
 
 def _weights(every: _Round, proposals: list[tuple[Floats, Floats]]) -> Floats:
-    """Shares (k,) of the draws: posterior over the mean of all proposals."""
+    """Shares (k,) of the draws: posterior over the mean of all proposals; zero where no fit has a finite cost."""
     density = np.mean([_density(every.drawn, *proposal) for proposal in proposals], axis=0)
     spread = np.linalg.slogdet(every.covariances)[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         logarithms = -0.5 * every.costs + 0.5 * spread - np.log(density)
-    logarithms = np.where(np.isfinite(logarithms), logarithms, -np.inf)
+    sound = np.isfinite(logarithms)
+    if not sound.any():
+        return np.zeros(len(logarithms))
+    logarithms = np.where(sound, logarithms, -np.inf)
     found = np.exp(logarithms - logarithms.max())
     return np.asarray(found / found.sum())
 
 
 def _density(drawn: Floats, centre: Floats, spread: Floats) -> Floats:
-    """Density (k,) of reflected normal draws, without its constant of dimension."""
+    """Density (k,) of reflected normal draws, without its constant of dimension.
+
+    Parameters
+    ----------
+    drawn : (k, m)
+    centre : (m,)
+    spread : (m, m)
+        Covariance of the normal distribution.
+    """
     inverse, root = np.linalg.inv(spread), np.sqrt(np.linalg.det(spread))
     total = np.zeros(len(drawn))
     for ends in itertools.product((0.0, 1.0, 2.0), repeat=drawn.shape[1]):  # the draw itself, and its two images
@@ -153,7 +166,12 @@ def _fitted(own: Likelihood, whole: Estimate, drawn: Floats, rounds: list[_Round
     starts[:, d:] = drawn
     held = np.tile(np.arange(d, d + m), (len(drawn), 1))
     ends = climb(own, starts, held, turns=TURNS, tolerance=TOLERANCE)
-    return _Round(drawn, ends.unit[:, :d], _costs(own, whole, ends), _covariances(own, whole, ends, held))
+    metric = _metric(own, whole, ends, held)
+    blind = ~(np.einsum("kii->ki", metric) > 0.0).all(axis=1)  # derivatives that cannot be simulated are zero
+    metric[blind] = np.eye(d)
+    beyond = whole.covariance.beyond[:d]
+    covariances = np.linalg.inv(metric) * np.outer(beyond, beyond)
+    return _Round(drawn, ends.unit[:, :d], np.where(blind, np.inf, _costs(own, whole, ends)), covariances)
 
 
 def _following(whole: Estimate, d: int) -> Floats:
@@ -163,14 +181,29 @@ def _following(whole: Estimate, d: int) -> Floats:
 
 
 def _costs(own: Likelihood, whole: Estimate, ends: Ascent) -> Floats:
-    """−2 ln L (k,) with each block's cost scaled as its law asks; +inf where a simulation failed."""
+    """−2 ln L (k,) with each block's cost scaled as its law asks; +inf where a simulation failed.
+
+    Parameters
+    ----------
+    own : Likelihood
+    whole : Estimate
+    ends : Ascent
+    """
     costs = own.block_costs(own.whiten(ends.errors)) @ whole.covariance.ratios
     costs = costs + own.priors.costs(own.space.from_unit(ends.unit))
     return np.where(np.isfinite(costs) & np.isfinite(ends.cost), costs, np.inf)
 
 
-def _covariances(own: Likelihood, whole: Estimate, ends: Ascent, held: NDArray[np.intp]) -> Floats:
-    """Covariances (k, d, d) of the parameters by noise and priors, with the held ones known."""
+def _metric(own: Likelihood, whole: Estimate, ends: Ascent, held: NDArray[np.intp]) -> Floats:
+    """Information (k, d, d) on the parameters by data and priors, with the held ones known.
+
+    Parameters
+    ----------
+    own : Likelihood
+    whole : Estimate
+    ends : Ascent
+    held : (k, m)
+    """
     d = len(whole.unit) - held.shape[1]
     slopes = own.jacobian(ends.unit, central=False, base=ends.errors, held=held)[:, :d]
     tangents, innovations = own.whiten(slopes), own.whiten(whole.errors)
@@ -181,5 +214,4 @@ def _covariances(own: Likelihood, whole: Estimate, ends: Ascent, held: NDArray[n
         metric += slope * part @ part.transpose(0, 2, 1)
     pulls = pulls_of(own, whole.unit)[:, :d]
     metric += pulls.T @ pulls + _FIRM * np.einsum("kii->k", metric)[:, None, None] * np.eye(d)
-    beyond = whole.covariance.beyond[:d]
-    return np.asarray(np.linalg.inv(metric) * np.outer(beyond, beyond))
+    return metric

@@ -85,20 +85,22 @@ def estimate_within(study: Study, own: Likelihood, starts: Floats, threads: int 
 
 
 def _begins(wide: Likelihood, d: int, many: int) -> Floats:
-    """Positions (many, m) of the last parameters, by turns near the stated value and away from it."""
+    """Positions (many, m) of the last parameters, by turns near the stated value and away from it.
+
+    Parameters
+    ----------
+    wide : Likelihood
+    d : int
+        Number of the parameters before them.
+    many : int
+    """
     priors = [parameter.prior for parameter in wide.space.parameters[d:]]
     places = [
         np.append(wide.space.reference[:d], [prior.value + side * prior.sigma for prior in priors if prior is not None])
         for side in BEGINS
     ]
-    return np.array([wide.space.to_unit(np.clip(places[i % len(places)], *_ends(wide)))[d:] for i in range(many)])
-
-
-def _ends(wide: Likelihood) -> tuple[Floats, Floats]:
-    return (
-        np.array([parameter.lower for parameter in wide.space.parameters]),
-        np.array([parameter.upper for parameter in wide.space.parameters]),
-    )
+    unit = np.clip([wide.space.to_unit(place)[d:] for place in places], 0.0, 1.0)
+    return np.asarray(unit[np.arange(many) % len(places)])
 
 
 def _alone(own: Likelihood, whole: Estimate, over: Mixture) -> Estimate:
@@ -156,7 +158,7 @@ def _of_first(whole: Estimate, over: Mixture, d: int) -> Covariance:
     """
     known = whole.covariance
     own = whole.likelihood
-    inverse = np.linalg.inv(np.linalg.pinv(known.inverse, hermitian=True)[:d, :d])
+    inverse = np.asarray(np.linalg.pinv(np.linalg.pinv(known.inverse, hermitian=True)[:d, :d], hermitian=True))
     tangents, innovations = own.whiten(whole.slopes[:d]), own.whiten(whole.errors)
     held = moved_by(own, inverse, tangents, innovations, own.whiten(whole.shifts))
     follow = known.nuisances[:, :d]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate, estimate, estimate_at, with_outliers
 from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.analysis.certainty.within import Within
 from commonrail.analysis.neighbourhood import around
 from commonrail.analysis.posterior.proposals import bounded
 from commonrail.analysis.prediction.band import Band, Edges, band_from_draws, band_from_slopes, union
@@ -150,22 +151,24 @@ def predict(
     return Prediction(bands, shares, _label(fit, bands), fit.scatter)
 
 
-def judged_bands(
-    study: Study, found: Estimate, points: Floats, threads: int | None = None
-) -> dict[str, dict[str, Any]]:
+def judged_bands(study: Study, within: Within, points: Floats, threads: int | None = None) -> dict[str, dict[str, Any]]:
     """Bands of all data of a study about its calibrated values, as records of result.json by the name of the data set.
 
     Parameters
     ----------
     study : Study
-    found : Estimate
-        Of the study.
+    within : Within
+        Of the study. Bands are those of the model that predicts: without the friction that was fitted as stated.
     points : (k, d)
         Calibrated values [SI], then other optima that explain the data as well: a band is the union of theirs.
     threads : int, optional
         All usable processors by default; the result does not depend on it.
     """
-    fit = _fit(study, found, points, thread_count(threads))
+    threads, found = thread_count(threads), within.found
+    if within.fitted:
+        own = Likelihood.of(study, threads)
+        found = estimate(own, own.space.to_unit(points[0])[None])
+    fit = _fit(study, found, points, threads)
     bands = {}
     for data in study.data:
         if data.kind in fit.scatter:
