@@ -75,6 +75,17 @@ def test_a_joint_point_gives_each_part_its_own(family_file: Edit) -> None:
     assert np.all(family.sharing.of_part(1, 10.0 * x) <= family.parts["two"].space.upper)
 
 
+def test_spreads_of_priors_are_the_family_s_own(family_file: Edit) -> None:
+    alone = load_family(family_file())
+    file = family_file(("[[around]]", '[[prior]]\nname = "control_chamber.a_hole*"\nspread = "7 um"\n\n[[around]]'))
+    family = load_family(file)
+    for space in (family.space, *(study.space for study in family.parts.values())):
+        own = next(p for p in space.parameters if p.name == A)
+        assert own.prior == cr.Prior(own.reference, 7e-6, own.source)  # the studies have none: about their start
+    others = [p for p in family.space.parameters if p.name != A]
+    assert others == [p for p in alone.space.parameters if p.name != A]
+
+
 def test_the_flow_has_the_spread_of_the_area(family_file: Edit) -> None:
     study = load_family(family_file()).parts["two"]
     flow = study.space.parameters[-1]
@@ -94,6 +105,8 @@ def test_the_flow_has_the_spread_of_the_area(family_file: Edit) -> None:
         ('spread = "2 um"', 'spread = "0 um"', "the spread must be greater than zero"),
         ('name = "control_chamber.z_hole_diameter"', 'name = "nozzle.discharge_maximum"', "a second time"),
         ('study = "b/study.toml"', 'study = "../study.toml"', "lies outside the folder of family.toml"),
+        ("[[around]]", '[[prior]]\nname = "nozle.*"\nspread = 1\n\n[[around]]', "prior[1].name: no part has the free"),
+        ("[[around]]", f'[[prior]]\nname = "{A}"\nspread = "1 N"\n\n[[around]]', "prior[1].spread: "),
         ("commonrail-family/1", "commonrail-study/1", "this is a study file"),
         (', { name = "two", study = "b/study.toml" }', "", "at least 2"),
     ],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -46,7 +46,7 @@ class _PartModel(FileModel):
     study: Text
 
 
-class _AroundModel(FileModel):
+class _SpreadModel(FileModel):
     name: Text
     spread: str | float
 
@@ -62,7 +62,8 @@ class _FamilyModel(FileModel):
     type: Text | None = None
     part: list[_PartModel] = Field(min_length=2, max_length=MOST_PARTS)
     per_part: list[str] = Field(default=[], max_length=MOST_AROUND)
-    around: list[_AroundModel] = Field(default=[], max_length=MOST_AROUND)
+    around: list[_SpreadModel] = Field(default=[], max_length=MOST_AROUND)
+    prior: list[_SpreadModel] = Field(default=[], max_length=MOST_AROUND)
     flow: Annotated[float, Unit("1")] | None = None
     optimiser: Annotated[Optimisers, PlainValidator(read_optimisers)] = Field(
         default_factory=lambda: read_optimisers({"method": "staged least squares"})
@@ -135,6 +136,8 @@ def load_family(path: str | Path) -> Family:
     with noting_files() as of_type:
         known = None if model.type is None else load_type(reach.path(file.parent, model.type, at / "type"), reach)
     studies = {name: _known(study, known) for name, study in _studies(model, reach, file.parent, at).items()}
+    spreads = _spreads(model.prior, _known_names(studies), at / "prior")
+    studies = {name: _with_spreads(study, spreads) for name, study in studies.items()}
     shared = _shared(model, studies, at)
     with located(at):
         space, sharing = joint_space({name: study.space for name, study in studies.items()}, shared)
@@ -179,6 +182,17 @@ def _known(study: Study, known: InjectorType | None) -> Study:
     return replace(study, injector=injector, space=Space(free, study.space.constraints, study.space.products))
 
 
+def _with_spreads(study: Study, spreads: Mapping[str, float]) -> Study:
+    """The study with other spreads of its priors, about its start where there was no prior."""
+    free = [
+        replace(p, prior=replace(p.prior or Prior(p.reference, 1.0, p.source), sigma=spreads[p.name]))
+        if p.name in spreads
+        else p
+        for p in study.space.parameters
+    ]
+    return replace(study, space=Space(free, study.space.constraints, study.space.products))
+
+
 def _within(prior: Prior, p: Parameter) -> Prior:
     """The prior with its value within the bounds."""
     return replace(prior, value=min(max(prior.value, p.lower), p.upper))
@@ -199,23 +213,45 @@ def _with_flow(study: Study, spread: float | None) -> Study:
     return replace(study, space=Space((*old.parameters, flow), old.constraints, products))
 
 
+def _known_names(studies: Mapping[str, Study]) -> dict[str, None]:
+    """Free parameters of any part."""
+    return dict.fromkeys(name for study in studies.values() for name in study.space.names)
+
+
 def _shared(model: _FamilyModel, studies: Mapping[str, Study], at: Place) -> dict[str, Shared]:
-    known = dict.fromkeys(name for study in studies.values() for name in study.space.names)
+    known = _known_names(studies)
     found: dict[str, Shared] = {} if model.flow is None else {FLOW: Shared(Share.PER_PART)}
     for i, pattern in enumerate(model.per_part):
-        place = (at / "per_part")[i]
-        for name in _matching(pattern, known, place):
+        for name in _matching(pattern, known, (at / "per_part")[i]):
             found[name] = Shared(Share.PER_PART)
-    for i, item in enumerate(model.around):
-        place = (at / "around")[i]
-        for name in _matching(item.name, known, place / "name"):
-            if name in found:
-                raise (place / "name").error(f"{name} is given a second time; keep one of both")
-            with located(place / "spread"):
-                spread = parse(item.spread, parameter_quantities()[name].unit)
-            if not spread > 0.0:
-                raise (place / "spread").error("the spread must be greater than zero; a common parameter has none")
-            found[name] = Shared(Share.AROUND, spread)
+    around = _spreads(model.around, known, at / "around", found)
+    return found | {name: Shared(Share.AROUND, spread) for name, spread in around.items()}
+
+
+def _spreads(
+    items: Sequence[_SpreadModel], known: Mapping[str, None], at: Place, taken: Container[str] = ()
+) -> dict[str, float]:
+    """Spread [SI] of each parameter that is named.
+
+    Parameters
+    ----------
+    items : sequence of _SpreadModel
+    known : mapping
+        Free parameters by name.
+    at : Place
+        Of the items.
+    taken : container of str
+        Parameters whose relation is given elsewhere.
+    """
+    found: dict[str, float] = {}
+    for i, item in enumerate(items):
+        for name in _matching(item.name, known, at[i] / "name"):
+            if name in found or name in taken:
+                raise (at[i] / "name").error(f"{name} is given a second time; keep one of both")
+            with located(at[i] / "spread"):
+                found[name] = parse(item.spread, parameter_quantities()[name].unit)
+            if not found[name] > 0.0:
+                raise (at[i] / "spread").error("the spread must be greater than zero; to omit it, remove this entry")
     return found
 
 
