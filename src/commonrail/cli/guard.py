@@ -20,7 +20,10 @@ __all__ = ["INTERRUPTED", "guarded", "show_traceback"]
 
 UNEXPECTED = 1
 UNUSABLE = 2
-NEEDED = ("llvmlite", "numba", "scipy")  # loaded where they are used: a simulation by a library does without
+# Packages that are loaded where they are used, since a simulation by a library does without; opening of the sentence.
+_COMPILED = "this needs a simulation that no library of this installation holds, and the package {}, which compiles it"
+_LACKING = {name: _COMPILED.format(name) for name in ("llvmlite", "numba")}
+_LACKING |= {"scipy": "the package scipy, which this needs"}
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 
 # Cure of too little memory by verb, and of the others.
@@ -69,9 +72,9 @@ def guarded(verb: _Verb) -> _Verb:
             _end(f"{place}{error.strerror or error}.", UNUSABLE)
         except ModuleNotFoundError as error:
             package = (error.name or "").partition(".")[0]
-            if package not in NEEDED:
+            if package not in _LACKING:
                 _end(_fault(error), UNEXPECTED)
-            _end(f"the package {package}, which this needs, is not installed: pip install {package}.", UNUSABLE)
+            _end(f"{_LACKING[package]}, is not installed: pip install {package}.", UNUSABLE)
         except MemoryError:
             _end(f"not enough memory; {MEMORY.get(verb.__name__, OTHERS)}.", UNUSABLE)
         except Exception as error:
