@@ -40,9 +40,7 @@ def test_a_stopped_search_is_told_once_whoever_asks(tmp_path: Path, told: list[s
 
 
 @pytest.mark.parametrize("result", ['{"status": "finished"}', "{", None])
-def test_a_search_that_has_ended_or_is_not_known_is_not_told(
-    tmp_path: Path, told: list[str], result: str | None
-) -> None:
+def test_a_search_that_has_ended_is_not_told(tmp_path: Path, told: list[str], result: str | None) -> None:
     folder = run(tmp_path / "run", "finished")
     if result is None:
         (folder / "result.json").unlink()

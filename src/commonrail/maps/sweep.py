@@ -214,8 +214,8 @@ def _check(variables: Sequence[Variable], base: Base) -> None:
             raise ConfigurationError(f"The variable {name} is named twice; keep one.")
     if base.first_energising_time < 0.0:
         raise ConfigurationError(
-            f"The energising time of the first of two injections is {base.first_energising_time:g} s; it must be greater "
-            "than zero, or zero for a single injection."
+            f"The energising time of the first of two injections is {base.first_energising_time:g} s; it must be "
+            "greater than zero, or zero for a single injection."
         )
     if "dwell" in names and not _two(base, variables):
         raise ConfigurationError("A dwell lies between two injections; give the energising time of the first one too.")

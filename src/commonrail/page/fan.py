@@ -81,7 +81,7 @@ def scattered(names: tuple[str, ...], values: Floats, injector: Injector) -> Fan
 
 
 def near_fits(run: Path, study: Study, best: Mapping[str, float], threads: int | None = None) -> Fan | None:
-    """Draws from the posterior of a run if it has one that may be used, else fits whose objective is little above the best one's.
+    """Draws from the posterior of a run if it has one that may be used, else fits little worse than the best one.
 
     Parameters
     ----------

@@ -126,7 +126,8 @@ def _reason(found: Sweep, group: WithoutNumber) -> str:
     lacking = "no quantity of the second injection, since the first one alone failed" if group.alone else "no number"
     have = "has" if group.combinations == 1 else "have"
     which = "at" if group.combinations == 1 else "the first at"
-    return f"{group.combinations} of {counted(found.volume.size, 'combination')} {have} {lacking}, {which} {first}: {group.sentence}"
+    count = f"{group.combinations} of {counted(found.volume.size, 'combination')}"
+    return f"{count} {have} {lacking}, {which} {first}: {group.sentence}"
 
 
 def fusion_table(fusion: Sequence[tuple[float, float]]) -> Table:
