@@ -38,6 +38,7 @@ MEMORY = {
     "fleet": "lower --workers, or divide the fleet's table",
 }
 _DASH = Path("-")
+_OUTPUTS = ("out", "quantity_out", "report", "plot", "gallery")  # options with files that are written
 OTHERS = "close other programs or take a machine with more"
 
 show_traceback: ContextVar[bool] = ContextVar("show_traceback", default=False)
@@ -57,6 +58,7 @@ def guarded(verb: _Verb) -> _Verb:
         try:
             raise_interrupts()
             _refuse_dash(options)
+            _refuse_inputs_as_outputs(options)
             return verb(*args, **options)
         except CommonrailError as error:
             _end(str(error), error.exit_code)
@@ -94,11 +96,41 @@ def _refuse_dash(options: Mapping[str, Any]) -> None:
         If an option or argument is it.
     """
     for name, given in options.items():
-        if any(path == _DASH for path in (given if isinstance(given, list) else [given])):
+        if any(path == _DASH for path in _several(given)):
             raise InputError(
                 f'{name.replace("_", "-")} "-": files are not read from standard input nor written to standard output; '
                 "name a file or folder (--json prints the result)."
             )
+
+
+def _refuse_inputs_as_outputs(options: Mapping[str, Any]) -> None:
+    """Refuse an output that would take the place of a file that the command reads.
+
+    Raises
+    ------
+    InputError
+        If there is one.
+    """
+    outputs = [(name, path) for name in _OUTPUTS for path in _several(options.get(name)) if isinstance(path, Path)]
+    inputs = [v for name, given in options.items() if name not in _OUTPUTS for v in _several(given)]
+    for name, path in outputs:
+        for given in inputs:
+            if isinstance(given, (str, Path)) and _are_one(path, given):
+                option = name.replace("_", "-")
+                raise InputError(
+                    f"--{option}: {path} is read by this command and would be replaced; name another file."
+                )
+
+
+def _several(given: Any) -> list[Any]:
+    return given if isinstance(given, list) else [given]
+
+
+def _are_one(path: Path, given: str | Path) -> bool:
+    try:
+        return path.is_file() and os.path.samefile(path, given)
+    except (OSError, ValueError):  # no file of that name, or no name of a file
+        return False
 
 
 def _end(sentence: str, status: int) -> None:
