@@ -6,9 +6,11 @@ import os
 import platform
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from commonrail import compile_target
 from commonrail.compile_target import (
     LEVEL_3,
     LEVEL_4,
@@ -85,3 +87,42 @@ def test_differences_are_a_part_of_a_sentence() -> None:
 def test_what_an_earlier_version_did_not_note_is_not_compared() -> None:
     assert differences({"numba": "0.62"}, {"numba": "0.62", "cpu": "znver3"}) == ""
     assert differences({"numba": "0.62", "cpu": "znver3"}, {"numba": "0.62"}) == ""
+
+
+FLAGS = "flags\t\t: fpu sse2 avx2 bmi1 bmi2 f16c fma abm movbe"
+WIDER = "avx512f avx512bw avx512cd avx512dq avx512vl"
+
+
+@pytest.mark.parametrize(
+    ("text", "switch", "name"),
+    [
+        (f"processor\t: 0\n{FLAGS} {WIDER}\nprocessor\t: 1\nflags\t\t: fpu\n", "", "x86-64-v4"),
+        (f"{FLAGS} {WIDER}\n", "v3", "x86-64-v3"),
+        (f"{FLAGS}\n", "", "x86-64-v3"),
+        (f"{FLAGS} {WIDER.replace('avx512vl', '')}\n", "", "x86-64-v3"),
+        (f"{FLAGS.replace('abm', '')}\n", "", "unknown"),
+        ("Features\t: asimd\n", "", "unknown"),
+        (None, "", "unknown"),
+    ],
+)
+def test_without_llvmlite_the_level_is_what_the_system_states(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str | None, switch: str, name: str
+) -> None:
+    if text is not None:
+        (tmp_path / "cpuinfo").write_text(text, encoding="ascii")
+    monkeypatch.setattr(compile_target, "CPU_FLAGS", tmp_path / "cpuinfo")
+    monkeypatch.setattr(compile_target, "_llvm", lambda: None)
+    monkeypatch.setenv(compile_target.SWITCH, switch)
+    assert compile_target.own_processor() == compile_target.Processor(name)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the flags of a processor are read from Linux")
+def test_without_llvmlite_a_run_states_the_same_target(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that it may be resumed in an environment with llvmlite, and the other way round."""
+    known = compile_target.describe.__wrapped__()
+    if known.cpu not in (LEVEL_3.name, LEVEL_4.name):
+        pytest.skip(f"libraries hold no code for {known.cpu}, so nothing is simulated here without llvmlite")
+    monkeypatch.setattr(compile_target, "_llvm", lambda: None)
+    found = compile_target.describe.__wrapped__()
+    assert (found.cpu, found.processor, found.settings) == (known.cpu, known.processor, known.settings)
+    assert found.triple.split("-")[0] == known.triple.split("-")[0]

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from commonrail.errors import ConfigurationError
 
@@ -39,6 +39,7 @@ __all__ = [
 ]
 
 PACKAGES = ("commonrail", "numpy", "scipy", "numba", "llvmlite")
+CPU_FLAGS = Path("/proc/cpuinfo")
 MOST = 6  # features that a sentence names
 SWITCH = "COMMONRAIL_KERNELS"
 
@@ -110,9 +111,10 @@ OF_LEVEL_4 = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
 
 
 def own_processor() -> Processor:
-    """Processor that this process compiles for; loads llvmlite."""
-    import llvmlite.binding as llvm
-
+    """Processor that this process compiles for; without llvmlite, which it loads, the level that the system states."""
+    llvm = _llvm()
+    if llvm is None:
+        return _stated_level()
     named, features = numba_setting("CPU_NAME"), numba_setting("CPU_FEATURES")
     has: Mapping[str, bool] = llvm.get_host_cpu_features()
     if named is None and features is None:
@@ -123,6 +125,28 @@ def own_processor() -> Processor:
     if features is None:
         features = "" if named == "generic" else ",".join(f"{'+' if on else '-'}{name}" for name, on in has.items())
     return Processor(named or llvm.get_host_cpu_name(), features)
+
+
+def _llvm() -> Any:
+    """LLVM's bindings; None where they are not installed, as libraries of compiled simulations do without."""
+    try:
+        import llvmlite.binding as llvm
+    except ModuleNotFoundError:
+        return None
+    return llvm
+
+
+def _stated_level() -> Processor:
+    """Level of x86-64 by the flags that Linux states; "unknown" where it states none."""
+    with suppress(OSError):
+        lines = CPU_FLAGS.read_text(encoding="ascii", errors="replace").splitlines()
+        flags = next((line.partition(":")[2].split() for line in lines if line.startswith("flags")), [])
+        has = {"lzcnt" if flag == "abm" else "bmi" if flag == "bmi1" else flag for flag in flags}
+        levels = ((LEVEL_4, OF_LEVEL_3 + OF_LEVEL_4), (LEVEL_3, OF_LEVEL_3))
+        for level, needed in levels[1:] if kernels_switch() == "v3" else levels:
+            if has.issuperset(needed):
+                return level
+    return Processor("unknown")
 
 
 def kernels_switch() -> str:
@@ -146,12 +170,10 @@ def is_x86() -> bool:
 
 @functools.cache
 def describe() -> CompileTarget:
-    """Target of this process; loads llvmlite."""
-    import llvmlite.binding as llvm
-
-    own = own_processor()
+    """Target of this process; loads llvmlite where it is installed."""
+    llvm, own = _llvm(), own_processor()
     return CompileTarget(
-        str(llvm.get_process_triple()),
+        f"{platform.machine()}-unknown-linux-gnu" if llvm is None else str(llvm.get_process_triple()),
         own.name,
         ",".join(sorted(own.features.split(","), key=lambda feature: feature[1:])),
         lane_settings(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,10 @@ HEAD = "rail_pressure [MPa],energising_time [us],quantity [mm3]\n"
 def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path, tmp_path: Path) -> None:
     run, file = tmp_path / "run", study.parent / "mine.toml"
     assert command("calibrate", study, "--out", run).status == 0
+    shutil.copytree(run, tmp_path / "copy")
+    for again in (run, tmp_path / "copy"):
+        done = command("family", run, again, "--out", file)
+        assert (done.status, done.sentence) == (2, f"{again}: this is the same run as {run}; name each part once.")
     done = command("family", run, "--out", file, "--part-spread", "3%")
     assert done.status == 0
     assert "SYNTHETIC" in done.out
@@ -48,6 +53,12 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     assert "flow factor" in model.read_text(encoding="utf-8").splitlines()[0]
     table = command("adapt", file, "--from", points, *own, "--out", model)
     assert "60.000 mm3" in table.out
+    for read in (points, file, study.parent / "injector.toml"):
+        before = read.read_bytes()
+        done = command("adapt", file, "--from", points, *own, "--out", read)
+        assert (done.status, done.sentence[:6]) == (2, "--out:")
+        assert "is read by this command" in done.sentence
+        assert read.read_bytes() == before
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,13 @@ def end_with(error: BaseException) -> Result:
         (
             ModuleNotFoundError("No module named 'llvmlite.binding'", name="llvmlite.binding"),
             2,
-            "the package llvmlite, which this needs, is not installed: pip install llvmlite.",
+            "this needs a simulation that no library of this installation holds, and the package llvmlite, which "
+            "compiles it, is not installed: pip install llvmlite.",
+        ),
+        (
+            ModuleNotFoundError("No module named 'scipy'", name="scipy"),
+            2,
+            "the package scipy, which this needs, is not installed: pip install scipy.",
         ),
         (MemoryError(), 2, "not enough memory; close other programs or take a machine with more."),
     ],

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.cli.output import check_file, check_folder, free_run_folder
+from commonrail.cli.output import check_distinct, check_file, check_folder, free_run_folder
 from commonrail.errors import InputError, OutputError
+from tests.cli.conftest import Command
 
 
 def refuse(*_: object, **__: object) -> None:
@@ -74,3 +75,30 @@ def test_a_full_stdout_ends_with_3() -> None:
         done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 3
     assert "standard output cannot be written (No space left on device)" in done.stderr
+
+
+def test_two_outputs_of_one_place_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under any spelling: the later one would take the place of the first."""
+    monkeypatch.chdir(tmp_path)
+    check_distinct(Path("a.csv"), None, tmp_path / "b.csv", None)
+    for other in (Path("a.csv"), tmp_path / "a.csv", tmp_path / "." / "a.csv"):
+        with pytest.raises(InputError, match="two outputs of one command"):
+            check_distinct(Path("a.csv"), other)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ("simulate", "--energising-time", "500us", "--rail-pressure", "80MPa", "--out", "a", "--plot", "a"),
+        ("map", "--out", "a.json", "--quantity-out", "a.json"),
+        ("sweep", "--vary", "rail_pressure=80MPa", "--out", "a.csv", "--out", "a.csv"),
+    ],
+)
+def test_a_verb_writes_no_two_outputs_to_one_place(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command(line[0], "virtual-lino-2016", *line[1:])
+    assert done.status == 2
+    assert "name a file for each" in done.sentence
+    assert list(tmp_path.iterdir()) == []

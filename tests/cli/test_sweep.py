@@ -72,6 +72,10 @@ def test_held_quantities_are_written_as_maps(command: Command, tmp_path: Path) -
         (("--vary", "dwel=1ms"), "There is no variable"),
         (("--vary", "dwell=1,2ms"), "give the energising time of the first one too"),
         (("--vary", "energising_time=1ms", "--out", "a.dcm"), "a sweep is written as .csv"),
+        (
+            ("--vary", "rail_pressure=80MPa", "--first-energising-time", "-5us"),
+            "greater than zero, or zero for a single",
+        ),
         (("--vary", "temperature=20,392.85degC"), "is defined from"),
         (("--vary", "energising_time=1ms", "--out", "-"), "name a file or folder"),
         (("--vary", "energising_time=1ms", "--hold", "1mm3"), "vary rail_pressure and dwell alone"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +14,14 @@ import commonrail as cr
 from commonrail.calibration.objective import Objective
 from commonrail.choices import Drive
 from commonrail.engine.population import candidate_matrix
+from commonrail.errors import InputError
+from commonrail.files.posterior_file import POSTERIOR
 from commonrail.files.run_folder import read_fit
 from commonrail.injector.variants import Variant
 from commonrail.kinds import Role, of_role
 from commonrail.page.build import FIRST_POINT
 from commonrail.page.content import content
-from commonrail.page.fan import MEMBERS, WORSE
+from commonrail.page.fan import MEMBERS, WORSE, near_fits
 from commonrail.page.subject import Slid, Subject, read_subject
 
 
@@ -80,6 +83,27 @@ def test_members_of_the_fan_explain_the_data_almost_as_well(of_run: Subject, run
     assert np.sum(costs > (1.0 + 0.5 * WORSE) * level) >= MEMBERS // 4
     assert np.all(study.space.satisfies(of_run.fan.members))
     assert len(np.unique(of_run.fan.members, axis=0)) == MEMBERS
+
+
+def test_draws_that_are_refused_give_way_to_fits_near_the_best(
+    run_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page is made all the same, and says so; damaged draws are refused."""
+    run = shutil.copytree(run_folder, tmp_path / "run")
+    study, best = read_fit(run)
+    names = list(study.space.names)
+    points = np.tile([best[name] for name in names], (1, 2, 1))
+    np.savez(run / POSTERIOR, points=points, names=np.array(names), refused=np.array("R-hat is 1.2"))
+    told: list[str] = []
+    monkeypatch.setattr("commonrail.notice._note", told.append)
+    found = near_fits(run, study, best, 1)
+    assert found is not None
+    assert "draws" not in found.note
+    (sentence,) = told
+    assert "R-hat is 1.2" in sentence
+    (run / POSTERIOR).write_bytes(b"PK nothing")
+    with pytest.raises(InputError, match="no file of draws"):
+        near_fits(run, study, best, 1)
 
 
 def test_a_model_has_usual_sliders_and_those_that_are_asked_for() -> None:

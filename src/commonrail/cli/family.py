@@ -105,4 +105,26 @@ def _from_results(sources: Sequence[Path], name: str, share: float | None) -> In
     fleets = [source for source in sources if (source / FLEET).is_file()]
     if fleets and len(sources) > 1:
         raise InputError(f"{fleets[0]}: a fleet is a source by itself; name it alone, or run folders only.")
-    return type_from_fleet(fleets[0], name) if fleets else type_from_runs(sources, name, part_spread=share)
+    if fleets:
+        return type_from_fleet(fleets[0], name)
+    _refuse_twice(sources)
+    return type_from_runs(sources, name, part_spread=share)
+
+
+def _refuse_twice(sources: Sequence[Path]) -> None:
+    """Refuse a run that is named twice, or beside its copy: a part that equals another has no spread.
+
+    Raises
+    ------
+    InputError
+        If there is one.
+    """
+    from commonrail.files.run_folder import RESULT
+    from commonrail.reading.guarded_file import fingerprint
+
+    seen: dict[str, Path] = {}
+    for source in sources:
+        if (source / RESULT).is_file():
+            first = seen.setdefault(fingerprint(source / RESULT), source)
+            if first is not source:
+                raise InputError(f"{source}: this is the same run as {first}; name each part once.")

@@ -20,7 +20,10 @@ __all__ = ["INTERRUPTED", "guarded", "show_traceback"]
 
 UNEXPECTED = 1
 UNUSABLE = 2
-NEEDED = ("llvmlite", "numba", "scipy")  # loaded where they are used: a simulation by a library does without
+# Packages that are loaded where they are used, since a simulation by a library does without; opening of the sentence.
+_COMPILED = "this needs a simulation that no library of this installation holds, and the package {}, which compiles it"
+_LACKING = {name: _COMPILED.format(name) for name in ("llvmlite", "numba")}
+_LACKING |= {"scipy": "the package scipy, which this needs"}
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 
 # Cure of too little memory by verb, and of the others.
@@ -35,6 +38,7 @@ MEMORY = {
     "fleet": "lower --workers, or divide the fleet's table",
 }
 _DASH = Path("-")
+_OUTPUTS = ("out", "quantity_out", "report", "plot", "gallery")  # options with files that are written
 OTHERS = "close other programs or take a machine with more"
 
 show_traceback: ContextVar[bool] = ContextVar("show_traceback", default=False)
@@ -54,6 +58,7 @@ def guarded(verb: _Verb) -> _Verb:
         try:
             raise_interrupts()
             _refuse_dash(options)
+            _refuse_inputs_as_outputs(options)
             return verb(*args, **options)
         except CommonrailError as error:
             _end(str(error), error.exit_code)
@@ -69,9 +74,9 @@ def guarded(verb: _Verb) -> _Verb:
             _end(f"{place}{error.strerror or error}.", UNUSABLE)
         except ModuleNotFoundError as error:
             package = (error.name or "").partition(".")[0]
-            if package not in NEEDED:
+            if package not in _LACKING:
                 _end(_fault(error), UNEXPECTED)
-            _end(f"the package {package}, which this needs, is not installed: pip install {package}.", UNUSABLE)
+            _end(f"{_LACKING[package]}, is not installed: pip install {package}.", UNUSABLE)
         except MemoryError:
             _end(f"not enough memory; {MEMORY.get(verb.__name__, OTHERS)}.", UNUSABLE)
         except Exception as error:
@@ -91,11 +96,41 @@ def _refuse_dash(options: Mapping[str, Any]) -> None:
         If an option or argument is it.
     """
     for name, given in options.items():
-        if any(path == _DASH for path in (given if isinstance(given, list) else [given])):
+        if any(path == _DASH for path in _several(given)):
             raise InputError(
                 f'{name.replace("_", "-")} "-": files are not read from standard input nor written to standard output; '
                 "name a file or folder (--json prints the result)."
             )
+
+
+def _refuse_inputs_as_outputs(options: Mapping[str, Any]) -> None:
+    """Refuse an output that would take the place of a file that the command reads.
+
+    Raises
+    ------
+    InputError
+        If there is one.
+    """
+    outputs = [(name, path) for name in _OUTPUTS for path in _several(options.get(name)) if isinstance(path, Path)]
+    inputs = [v for name, given in options.items() if name not in _OUTPUTS for v in _several(given)]
+    for name, path in outputs:
+        for given in inputs:
+            if isinstance(given, (str, Path)) and _are_one(path, given):
+                option = name.replace("_", "-")
+                raise InputError(
+                    f"--{option}: {path} is read by this command and would be replaced; name another file."
+                )
+
+
+def _several(given: Any) -> list[Any]:
+    return given if isinstance(given, list) else [given]
+
+
+def _are_one(path: Path, given: str | Path) -> bool:
+    try:
+        return path.is_file() and os.path.samefile(path, given)
+    except (OSError, ValueError):  # no file of that name, or no name of a file
+        return False
 
 
 def _end(sentence: str, status: int) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.options import Json, Threads, with_overrides
-from commonrail.cli.output import check_file
+from commonrail.cli.output import check_distinct, check_file
 from commonrail.errors import CommonrailError, InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.maps.choices import Beyond, Several
@@ -134,6 +134,7 @@ def map_(
         check_file(path, "--out")
         check_map_file(path)
     check_file(report, "--report")
+    check_distinct(*targets, *forward, report)
     if len(models) > 2 or (len(models) == 2 and measured is not None):
         raise InputError("Give one or two models, or one model and --measured.")
     conditions = Conditions(

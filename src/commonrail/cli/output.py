@@ -8,7 +8,7 @@ from pathlib import Path
 from commonrail.errors import InputError
 from commonrail.files.atomic import check_target, writing
 
-__all__ = ["check_file", "check_folder", "free_run_folder", "stem_of"]
+__all__ = ["check_distinct", "check_file", "check_folder", "free_run_folder", "stem_of"]
 
 
 def check_file(path: Path | None, option: str) -> None:
@@ -36,6 +36,24 @@ def check_file(path: Path | None, option: str) -> None:
         if path.exists():
             path.open("ab").close()
         tempfile.TemporaryFile(dir=path.parent).close()
+
+
+def check_distinct(*paths: Path | None) -> None:
+    """Refuse outputs of one command that would take each other's place.
+
+    Raises
+    ------
+    InputError
+        If two are one file.
+    """
+    seen: dict[Path, Path] = {}
+    for path in paths:
+        if path is None:
+            continue
+        place = path.absolute().parent.resolve() / path.name
+        if place in seen:
+            raise InputError(f"{path}: two outputs of one command are to be written there; name a file for each.")
+        seen[place] = path
 
 
 def check_folder(path: Path) -> None:

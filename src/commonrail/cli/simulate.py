@@ -16,7 +16,7 @@ from commonrail.cli.options import (
     read_energisings,
     with_overrides,
 )
-from commonrail.cli.output import check_file
+from commonrail.cli.output import check_distinct, check_file
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.units import parse
@@ -108,6 +108,7 @@ def simulate(
         raise InputError("--precision f32: the reference engine computes in f64 only; omit --precision or --engine.")
     check_file(out, "--out")
     check_file(plot, "--plot")
+    check_distinct(out, plot)
     seen = _meter(injector, meter, study)
     point = OperatingPoint(
         parse(rail_pressure, "Pa", "--rail-pressure"),

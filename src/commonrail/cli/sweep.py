@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from commonrail.cli import typer_later as typer
 from commonrail.cli.console import SIMULATING, print_json, print_table, say
 from commonrail.cli.options import Json, Threads, with_overrides
-from commonrail.cli.output import check_file
+from commonrail.cli.output import check_distinct, check_file
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.units import parse
@@ -92,6 +92,7 @@ def sweep(
         if hold is None and path.suffix.lower() != ".csv":
             raise InputError(f"--out: {path}: a sweep is written as .csv; for all numbers as JSON give --json.")
     check_file(report, "--report")
+    check_distinct(*(out or []), report)
     conditions = Conditions(
         parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
         parse(return_pressure, "Pa", "--return-pressure"),

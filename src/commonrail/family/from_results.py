@@ -16,6 +16,7 @@ from commonrail.errors import InputError
 from commonrail.family.spread import FEWEST, over_parts, without_prior
 from commonrail.files.record_file import read_record
 from commonrail.files.run_folder import RESULT, STUDY
+from commonrail.files.stopped import note_stopped
 from commonrail.files.study_file import load_study
 from commonrail.files.sums import check_sum
 from commonrail.injector.definition import Injector, parameter_quantities
@@ -98,6 +99,7 @@ def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: flo
 
 def _read(folder: Path) -> _Run:
     record = read_record(folder / RESULT, "commonrail calibrate")
+    note_stopped(folder, record)
     if record.get("kind") != "calibration":
         raise InputError(f"{folder}: this is no run folder of commonrail calibrate; name one.")
     own = {RESULT: fingerprint(folder / RESULT)}

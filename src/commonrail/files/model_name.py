@@ -12,6 +12,7 @@ from commonrail.calibration.labels import check_labels
 from commonrail.choices import Body, Boundary, Drive
 from commonrail.errors import InputError, nearest
 from commonrail.files.injector_file import injector_catalogue, load_injector, load_meters
+from commonrail.files.stopped import note_stopped
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Variant
 from commonrail.observation.meter import Meter
@@ -99,7 +100,10 @@ def read_model_name(text: str) -> NamedModel:
     if words is not None:
         with located(Place(text)):
             injector = replace(injector, variant=_varied(injector.variant, words))
-    run = Path(source) if words is None and _is_run(source) else None
+    folder = Path(source) if _is_run(source) else None
+    if folder is not None:
+        note_stopped(folder)
+    run = folder if words is None else None
     if label is not None:
         return NamedModel(label.strip(), injector, text, True, meters, run)
     return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, meters, run)

@@ -17,9 +17,15 @@ from commonrail.files.atomic import replacing
 from commonrail.files.sums import check_sum
 from commonrail.reading.guarded_file import opened, read_plain, sha256
 
-__all__ = ["POSTERIOR", "read_draws", "read_posterior", "write_posterior"]
+__all__ = ["POSTERIOR", "RefusedDrawsError", "read_draws", "read_posterior", "write_posterior"]
 
 POSTERIOR = "posterior.npz"
+
+
+class RefusedDrawsError(InputError):
+    """Draws whose chains did not agree."""
+
+
 MOST_DRAWS = 400  # of a posterior that are simulated
 
 
@@ -72,7 +78,9 @@ def read_posterior(folder: str | Path, names: Sequence[str]) -> NDArray[np.float
     Raises
     ------
     InputError
-        If there are none, they are of other parameters, or their chains did not agree.
+        If there are none, or they are of other parameters.
+    RefusedDrawsError
+        If their chains did not agree.
     """
     path = file_path(folder, "folder") / POSTERIOR
     if not path.is_file():
@@ -88,7 +96,9 @@ def read_posterior(folder: str | Path, names: Sequence[str]) -> NDArray[np.float
             f"{path}: the draws are of other parameters than the study has; run commonrail certainty again."
         )
     if refused:
-        raise InputError(f"{path}: the draws cannot be used: {refused}; allow more draws in commonrail certainty.")
+        raise RefusedDrawsError(
+            f"{path}: the draws cannot be used: {refused}; allow more draws in commonrail certainty."
+        )
     return np.asarray(found.reshape(-1, len(own)), float)
 
 

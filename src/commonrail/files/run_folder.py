@@ -16,6 +16,7 @@ from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import dump_injector
 from commonrail.files.posterior_file import POSTERIOR
 from commonrail.files.record_file import read_record, write_record
+from commonrail.files.stopped import note_stopped
 from commonrail.files.study_file import load_study
 from commonrail.files.sums import summed
 from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
@@ -184,6 +185,7 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     """
     folder = file_path(folder, "folder")
     record = read_result(folder)
+    note_stopped(folder, record)
     study = load_study(folder / STUDY)
     try:
         best = {str(p["name"]): float(p["best"]) for p in record["parameters"]}

@@ -212,6 +212,11 @@ def _check(variables: Sequence[Variable], base: Base) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ConfigurationError(f"The variable {name} is named twice; keep one.")
+    if base.first_energising_time < 0.0:
+        raise ConfigurationError(
+            f"The energising time of the first of two injections is {base.first_energising_time:g} s; it must be "
+            "greater than zero, or zero for a single injection."
+        )
     if "dwell" in names and not _two(base, variables):
         raise ConfigurationError("A dwell lies between two injections; give the energising time of the first one too.")
     if any(v.name == "first_energising_time" and np.any(v.values <= 0.0) for v in variables):

@@ -14,9 +14,10 @@ from commonrail.calibration.goal import Goal
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.prior import Priors
 from commonrail.calibration.study import Study
-from commonrail.files.posterior_file import POSTERIOR, read_posterior
+from commonrail.files.posterior_file import POSTERIOR, RefusedDrawsError, read_posterior
 from commonrail.injector.definition import Injector
 from commonrail.kinds import Role, of_role
+from commonrail.notice import note as tell
 from commonrail.observation.quantities import is_of_meter
 
 __all__ = ["Fan", "near_fits", "scattered"]
@@ -80,7 +81,7 @@ def scattered(names: tuple[str, ...], values: Floats, injector: Injector) -> Fan
 
 
 def near_fits(run: Path, study: Study, best: Mapping[str, float], threads: int | None = None) -> Fan | None:
-    """Draws from the posterior of a run if it has one, else fits whose objective is little above the best one's.
+    """Draws from the posterior of a run if it has one that may be used, else fits little worse than the best one.
 
     Parameters
     ----------
@@ -97,10 +98,14 @@ def near_fits(run: Path, study: Study, best: Mapping[str, float], threads: int |
     """
     names = tuple(study.space.names)
     if (run / POSTERIOR).is_file():
-        draws = read_posterior(run, names)
-        chosen = draws[np.linspace(0, len(draws) - 1, MEMBERS).astype(int)]
-        note = f"Fan: {len(chosen)} draws of the {len(draws)} from the posterior of the run."
-        return _of_injector(Fan("draws", note, names, chosen))
+        try:
+            draws = read_posterior(run, names)
+        except RefusedDrawsError as error:
+            tell(f"{error} The page shows fits near the best one instead.")
+        else:
+            chosen = draws[np.linspace(0, len(draws) - 1, MEMBERS).astype(int)]
+            note = f"Fan: {len(chosen)} draws of the {len(draws)} from the posterior of the run."
+            return _of_injector(Fan("draws", note, names, chosen))
     found = _on_level(study, np.array([best[name] for name in names]), threads)
     if found is None:
         return None

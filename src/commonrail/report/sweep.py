@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from commonrail.display.chart import BOTH, Figure, Panel, Series, points
 from commonrail.display.table import Table, tabulated
-from commonrail.display.text import fixed, quantity, significant
+from commonrail.display.text import counted, fixed, quantity, significant
 from commonrail.injector.definition import FUEL_TEMPERATURE
 from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import Compensation
@@ -103,10 +103,10 @@ def _page(
 
 def sweep_lines(found: Sweep) -> list[str]:
     """Sentences: what was varied, the range of the quantities, fused and failed injections."""
-    names = [f"{_title(v)} ({len(v.values)} values)" for v in found.variables]
+    names = [f"{_title(v)} ({counted(len(v.values), 'value')})" for v in found.variables]
     sound = found.volume[np.isfinite(found.volume)]
     lines = [
-        f"{found.volume.size} combinations of {', '.join(names)}: {fixed(sound.min(), 2, MM3)} to "
+        f"{counted(found.volume.size, 'combination')} of {', '.join(names)}: {fixed(sound.min(), 2, MM3)} to "
         f"{fixed(sound.max(), 2, MM3)} mm³."
     ]
     if found.two:
@@ -126,9 +126,8 @@ def _reason(found: Sweep, group: WithoutNumber) -> str:
     lacking = "no quantity of the second injection, since the first one alone failed" if group.alone else "no number"
     have = "has" if group.combinations == 1 else "have"
     which = "at" if group.combinations == 1 else "the first at"
-    return (
-        f"{group.combinations} of {found.volume.size} combinations {have} {lacking}, {which} {first}: {group.sentence}"
-    )
+    count = f"{group.combinations} of {counted(found.volume.size, 'combination')}"
+    return f"{count} {have} {lacking}, {which} {first}: {group.sentence}"
 
 
 def fusion_table(fusion: Sequence[tuple[float, float]]) -> Table:
