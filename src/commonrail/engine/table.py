@@ -177,7 +177,7 @@ def fill(given: Given, real: Any) -> tuple[NDArray[np.int64], list[NDArray[Any]]
 
 
 def _flat(given: Given) -> tuple[Any, ...]:
-    """What is no tuple in it, in order; the same of its description."""
+    """All that is no tuple in it, in order; the same of its description."""
     job = given.job
     whole = (*given.shape, job.theta, *job.courses, *job[2:], *given.samples, given.trace, given.out)
     return *whole, *given.scratch, given.first, given.stride
