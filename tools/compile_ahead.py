@@ -1,4 +1,4 @@
-"""Compile the kernels that most tests wait for: ``PYTHONPATH=src python -m tools.compile_ahead``.
+"""Compile what tests wait for, modules and kernels: ``PYTHONPATH=src python -m tools.compile_ahead``.
 
 `make test` does it on a fresh machine while pip, which waits for network and disk, installs what tests need beside what
 simulates. A kernel that is in the cache is left as it is; a test whose kernel is being compiled here waits for it.
@@ -6,6 +6,11 @@ simulates. A kernel that is in the cache is left as it is; a test whose kernel i
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
+from contextlib import suppress
+
+import commonrail
 from commonrail.choices import Actuation, Body, Boundary, Drive, Laws, Precision
 from commonrail.compile_target import own_processor
 from commonrail.engine.lanes import VECTORS
@@ -28,7 +33,11 @@ WIRINGS = (
 
 
 def main() -> None:
-    """Compile each wiring for this processor."""
+    """Compile all modules to bytecode, which each process of the tests would do, and each wiring for this processor."""
+    for found in pkgutil.walk_packages(commonrail.__path__, "commonrail."):
+        if not found.name.endswith("__main__"):
+            with suppress(Exception):  # an extra that is not there yet, or not whole
+                importlib.import_module(found.name)
     for wiring in WIRINGS:
         object_of(wiring, VECTORS[Precision.F64], own_processor())
 
