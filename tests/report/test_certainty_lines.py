@@ -29,3 +29,11 @@ def test_a_test_of_friction_that_found_nothing_is_told_with_its_probability() ->
 def test_friction_that_was_found_is_told_as_the_reason_alone() -> None:
     (line,) = [one for one in certainty_lines(record(True)) if "friction" in one]
     assert line.startswith("No parameter is called pinned")
+
+
+def test_what_was_fitted_as_stated_is_told_with_its_value() -> None:
+    found = record(False)
+    found["certainty"]["fitted_as_stated"] = [{"name": "plunger_needle.friction", "value": 4.21, "unit": "N"}]
+    assert "Fitted within what the study states, and integrated out: plunger_needle.friction 4.2 N." in certainty_lines(
+        found
+    )
