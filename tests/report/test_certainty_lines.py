@@ -43,3 +43,11 @@ def test_one_estimator_of_all_is_told_once_and_several_with_each_parameter() -> 
         assert ("estimator" in table.columns) is not same
         assert ("Estimator of all: curvature." in table.note) is same
         assert table.columns[table.texts] == "most likely"  # numbers stand after all words
+
+
+def test_what_was_fitted_as_stated_is_told_with_its_value() -> None:
+    found = record(False)
+    found["certainty"]["fitted_as_stated"] = [{"name": "plunger_needle.friction", "value": 4.21, "unit": "N"}]
+    assert "Fitted within what the study states, and integrated out: plunger_needle.friction 4.2 N." in certainty_lines(
+        found
+    )

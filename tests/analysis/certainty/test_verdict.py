@@ -124,17 +124,17 @@ def test_residuals_beyond_a_stated_sigma_are_found() -> None:
 def test_zeros_of_a_quiet_meter_raise_no_alarm() -> None:
     """Three of four values exactly zero in data and model; as samples they made four times as much of any chance."""
     x, alarms = np.vstack([design(), np.zeros((900, 3))]), 0
-    for seed in range(40):
+    for seed in range(15):
         (test,) = lack_of_fit(fitted(likelihood([np.append(curve(300 + seed), np.zeros(900))], [x], [STATED])))
         alarms += test.found
-    assert alarms <= 2  # at a level of 1 %
+    assert alarms <= 1  # at a level of 1 %; half of them with zeros for samples
 
 
-@pytest.mark.parametrize(("stated", "found"), [(1.0, 0), (0.6, 8)])
+@pytest.mark.parametrize(("stated", "found"), [(1.0, 0), (0.6, 4)])
 def test_the_size_of_residuals_with_tails_is_judged_by_their_law(stated: float, found: int) -> None:
     """Student's t with four degrees of freedom; by a sum of squares each of its outliers was a finding."""
     n, alarms = 300, 0
-    for seed in range(8):
+    for seed in range(4):
         y = design(n) @ TRUTH + 0.2 * np.random.default_rng(40 + seed).standard_t(4.0, n)
         sigma = stated * 0.2 * np.sqrt(2.0)
         noise = Noise(law=Law.STUDENT, correlation=Correlation.WHITE, sigma=sigma)

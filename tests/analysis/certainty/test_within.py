@@ -141,10 +141,11 @@ def test_a_certainty_tells_of_the_friction_that_it_has_fitted(bench: Bench) -> N
     assert isinstance(found, cr.Certainty)
 
 
-def test_a_delay_counts_with_the_larger_of_its_moves() -> None:
+def test_a_delay_counts_with_the_larger_of_its_moves(benches: Benches, bench: Bench) -> None:
     """Friction that follows hides a part of what a delay moves, and makes more of it in another parameter."""
-    benches = Benches(BEDS["friction and delay 1 us, stated"])
-    within = benches.within(benches.bench(3))
+    (curve,) = bench.study.data
+    both = replace(bench.study, data=(curve.with_noise(Noise(uncertain={"delay": 1e-6, **FRICTION})),))
+    within = benches.within(bench._replace(study=both))
     follow = within.whole.covariance.nuisances[:, :3]
     (largest,) = np.abs(within.found.covariance.nuisances)
     assert (largest >= np.abs(follow[0]) * (1.0 - 1e-9)).all()
