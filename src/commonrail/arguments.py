@@ -24,6 +24,7 @@ from commonrail.unit_table import FAST, NAMES
 from commonrail.units import parse, to_text
 
 __all__ = [
+    "COUNTS",
     "Limits",
     "Quantity",
     "amount",
@@ -36,6 +37,7 @@ __all__ = [
     "instances",
     "known_names",
     "mapping",
+    "not_whole",
     "number",
     "plain_text",
     "settle",
@@ -49,6 +51,7 @@ __all__ = [
 Quantity = float | str  # an SI number, or text with its unit
 
 MOST_THREADS = 1024
+COUNTS = ("nozzle.holes", "solenoid.air_gaps")  # parameters that count pieces; a coil may have half a turn
 LARGEST_WHOLE = 2**63 - 1  # what a study file and the journal can hold
 
 _Kind = TypeVar("_Kind")
@@ -232,6 +235,20 @@ def whole(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -> 
     if high == LARGEST_WHOLE:
         raise _refused(what, f"a whole number, {low} or greater", value)
     raise ConfigurationError(f"The {what} must lie between {low} and {high} as a whole number, not {shown(value)}.")
+
+
+def not_whole(name: str, value: float) -> str:
+    """Words on a value of a count that is no whole number, and on any value of nothing else: empty.
+
+    Parameters
+    ----------
+    name : str
+        Dotted name of a parameter.
+    value : float
+    """
+    if name not in COUNTS or value % 1.0 == 0.0:
+        return ""
+    return f"{name} counts pieces and must be a whole number, not {value:g}"
 
 
 def thread_count(threads: object) -> int | None:

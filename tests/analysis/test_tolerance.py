@@ -146,3 +146,8 @@ def test_a_point_at_which_nothing_is_injected_cannot_trim(study: Tolerances) -> 
     closed = TolerancePoint("closed", OperatingPoint("160 MPa", "60 us"))
     with pytest.raises(SimulationError, match="closed: the nominal quantity does not rise"):
         tolerance(replace(study, points=(closed,), trim=Trim(("closed",), 100)))
+
+
+def test_a_count_has_no_tolerance() -> None:
+    with pytest.raises(ConfigurationError, match=r"nozzle\.holes counts pieces, so it has no tolerance"):
+        Dimension("nozzle.holes", Uniform(6.5, 7.5))

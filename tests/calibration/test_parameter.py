@@ -71,5 +71,10 @@ def test_refusals_name_the_parameter(changes: dict[str, Any], why: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_a_count_is_not_searched() -> None:
+    with pytest.raises(ConfigurationError, match=r"nozzle\.holes: it counts pieces, and values between whole numbers"):
+        Parameter("nozzle.holes", 7.0, 6.0, 8.0, "1", mark="E", source="")
+
+
 def test_an_offset_may_be_negative() -> None:
     assert make(reference=0.0, lower=-1e-5, upper=1e-5).lower == -1e-5

@@ -10,6 +10,22 @@ from commonrail.errors import ConfigurationError, InputError
 from commonrail.files.injector_file import load_injector
 
 
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["nozzle.holes=2.5"], "--set nozzle.holes counts pieces and must be a whole number, not 2.5."),
+        (["solenoid.air_gaps=1.5"], "must be a whole number, not 1.5"),
+        (["nozzle.holes=7", "valve.mass=5g", "nozzle.holes=8"], "--set nozzle.holes: it is set twice; keep one."),
+    ],
+)
+def test_a_setting_that_makes_no_sense_is_refused(settings: list[str], words: str) -> None:
+    injector = load_injector("virtual-lino-2016")
+    with pytest.raises(InputError) as error:
+        with_overrides(injector, settings)
+    assert words in str(error.value)
+    assert with_overrides(injector, ["nozzle.holes=8.0", "solenoid.turns=30.5"]).values["nozzle.holes"] == 8.0
+
+
 def test_one_energising_is_a_duration() -> None:
     assert read_energisings("700us", []) == 700e-6
 

@@ -221,6 +221,7 @@ FAULTS = {
         'holes = 7\nknot_1 = "95 um"',
         r"nozzle\.knot_1: the knots must rise, and knot_1 is at 95 um, knot_2 at 90 um",
     ),
+    "half a hole": ("holes = 7", "holes = 7.5", r"nozzle\.holes counts pieces and must be a whole number, not 7\.5"),
     "no such mark": (GRAMS, 'mass = { value = "5 g", mark = "X" }', r'valve\.mass\.mark: "X" is no mark; write one of'),
     "source no text": (GRAMS, 'mass = { value = "5 g", source = 3 }', r"valve\.mass\.source: this must be a text"),
     "variant": (

@@ -202,6 +202,13 @@ def test_a_value_is_refused_with_the_sentence_that_a_simulation_has(name: str, u
     assert str(swept.value) == str(alone.value)
 
 
+def test_a_count_is_swept_over_whole_numbers() -> None:
+    with pytest.raises(
+        cr.ConfigurationError, match=r"nozzle\.holes counts pieces and must be a whole number, not 6\.5"
+    ):
+        sweep(INJECTOR, [Variable("nozzle.holes", "1", np.array([6.0, 6.5, 7.0]))], SINGLE)
+
+
 def test_a_parameter_of_another_kind_of_injector_is_refused() -> None:
     name = next(n for n in cr.parameter_quantities() if n not in INJECTOR.quantities)
     with pytest.raises(cr.ConfigurationError, match=f"there is no parameter {name}"):

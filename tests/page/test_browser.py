@@ -313,6 +313,19 @@ def test_nothing_is_wider_than_the_window(page: Browser, file: Path, width: int,
     assert page.evaluate("[...document.querySelectorAll('input, select')].every((e) => e.labels.length || e.ariaLabel)")
 
 
+def test_curves_stay_on_their_axes_where_nothing_is_drawn_anew(page: Browser) -> None:
+    """As on paper, which is laid out in another width and printed before the page can draw."""
+    shares = page.evaluate(
+        "(() => { const area = document.querySelector('#rate .area'), svg = area.querySelector('svg');"
+        "const share = () => { const a = area.getBoundingClientRect(), s = svg.getBoundingClientRect();"
+        "return [(s.left - a.left) / a.width, s.width / a.width]; };"
+        "const before = share(); area.style.width = '300px'; const after = share(); area.style.width = '';"
+        "return [...before, ...after, svg.getAttribute('preserveAspectRatio')]; })()"
+    )
+    assert shares[2:4] == pytest.approx(shares[:2], abs=0.01)  # whole pixels of 300
+    assert shares[4] == "none"
+
+
 def test_dark_and_light(page: Browser) -> None:
     paper = "getComputedStyle(document.body).backgroundColor"
     light = page.evaluate(paper)

@@ -134,6 +134,11 @@ def test_numbers_of_a_direct_acting_injector_are_in_the_columns_of_its_parts() -
     assert found["data"][0]["reference"] > 1.0
 
 
+def test_no_slider_moves_a_count() -> None:
+    with pytest.raises(InputError, match=r"nozzle\.holes counts pieces, so a slider cannot move it"):
+        read_subject("virtual-lino-2016", ("nozzle.holes",))
+
+
 @pytest.mark.slow  # the fan is simulated, and no other test compiles this wiring
 def test_a_direct_acting_injector_has_a_page_too(tmp_path: Path) -> None:
     traced = cr.load_injector("direct-acting-kr")

@@ -6,6 +6,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from math import isfinite
 from typing import Literal
 
+from commonrail.arguments import COUNTS
 from commonrail.calibration.prior import Prior
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import parameter_quantities
@@ -104,6 +105,8 @@ class Parameter:
     def __post_init__(self) -> None:
         if not all(map(isfinite, (self.reference, self.lower, self.upper))):
             self._refuse("reference, lower and upper must be finite numbers")
+        if self.name in COUNTS:
+            self._refuse("it counts pieces, and values between whole numbers mean nothing; fix it")
         if self.lower > self.upper:
             self._refuse("the lower bound lies above the upper; exchange them")
         if self.lower == self.upper:

@@ -101,10 +101,18 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     ConfigurationError
         If a value lies outside its domain.
     """
-    return injector.with_values(dict(map(_setting, settings))) if settings else injector
+    if not settings:
+        return injector
+    found = list(map(_setting, settings))
+    values = dict(found)
+    if len(values) < len(found):
+        twice = next(path for i, (path, _) in enumerate(found) if path in dict(found[:i]))
+        raise InputError(f"--set {twice}: it is set twice; keep one.")
+    return injector.with_values(values)
 
 
 def _setting(text: str) -> tuple[str, float]:
+    from commonrail.arguments import not_whole
     from commonrail.injector.definition import parameter_quantities
 
     path, equals, value = (part.strip() for part in text.partition("="))
@@ -117,9 +125,12 @@ def _setting(text: str) -> tuple[str, float]:
             "`commonrail catalogue parameters` lists them."
         )
     try:
-        return path, float(value)
+        found = float(value)
     except ValueError:
-        return path, parse(value, known[path].unit, f"--set {path}")
+        found = parse(value, known[path].unit, f"--set {path}")
+    if words := not_whole(path, found):
+        raise InputError(f"--set {words}.")
+    return path, found
 
 
 def _energising(text: str) -> Energising:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from pydantic import Field, create_model
 
+from commonrail.arguments import not_whole
 from commonrail.choices import Actuation, Body, Boundary, Drive
 from commonrail.files.drawing import DrawnRoom
 from commonrail.files.fuel_file import FuelModel, load_fuel, parse_fuel
@@ -125,6 +126,9 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
                 f"{', '.join(own)}"
             )
     _check_knots(given, document.get("nozzle", {}), at / "nozzle")
+    for path, item in given.items():
+        if words := not_whole(path, item.value):
+            raise at.error(words)
     given[FUEL_TEMPERATURE] = model.fuel.temperature.given(model.fuel.origin())
     fuel = _fuel(model.fuel, at / "fuel", reach or Reach(Path(at.file), model.allow_outside))
     name = stem if model.name is None else model.name

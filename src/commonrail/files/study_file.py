@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from commonrail.arguments import file_path
+from commonrail.arguments import file_path, not_whole
 from commonrail.calibration.conditions import Condition
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.judgement import Judgement
@@ -337,6 +337,8 @@ def _check_bounds(p: Parameter, q: Q, at: Place) -> None:
 
 
 def _check_domain(name: str, value: float, what: str, at: Place) -> None:
+    if words := not_whole(name, value):
+        raise at.error(words)
     quantity = parameter_quantities()[name]
     if not quantity.domain.admits(value):
         raise at.error(

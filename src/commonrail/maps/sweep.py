@@ -14,6 +14,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arguments import not_whole
 from commonrail.display.shown import Shown
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
@@ -237,6 +238,9 @@ def _check_values(injector: Injector, variables: Sequence[Variable]) -> None:
     for name, _, values in variables:
         if name in OPERATING:
             continue
+        for value in values.tolist():
+            if words := not_whole(name, value):
+                raise ConfigurationError(f"{injector.name}: {words}.")
         if name in known:  # one that another kind of injector has is refused as a value of this one would be
             values = values[~(np.isfinite(values) & known[name].domain.admits(values))]
         for value in values[:1].tolist():

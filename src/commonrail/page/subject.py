@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arguments import COUNTS
 from commonrail.calibration.space import Space
 from commonrail.choices import Drive
 from commonrail.engine.time_step import DEFAULT_STEP
@@ -176,6 +177,8 @@ def _with_more(injector: Injector, sliders: tuple[Slid, ...], more: tuple[str, .
                 f"{name}: the injector has no such parameter for a slider{nearest(name, known)}; "
                 "`commonrail catalogue parameters` lists them."
             )
+        if name in COUNTS:
+            raise InputError(f"{name} counts pieces, so a slider cannot move it; set it in the injector's file.")
         if not injector.values[name]:
             raise InputError(f"{name} is zero, which gives its slider no range; choose a parameter with a value.")
     had = {s.name for s in sliders}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.tolerance.distributions import Distribution
-from commonrail.arguments import chosen, instance, instances, known_names, number, plain_text, settle, whole
+from commonrail.arguments import COUNTS, chosen, instance, instances, known_names, number, plain_text, settle, whole
 from commonrail.choices import Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
@@ -60,6 +60,8 @@ class Dimension:
         known = parameter_quantities()
         if self.name not in known:
             raise ConfigurationError(f"There is no parameter {self.name}{nearest(self.name, known)}.")
+        if self.name in COUNTS:
+            raise ConfigurationError(f"{self.name} counts pieces, so it has no tolerance; omit it.")
         quantity = known[self.name]
         ends = self.distribution.at(np.array([RARE, 1.0 - RARE]))
         if not quantity.domain.admits(ends).all():

@@ -17,6 +17,8 @@ function colourOf(name) {
   return palette.get(name);
 }
 
+const percent = (share) => `${100 * share}%`;
+
 class Plot {
   // options: { title, unit, x: axis title, height, zero: include zero }
   constructor(holder, options) {
@@ -29,6 +31,7 @@ class Plot {
     this.reader.setAttribute("class", "reader");
     this.lines = [];
     this.front.setAttribute("role", "img");
+    this.front.setAttribute("preserveAspectRatio", "none");
     this.front.setAttribute("aria-label", options.title);
     this.back.setAttribute("aria-hidden", "true");
     this.readout = document.createElement("output");
@@ -105,10 +108,11 @@ class Plot {
     this.reader.style.visibility = this.cursor === null ? "hidden" : "visible";
   }
 
-  // The paths of what moves; their element has the size and place of the plot's area.
+  // The paths of what moves; their element has the size and place of the plot's area, as shares of its width: on paper,
+  // where nothing is drawn anew, they stay where the canvas has its axes.
   move(series) {
     const { px, py, left, top, wide, tall } = this.place;
-    this.front.style.cssText = `left: ${left}px; top: ${top}px; width: ${wide}px; height: ${tall}px`;
+    this.front.style.cssText = `left: ${percent(left / this.width)}; top: ${top}px; width: ${percent(wide / this.width)}; height: ${tall}px`;
     this.front.setAttribute("viewBox", `0 0 ${wide * FINE} ${tall * FINE}`);
     while (this.lines.length < series.length) this.lines.push(this.front.insertBefore(ofDrawing("path"), this.reader));
     while (this.lines.length > series.length) this.lines.pop().remove();
