@@ -18,7 +18,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Two processes; one that has nothing left to do takes over tests of the other, so that fixtures are seldom made twice.
 TESTS := -m pytest -q -n 2 --dist worksteal tests
 # On a fresh machine the tests' kernels are compiled while pip waits for network and disk, which leaves a processor idle.
-test: BESIDE := PYTHONPATH=src $(BIN)/python -m tools.compile_ahead > $(VENV)/kernels.txt 2>&1 &
+test: BESIDE := for p in f64 f32; do PYTHONPATH=src $(BIN)/python -m tools.compile_ahead $$p > $(VENV)/$$p.txt 2>&1 & done;
 REQUIRED := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")
 # Without whole simulations: as plain Python they take minutes.
 PHYSICS_TESTS := tests/fuel tests/flow tests/parts tests/injector tests/test_dimensions.py --ignore=tests/parts/test_feed_pipe.py

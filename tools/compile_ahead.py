@@ -1,4 +1,4 @@
-"""Compile what tests wait for, modules and kernels: ``PYTHONPATH=src python -m tools.compile_ahead``.
+"""Compile what tests wait for, modules and kernels: ``PYTHONPATH=src python -m tools.compile_ahead f64``, or f32.
 
 `make test` does it on a fresh machine while pip, which waits for network and disk, installs what tests need beside what
 simulates. A kernel that is in the cache is left as it is; a test whose kernel is being compiled here waits for it.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import sys
 from contextlib import suppress
 
 import commonrail
@@ -17,29 +18,33 @@ from commonrail.engine.lanes import VECTORS
 from commonrail.engine.machine_code import object_of
 from commonrail.injector.variants import Variant
 
-# In double precision, in the order in which the tests of `DOUBLE` in tests/conftest.py ask for them. What is compiled
-# after the first shares its laws; kernels of other kinds do not, so that the tests compile those themselves meanwhile.
-WIRINGS = (
-    Variant(),
-    Variant(drive=Drive.PWM),
-    Variant(Body.RIGID, drive=Drive.PWM),
-    Variant(boundary=Boundary.VOLUME),
-    Variant(drive=Drive.VOLTAGE),
-    Variant(laws=Laws.EXTENDED),
-    Variant(drive=Drive.PWM, laws=Laws.EXTENDED),
-    Variant(drive=Drive.CURRENT, actuation=Actuation.DIRECT),
-    Variant(Body.RIGID),
-)
+# Those that the tests begin with, in their order: see `DOUBLE` and `OTHERS` in tests/conftest.py. What is compiled
+# after the first of a precision shares its laws: one process for each.
+WIRINGS = {
+    Precision.F64: (
+        Variant(),
+        Variant(drive=Drive.PWM),
+        Variant(Body.RIGID, drive=Drive.PWM),
+        Variant(boundary=Boundary.VOLUME),
+        Variant(drive=Drive.VOLTAGE),
+        Variant(laws=Laws.EXTENDED),
+        Variant(drive=Drive.PWM, laws=Laws.EXTENDED),
+        Variant(drive=Drive.CURRENT, actuation=Actuation.DIRECT),
+        Variant(Body.RIGID),
+    ),
+    Precision.F32: (Variant(drive=Drive.PWM), Variant()),
+}
 
 
 def main() -> None:
-    """Compile all modules to bytecode, which each process of the tests would do, and each wiring for this processor."""
+    """Compile all modules to bytecode, which each process of the tests would do, and kernels for this processor."""
+    precision = Precision(sys.argv[1])
     for found in pkgutil.walk_packages(commonrail.__path__, "commonrail."):
         if not found.name.endswith("__main__"):
             with suppress(Exception):  # an extra that is not there yet, or not whole
                 importlib.import_module(found.name)
-    for wiring in WIRINGS:
-        object_of(wiring, VECTORS[Precision.F64], own_processor())
+    for wiring in WIRINGS[precision]:
+        object_of(wiring, VECTORS[precision], own_processor())
 
 
 if __name__ == "__main__":
