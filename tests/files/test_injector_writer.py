@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from commonrail.arguments import COUNTS
 from commonrail.errors import OutputError
 from commonrail.files.fuel_file import fuel_catalogue, load_fuel
 from commonrail.files.injector_file import dump_injector, injector_catalogue, load_injector
@@ -40,6 +41,7 @@ def test_any_values_read_back_bit_by_bit(tmp_path: Path, injector_file: Edit) ->
         }
         knots = [name for name in values if name.startswith("nozzle.knot_")]
         values |= dict(zip(knots, sorted(values[name] for name in knots), strict=True))
+        values |= {name: float(rng.integers(1, 1_000_000)) for name in COUNTS}
         values[FUEL_TEMPERATURE] = float(rng.uniform(300.0, 390.0))
         path = tmp_path / f"{trial}.toml"
         dump_injector(injector.with_values(values), path)

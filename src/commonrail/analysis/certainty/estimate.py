@@ -137,6 +137,8 @@ def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
     many : int
     """
     unit, errors = found
+    if not len(unit):
+        return np.empty((0, likelihood.space.dimension))
     sums = [np.sum(np.abs(errors[:, b.rows]), axis=1) for b in likelihood.blocks]
     sizes = [sample_count(errors[:, b.rows]) for b in likelihood.blocks]
     cost = np.sum([n * np.log(np.maximum(s, 1e-300)) for n, s in zip(sizes, sums, strict=True)], axis=0)

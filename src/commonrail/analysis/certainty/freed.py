@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate, estimate
-from commonrail.analysis.certainty.lack_of_fit import LackOfFit, lack_of_fit
+from commonrail.analysis.certainty.lack_of_fit import LackOfFit, beyond_stated, lack_of_fit, level_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import MissingDelay
 from commonrail.analysis.certainty.steps import Walls
@@ -48,19 +48,21 @@ def judged_residuals(
     priors_from : int, optional
         As for `lack_of_fit`.
     """
-    tests = lack_of_fit(found, delay, priors_from=priors_from)
-    if not found.likelihood.nuisances or not any(test.found for test in tests):
-        return tests, 0
-    free = with_uncertain_free(study)
+    first = len(found.unit) if priors_from is None else priors_from
+    level = level_of(found, delay is not None, len(found.unit) - first)
+    tests = lack_of_fit(found, delay, priors_from=first, level=level)
+    stated = beyond_stated(found, first, level)
+    free = with_uncertain_free(study) if found.likelihood.nuisances and any(test.found for test in tests) else None
     if free is None:
-        return tests, 0
+        return [*tests, *stated], 0
     wide = Likelihood.of(free, threads)
     try:
         freed = estimate(wide, _starts(wide, found))
     except SimulationError:
-        return tests, wide.simulated
-    again = lack_of_fit(freed, delay, priors_from=len(found.unit) if priors_from is None else priors_from)
-    return [min(pair, key=lambda test: test.found) for pair in zip(tests, again, strict=True)], freed.simulated
+        return [*tests, *stated], wide.simulated
+    again = lack_of_fit(freed, delay, priors_from=first, level=level)
+    merged = [min(pair, key=lambda test: test.found) for pair in zip(tests, again, strict=True)]
+    return [*merged, *stated], freed.simulated
 
 
 def _starts(wide: Likelihood, found: Estimate) -> Floats:

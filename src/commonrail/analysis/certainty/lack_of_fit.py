@@ -11,6 +11,7 @@ guides, see `missing_friction`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -24,7 +25,7 @@ from commonrail.analysis.certainty.missing_delay import MissingDelay
 from commonrail.probability import beta_share, gamma_rest
 from commonrail.units import to_text
 
-__all__ = ["LEVEL", "LackOfFit", "lack_of_fit", "level_of"]
+__all__ = ["LEVEL", "LackOfFit", "beyond_stated", "lack_of_fit", "level_of"]
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ class LackOfFit(NamedTuple):
     Attributes
     ----------
     name : str
-        Data set, or `CURVES`.
+        Data set, `CURVES`, or a quantity that was fitted as stated.
     score : float
         Probability that noise explains as much as delay, bandwidth, gain and offset do, or the delay of all curves.
     size : float or None
@@ -61,7 +62,11 @@ class LackOfFit(NamedTuple):
 
 
 def lack_of_fit(
-    estimate: Estimate, delay: MissingDelay | None = None, *, priors_from: int | None = None
+    estimate: Estimate,
+    delay: MissingDelay | None = None,
+    *,
+    priors_from: int | None = None,
+    level: float | None = None,
 ) -> list[LackOfFit]:
     """Tests of each data set of a fit, and of a delay.
 
@@ -74,9 +79,11 @@ def lack_of_fit(
         Of `missing_delay`; without it a delay is tested by its derivative alone.
     priors_from : int, optional
         First of the last parameters, whose priors are what a study states as uncertain; none by default.
+    level : float, optional
+        Of each test; that of `level_of` by default.
     """
     own = estimate.likelihood
-    level = level_of(estimate, delay is not None)
+    level = level_of(estimate, delay is not None) if level is None else level
     held = _stated(estimate, len(estimate.unit) if priors_from is None else priors_from)
     found = [_of_block(estimate, i, level, held) for i in range(len(own.blocks))]
     if delay is None:
@@ -85,9 +92,38 @@ def lack_of_fit(
     return [*found, _of_delay(delay, level, "is beyond what the study states" if stated else "the study lacks")]
 
 
-def level_of(estimate: Estimate, delayed: bool) -> float:
-    """Level of each test of a fit, `delayed` if a delay and friction have tests of their own."""
-    return LEVEL / (sum(1 + noise.known for noise in estimate.likelihood.noises) + 2 * delayed)
+def level_of(estimate: Estimate, delayed: bool, stated: int = 0) -> float:
+    """Level of each test of a fit.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    delayed : bool
+        True if a delay and friction have tests of their own.
+    stated : int
+        Quantities that are fitted as stated.
+    """
+    return LEVEL / (sum(1 + noise.known for noise in estimate.likelihood.noises) + 2 * delayed + stated)
+
+
+def beyond_stated(estimate: Estimate, first: int, level: float) -> list[LackOfFit]:
+    """Tests of the parameters from the column `first` on: is each where a study states it?
+
+    A probability is that of a value as far from the stated one under its normal law, or its half about an end. Data that
+    say little leave the value near what is stated, which raises fewer alarms.
+    """
+    own = estimate.likelihood
+    which = own.priors.columns >= first if len(own.priors) else np.zeros(0, bool)
+    pulls = own.priors.residuals(own.space.from_unit(estimate.unit[None]))[0][which]
+    tests = []
+    for column, pull in zip(own.priors.columns[which] if len(which) else [], np.abs(pulls).tolist(), strict=True):
+        parameter = own.space.parameters[column]
+        probability = math.erfc(pull / math.sqrt(2.0))
+        size = to_text(float(estimate.point[column]), parameter.unit, 2)
+        words = f"the fit asks for {parameter.name} of about {size}, {pull:.1f} standard deviations from what is stated"
+        found = probability < level
+        tests.append(LackOfFit(parameter.name, probability, None, parameter.name, found, words if found else ""))
+    return tests
 
 
 def _of_delay(delay: MissingDelay, level: float, words: str) -> LackOfFit:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from commonrail.arguments import COUNTS
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.prior import Prior
 from commonrail.calibration.space import Space
@@ -16,18 +17,22 @@ from commonrail.kinds import DataSet, Role, of_role
 from commonrail.kinds.noise import OF_METER, TEMPERATURE
 from commonrail.observation.meter import Meter
 from commonrail.observation.quantities import QUANTITIES, known_quantity
+from commonrail.parts.furniture import Domain
 
 __all__ = ["one_sided", "wider", "with_uncertain_free"]
 
-REACH = (6.0, 3.0, 1.0, 0.0)  # standard deviations that a quantity may go to either side, as far as its domain admits
+REACH = 6.0  # standard deviations that a quantity may go to either side, as far as its domain admits
+NEAR = 1.0  # standard deviations from an end of its domain, within which a quantity has one side
+HALVINGS = 40  # of the interval that holds an end of the domain
 
 
 def one_sided(study: Study) -> tuple[str, ...]:
-    """Uncertain quantities whose value is an end of what is possible, such as friction about zero."""
+    """Uncertain quantities within a standard deviation of an end of what is possible, such as friction about zero."""
     found: dict[str, None] = {}
     for data in of_role(study.data, Role.FIT):
-        for key, (parameter, value) in _parameters(study, data, Meter("unnamed")).items():
-            if value in (parameter.lower, parameter.upper):
+        for key, (parameter, value) in _parameters(study, data, data.meter or Meter("unnamed")).items():
+            room = NEAR * data.noise.deviations[key]
+            if not (parameter.lower < value - room and value + room < parameter.upper):
                 found[key] = None
     return tuple(found)
 
@@ -69,7 +74,7 @@ def wider(space: Space, more: Sequence[Parameter]) -> Space:
 
 
 def _parameters(study: Study, data: DataSet, meter: Meter) -> dict[str, tuple[Parameter, float]]:
-    """Uncertain quantities of a data set as parameters, and their values, by key.
+    """Uncertain quantities of a data set as parameters, and their values, by key; none of those that count pieces.
 
     Parameters
     ----------
@@ -80,6 +85,8 @@ def _parameters(study: Study, data: DataSet, meter: Meter) -> dict[str, tuple[Pa
     """
     found = {}
     for key, deviation in data.noise.deviations.items():
+        if key in COUNTS:
+            continue
         if key in OF_METER:
             default = QUANTITIES[key].default
             name, value = meter.parameter(key), meter.values.get(key, 0.0 if default is None else default)
@@ -93,10 +100,18 @@ def _parameters(study: Study, data: DataSet, meter: Meter) -> dict[str, tuple[Pa
 def _parameter(name: str, value: float, deviation: float) -> Parameter:
     """An uncertain quantity as a parameter with a prior, as far to both sides as its domain admits."""
     quantity = known_quantity(name)
-    low, high = (
-        next(end for end in (value + sign * reach * deviation for reach in REACH) if quantity.domain.admits(end))
-        for sign in (-1.0, 1.0)
-    )
+    low, high = (_farthest(quantity.domain, value, sign * REACH * deviation) for sign in (-1.0, 1.0))
     source = "stated as uncertain"
     prior = Prior(value, deviation, source)
     return Parameter(name, value, low, high, quantity.unit, mark="E", source=source, prior=prior)
+
+
+def _farthest(domain: Domain, value: float, reach: float) -> float:
+    """Farthest value of a domain towards `value + reach`, to 1e-12 of that way."""
+    if domain.admits(value + reach):
+        return value + reach
+    inside, outside = 0.0, 1.0
+    for _ in range(HALVINGS):
+        share = 0.5 * (inside + outside)
+        inside, outside = (share, outside) if domain.admits(value + share * reach) else (inside, share)
+    return value + inside * reach

@@ -163,8 +163,12 @@ def _of_first(whole: Estimate, over: Mixture, d: int) -> Covariance:
     held = moved_by(own, inverse, tangents, innovations, own.whiten(whole.shifts))
     follow = known.nuisances[:, :d]
     noise = known.noise[:d, :d]
-    if np.isfinite(noise).all():
-        noise = over.moment if over.believed else np.maximum(1.0, _excess(over.moment, noise)) * noise
+    seen = np.isfinite(np.diag(noise))  # a parameter without effect has an infinite variance
+    if seen.any():
+        rows = np.ix_(seen, seen)
+        moment, local = over.moment[rows], noise[rows]
+        noise = noise.copy()
+        noise[rows] = moment if over.believed else max(1.0, _excess(moment, local)) * local
     return known._replace(
         inverse=known.inverse[:d, :d],
         noise=noise,
