@@ -104,6 +104,7 @@ def test_the_flow_has_the_spread_of_the_area(family_file: Edit) -> None:
         ('spread = "2 um"', 'spread = "2 N"', "around[1].spread: "),
         ('spread = "2 um"', 'spread = "0 um"', "the spread must be greater than zero"),
         ('name = "control_chamber.z_hole_diameter"', 'name = "nozzle.discharge_maximum"', "a second time"),
+        ("[[around]]", f'[[prior]]\nname = "{FLOW}"\nspread = "1 um"\n[[around]]', f"{FLOW} is given a second time"),
         ('study = "b/study.toml"', 'study = "../study.toml"', "lies outside the folder of family.toml"),
         ("[[around]]", '[[prior]]\nname = "nozle.*"\nspread = 1\n\n[[around]]', "prior[1].name: no part has the free"),
         ("[[around]]", f'[[prior]]\nname = "{A}"\nspread = "1 N"\n\n[[around]]', "prior[1].spread: "),

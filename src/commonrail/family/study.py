@@ -24,9 +24,9 @@ from commonrail.family.sharing import Share, Shared, Sharing, joint_space
 from commonrail.files.study_file import load_study, method_of
 from commonrail.files.study_models import Optimisers, read_optimisers
 from commonrail.files.type_file import load_type
-from commonrail.injector.definition import parameter_quantities
 from commonrail.kinds import Role, of_role
 from commonrail.kinds.reading import Name
+from commonrail.observation.quantities import known_quantity
 from commonrail.reading.fields import FileModel, Text, Unit
 from commonrail.reading.guarded_file import noting_files
 from commonrail.reading.model_file import read_model_file
@@ -136,7 +136,8 @@ def load_family(path: str | Path) -> Family:
     with noting_files() as of_type:
         known = None if model.type is None else load_type(reach.path(file.parent, model.type, at / "type"), reach)
     studies = {name: _known(study, known) for name, study in _studies(model, reach, file.parent, at).items()}
-    spreads = _spreads(model.prior, _known_names(studies), at / "prior")
+    flow = () if model.flow is None else (FLOW,)  # whose prior has the spread `flow`
+    spreads = _spreads(model.prior, _known_names(studies), at / "prior", flow)
     studies = {name: _with_spreads(study, spreads) for name, study in studies.items()}
     shared = _shared(model, studies, at)
     with located(at):
@@ -249,7 +250,7 @@ def _spreads(
             if name in found or name in taken:
                 raise (at[i] / "name").error(f"{name} is given a second time; keep one of both")
             with located(at[i] / "spread"):
-                found[name] = parse(item.spread, parameter_quantities()[name].unit)
+                found[name] = parse(item.spread, known_quantity(name).unit)
             if not found[name] > 0.0:
                 raise (at[i] / "spread").error("the spread must be greater than zero; to omit it, remove this entry")
     return found

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.posterior.sample import Posterior
 from commonrail.arguments import file_path, instance
+from commonrail.display.text import listed
 from commonrail.errors import InputError
 from commonrail.files.atomic import replacing
 from commonrail.files.sums import check_sum
@@ -23,7 +24,7 @@ POSTERIOR = "posterior.npz"
 
 
 class RefusedDrawsError(InputError):
-    """Draws whose chains did not agree."""
+    """Draws whose chains did not agree, or that no model is simulated with."""
 
 
 MOST_DRAWS = 400  # of a posterior that are simulated
@@ -34,7 +35,8 @@ def write_posterior(folder: str | Path, found: Posterior) -> Path:
 
     Arrays: ``points`` (chains, steps, d) [SI] in the order of ``names`` with ``units``, ``log_density`` (chains, steps)
     without its constant, ``r_hat`` and ``effective`` (d,), ``refused`` (text, empty if the draws may be used),
-    ``seed``, ``version`` of the program, ``study_sha256`` of study.toml.
+    ``beside`` (names of what was drawn too and is no parameter), ``seed``, ``version`` of the program,
+    ``study_sha256`` of study.toml.
 
     Parameters
     ----------
@@ -58,6 +60,7 @@ def write_posterior(folder: str | Path, found: Posterior) -> Path:
         "r_hat": found.r_hat,
         "effective": found.effective,
         "refused": np.array(found.refusal),
+        "beside": np.array(found.beside, str),
         "seed": np.array(found.seed),
         "version": np.array(version("commonrail")),
         "study_sha256": np.array(sha256(read_plain(study)) if study.is_file() else ""),
@@ -80,7 +83,8 @@ def read_posterior(folder: str | Path, names: Sequence[str]) -> NDArray[np.float
     InputError
         If there are none, or they are of other parameters.
     RefusedDrawsError
-        If their chains did not agree.
+        If their chains did not agree, or other quantities were drawn beside them, such as friction that the study
+        states as uncertain: the model that predicts has the stated value, for which the draws are too low or too high.
     """
     path = file_path(folder, "folder") / POSTERIOR
     if not path.is_file():
@@ -89,6 +93,7 @@ def read_posterior(folder: str | Path, names: Sequence[str]) -> NDArray[np.float
     try:
         with opened(path) as stream, np.load(stream, allow_pickle=False) as kept:
             found, own, refused = kept["points"], [str(name) for name in kept["names"]], str(kept["refused"])
+            beside = [str(name) for name in kept["beside"]] if "beside" in kept else []
     except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise InputError(f"{path}: this is no file of draws ({error}); run commonrail certainty again.") from error
     if own != list(names):
@@ -98,6 +103,11 @@ def read_posterior(folder: str | Path, names: Sequence[str]) -> NDArray[np.float
     if refused:
         raise RefusedDrawsError(
             f"{path}: the draws cannot be used: {refused}; allow more draws in commonrail certainty."
+        )
+    if beside:
+        raise RefusedDrawsError(
+            f"{path}: the draws belong to models with {listed(beside)} drawn too, as the study states; the model that "
+            "predicts has the stated value alone, so that they are no draws of it. Use the linear bands instead."
         )
     return np.asarray(found.reshape(-1, len(own)), float)
 

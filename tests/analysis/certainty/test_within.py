@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +11,15 @@ import pytest
 import commonrail as cr
 from commonrail.analysis.certainty.certify import certify
 from commonrail.analysis.certainty.estimate import estimate
+from commonrail.analysis.certainty.lack_of_fit import beyond_stated
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.mixture import _density, _Round, _weights, mixture_of
 from commonrail.analysis.certainty.uncertain import one_sided, with_uncertain_free
+from commonrail.analysis.certainty.within import _of_first
 from commonrail.calibration import Parameter, Space
 from commonrail.calibration.prior import Prior
 from commonrail.kinds.noise import Correlation, Law, Noise
+from commonrail.observation.meter import Meter
 from tests.analysis.certainty.linear import Floats, design, likelihood
 from tools.coverage import BEDS, FRICTION, Bench, Benches
 
@@ -105,6 +109,65 @@ def test_friction_about_zero_has_one_side_and_a_delay_has_two(bench: Bench) -> N
     assert free is not None
     assert free.space.names[3:] == tuple(free.space.names[3:5])
     assert dict(free.data[0].noise.deviations) == {"delay": 1e-6}
+
+
+def test_a_value_near_an_end_has_one_side_as_far_as_that_end(bench: Bench) -> None:
+    """Friction of 1 N ± 2 N is 0 to 13 N; 10 N ± 2 N has two sides."""
+    (curve,) = bench.study.data
+    stated = replace(bench.study, data=(curve.with_noise(Noise(uncertain={"plunger_needle.friction": 2.0})),))
+    values = {"plunger_needle.friction": 1.0}, {"plunger_needle.friction": 10.0}
+    near, far = (replace(stated, injector=stated.injector.with_values(own)) for own in values)
+    assert one_sided(near) == ("plunger_needle.friction",)
+    assert one_sided(far) == ()
+    for study, ends in ((near, (0.0, 13.0)), (far, (0.0, 22.0))):
+        free = with_uncertain_free(study)
+        assert free is not None
+        parameter = free.space.parameters[-1]
+        assert (parameter.lower, parameter.upper) == pytest.approx(ends, abs=1e-9)
+        assert parameter.lower >= 0.0
+
+
+def test_a_cutoff_is_uncertain_about_that_of_its_meter(bench: Bench) -> None:
+    (curve,) = bench.study.data
+    seen = curve.with_meter(Meter("bench", {"cutoff": "10 kHz"})).with_noise(Noise(uncertain={"cutoff": 1e3}))
+    assert one_sided(replace(bench.study, data=(seen,))) == ()
+
+
+def test_counted_pieces_stay_beside_the_fit(bench: Bench) -> None:
+    (curve,) = bench.study.data
+    counted = replace(bench.study, data=(curve.with_noise(Noise(uncertain={"nozzle.holes": 0.1, "delay": 1e-6})),))
+    free = with_uncertain_free(counted)
+    assert free is not None
+    assert dict(free.data[0].noise.deviations) == {"nozzle.holes": 0.1}
+
+
+@pytest.mark.parametrize(("true", "is_found"), [(0.5, False), (8.0, True)])
+def test_a_value_far_from_what_is_stated_is_found(true: float, is_found: bool) -> None:
+    """A third parameter stated as 0 ± 1, which the others do not imitate."""
+    x = design(60)
+    y = x @ [2.0, 3.0, true] + SIGMA * np.random.default_rng(11).standard_normal(60)
+    room = with_friction(1.0)
+    room = Space([*room.parameters[:2], replace(room.parameters[2], upper=20.0)])
+    found = estimate(likelihood([y], [x], [WHITE], room=room), np.array([[0.2, 0.3, 0.1]]))
+    (test,) = beyond_stated(found, 2, 1e-3)
+    assert (test.name, test.found) == ("c", is_found)
+    assert test.score == pytest.approx(math.erfc(found.point[2] / math.sqrt(2.0)))
+    assert is_found == ("standard deviations from what is stated" in test.sentence)
+    assert beyond_stated(found, 3, 1e-3) == []
+
+
+def test_a_parameter_without_effect_leaves_the_others_integrated_out() -> None:
+    """The second of three parameters is not seen: that of the first one is the second moment nevertheless."""
+    x = design(60)
+    x[:, 1] = 0.0
+    x[:, 2] = 0.8 * x[:, 0] + 0.3 * x[:, 2]
+    y = x @ [2.0, 3.0, 0.4] + SIGMA * np.random.default_rng(11).standard_normal(60)
+    whole = estimate(likelihood([y], [x], [WHITE], room=with_friction(1.0)), np.array([[0.2, 0.3, 0.1]]))
+    over = mixture_of(whole, 2)
+    assert over.believed
+    noise = _of_first(whole, over, 2).noise
+    assert noise[1, 1] == np.inf
+    assert noise[0, 0] == over.moment[0, 0]
 
 
 def test_stated_friction_is_found_and_no_longer_in_the_parameters(benches: Benches, bench: Bench) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from commonrail.files.posterior_file import RefusedDrawsError, read_posterior
 from commonrail.files.scaffold import write_new
 from tests.cli.conftest import run_command
 
@@ -47,6 +48,19 @@ def test_no_interval_is_told_of_chains_that_do_not_agree(run: Path) -> None:
     drawn = done.record["certainty"]["posterior"]
     assert "fewer than 400" in drawn["refused"]
     assert all(one["lower"] is None and one["upper"] is None for one in drawn["parameters"])
+
+
+def test_draws_with_other_quantities_drawn_too_are_not_simulated_without_them(run: Path) -> None:
+    assert run_command("certainty", run, "--local", "--posterior", "--threads", 1).status == 0
+    with np.load(run / "posterior.npz") as kept:
+        arrays = dict(kept)
+    names = [str(name) for name in arrays["names"]]
+    assert arrays["beside"].shape == (0,)
+    assert read_posterior(run, names).shape[1] == len(names)
+    np.savez(run / "posterior.npz", **(arrays | {"beside": np.array(["plunger_needle.friction"])}))
+    (run / "SHA256SUMS").unlink()
+    with pytest.raises(RefusedDrawsError, match=r"plunger_needle\.friction drawn too"):
+        read_posterior(run, names)
 
 
 def test_a_certainty_without_a_posterior_removes_the_former_draws(run: Path) -> None:

@@ -252,7 +252,8 @@ def _intervals(within: Within, profiled: Mapping[str, Profile], level: float) ->
     """Ends of the intervals, and the estimator of each."""
     found = within.found
     low, high = (np.array(end) for end in found.interval(level))
-    fitted = f", {listed(list(within.fitted))} fitted as stated" if within.fitted else ""
+    way = "fitted as stated" if within.integrated else "fitted as stated, too few draws agree: by its curvature alone"
+    fitted = f", {listed(list(within.fitted))} {way}" if within.fitted else ""
     local = _local_label(found) + fitted
     labels = [local] * len(low)
     scale = np.abs(found.likelihood.scaled(found.unit))

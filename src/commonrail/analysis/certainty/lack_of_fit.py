@@ -109,8 +109,8 @@ def level_of(estimate: Estimate, delayed: bool, stated: int = 0) -> float:
 def beyond_stated(estimate: Estimate, first: int, level: float) -> list[LackOfFit]:
     """Tests of the parameters from the column `first` on: is each where a study states it?
 
-    A probability is that of a value as far from the stated one under its normal law, or its half about an end. Data that
-    say little leave the value near what is stated, which raises fewer alarms.
+    A probability is that of a value as far from the stated one under its normal law, or its half about an end. Data
+    that say little leave the value near what is stated, which raises fewer alarms.
     """
     own = estimate.likelihood
     which = own.priors.columns >= first if len(own.priors) else np.zeros(0, bool)

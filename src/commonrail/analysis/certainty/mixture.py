@@ -29,7 +29,7 @@ DRAWS = 32  # of each of two rounds
 TURNS, TOLERANCE = 4, 0.05  # of the fit with each draw
 WIDER = 1.5  # first proposal over the deviations by the curvature
 ADAPTED, KEPT = 2.0, 0.02  # variance of the second one over that of the weighted draws, and share of the first in it
-LEAST = 4.0  # draws that the weights must be worth
+LEAST = 12.0  # draws that the weights must be worth
 SEED = 1
 _FIRM = 1e-12
 

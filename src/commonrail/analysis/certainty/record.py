@@ -105,7 +105,7 @@ def _noise(estimate: Estimate) -> list[dict[str, Any]]:
             "law": noise.law.value,
             "order": noise.autoregression.order,
             "sigma": noise.sigma,
-            "innovation": noise.scale,
+            "innovation": noise.scale * noise.density.deviation,
             "unit": block.unit,
             "stated": noise.known,
             "values": block.size,

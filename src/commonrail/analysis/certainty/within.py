@@ -43,12 +43,16 @@ class Within(NamedTuple):
         Of the parameters alone, the other quantities at their most likely values.
     fitted : mapping of str to float
         Most likely values [SI] of these quantities.
+    integrated : bool
+        The quantities were integrated out; False where too few draws agree with the data, and the curvature at the
+        most likely values was taken instead.
     """
 
     study: Study
     whole: Estimate
     found: Estimate
     fitted: Mapping[str, float]
+    integrated: bool = True
 
 
 def estimate_within(study: Study, own: Likelihood, starts: Floats, threads: int | None = None) -> Within:
@@ -81,7 +85,7 @@ def estimate_within(study: Study, own: Likelihood, starts: Floats, threads: int 
     fitted = dict(zip(wide.names[d:], whole.point[d:].tolist(), strict=True))
     over = mixture_of(whole, d)
     whole = replace(whole, simulated=whole.simulated + over.simulated)
-    return Within(free, whole, _alone(own, whole, over), fitted)
+    return Within(free, whole, _alone(own, whole, over), fitted, over.believed)
 
 
 def _begins(wide: Likelihood, d: int, many: int) -> Floats:

@@ -240,7 +240,7 @@ def _trusted(found: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise
     noises, notes = [], []
     for block, noise, one in zip(found.likelihood.blocks, found.likelihood.noises, data, strict=True):
         if isinstance(one, QuantityData) and not noise.known and noise.freedom < TRUSTED:
-            noise = FittedNoise(noise.law, max(noise.scale, 1.0), noise.freedom)
+            noise = FittedNoise(noise.law, max(noise.scale, 1.0 / noise.density.deviation), noise.freedom)
             notes.append(f"{one.name} has too few points to estimate its noise: at least one tolerance is assumed.")
         noises.append(noise)
         if not _has_discrepancy(block):

@@ -54,6 +54,8 @@ class Posterior(Shown):
     simulated, failed : int
         Simulations, and those that failed: their density is zero.
     seed : int
+    beside : tuple of str
+        Quantities that were drawn too, and are none of the parameters.
     """
 
     estimate: Estimate
@@ -65,6 +67,7 @@ class Posterior(Shown):
     simulated: int
     failed: int
     seed: int
+    beside: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -117,7 +120,12 @@ class Posterior(Shown):
         """Draws of the first parameters alone, those of an estimate; what was drawn beside them is integrated out."""
         d = len(estimate.unit)
         return replace(
-            self, estimate=estimate, unit=self.unit[..., :d], r_hat=self.r_hat[:d], effective=self.effective[:d]
+            self,
+            estimate=estimate,
+            unit=self.unit[..., :d],
+            r_hat=self.r_hat[:d],
+            effective=self.effective[:d],
+            beside=self.names[d:],
         )
 
     def require(self) -> None:
