@@ -36,7 +36,8 @@ class Covariance(NamedTuple):
     noise : (d, d)
         By noise alone; +inf on the diagonal where nothing holds a parameter.
     nuisances : (k, d)
-        Change of the estimates for one standard deviation of each uncertain quantity.
+        Change of the estimates for one standard deviation of each uncertain quantity; large ones from fits, see
+        `refits`.
     discrepancy : (d, d)
         By what the model cannot do, as the blocks state it.
     shares : (blocks + 1, d)

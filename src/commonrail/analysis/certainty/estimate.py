@@ -16,6 +16,7 @@ from commonrail.analysis.certainty.covariance import Covariance, covariance_of, 
 from commonrail.analysis.certainty.integrated import with_integration
 from commonrail.analysis.certainty.laws import sample_count
 from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.analysis.certainty.refits import with_refits
 from commonrail.analysis.certainty.steps import Walls
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.errors import SimulationError
@@ -206,8 +207,9 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
             near, agreeing = _again(own, near, starts, turns)
         unit, errors, slopes = near.unit[0], near.errors[0], near.slopes[0]
     found = with_outliers(_ended(estimate_at(own, unit, errors, own.jacobian(unit[None])[0])))
-    simulated += own.simulated + likelihood.simulated - before
-    return replace(found, starts=len(starts), agreeing=agreeing, simulated=simulated)
+    covariance, refitted = with_refits(found.covariance, own, found.unit)
+    simulated += own.simulated + refitted + likelihood.simulated - before
+    return replace(found, covariance=covariance, starts=len(starts), agreeing=agreeing, simulated=simulated)
 
 
 def _heavier(likelihood: Likelihood, own: Likelihood) -> bool:

@@ -43,6 +43,9 @@ class Nuisance(NamedTuple):
     bend : function of (d,) and (d,)
         Second difference of the residuals (n,), halved, for one standard deviation to both sides of a point [SI], which
         moves by the second argument with it; zero where a side leaves the domain.
+    sides : functions of (m, d)
+        Residuals (m, n) of points [SI] with the quantity a standard deviation above, and below; none where neither, or
+        one of both, lies in its domain.
     """
 
     name: str
@@ -51,6 +54,7 @@ class Nuisance(NamedTuple):
     unit: str
     shift: Callable[[Floats], Floats]
     bend: Callable[[Floats, Floats], Floats] = lambda point, move: np.zeros(())
+    sides: tuple[Callable[[Floats], Floats], ...] = ()
 
 
 class _Owner(NamedTuple):
@@ -131,8 +135,8 @@ def _concerned(data: DataSet, own: _Owner) -> bool:
 
 def _changes(
     objective: Objective, own: _Owner, deviation: float, root_weights: Floats
-) -> tuple[Callable[[Floats], Floats], Callable[[Floats, Floats], Floats]]:
-    """Functions `Nuisance.shift` and `Nuisance.bend` of a quantity."""
+) -> tuple[Callable[[Floats], Floats], Callable[[Floats, Floats], Floats], tuple[Callable[[Floats], Floats], ...]]:
+    """Functions `Nuisance.shift`, `Nuisance.bend` and `Nuisance.sides` of a quantity."""
     rows = np.concatenate([np.full(len(d.measured), _concerned(d, own)) for d in objective.data])
     sides = [moved for sign in (1.0, -1.0) if (moved := _moved(objective, own, sign * deviation)) is not None]
 
@@ -154,7 +158,10 @@ def _changes(
         change = (0.5 * (ends[0] + ends[1]) - middle) / root_weights
         return np.where(np.isfinite(change), change, 0.0)
 
-    return shift, bend
+    def residuals(side: Objective) -> Callable[[Floats], Floats]:
+        return lambda points: np.asarray(side.residuals(points)[:, : len(rows)] / root_weights)
+
+    return shift, bend, tuple(residuals(side) for side in sides if len(sides) == 2)
 
 
 def _moved(objective: Objective, own: _Owner, change: float) -> Objective | None:

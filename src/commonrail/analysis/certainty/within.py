@@ -140,6 +140,7 @@ def _held(nuisance: Nuisance, last: Floats) -> Nuisance:
     return nuisance._replace(
         shift=lambda point: nuisance.shift(np.append(point, last)),
         bend=lambda point, move: nuisance.bend(np.append(point, last), np.append(move, 0.0 * last)),
+        sides=(),
     )
 
 

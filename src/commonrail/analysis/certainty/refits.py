@@ -1,0 +1,72 @@
+"""Moves of the estimates by uncertain quantities, from fits with each a standard deviation off.
+
+The likelihood of a curve ripples along the path on which the parameters imitate a delay: derivatives at the most likely
+values promise a third of the move at one place and all of it at another. Where a quantity moves a parameter by more
+than its error by noise, the parameters are fitted anew with it a standard deviation above and below.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.ascent import climb
+from commonrail.analysis.certainty.covariance import Covariance
+from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.analysis.certainty.nuisance import Nuisance
+from commonrail.analysis.certainty.steps import Walls
+
+__all__ = ["with_refits"]
+
+Floats = NDArray[np.float64]
+
+LARGE = 1.0  # move over standard error by noise, from which it is taken from fits
+TURNS, TOLERANCE = 8, 0.05  # of each fit
+
+
+def with_refits(known: Covariance, own: Likelihood, unit: Floats) -> tuple[Covariance, int]:
+    """The covariance with large moves by uncertain quantities taken from fits, and the points simulated.
+
+    A move is the root mean square of those to both sides, with the sign of the quantity's upper side.
+
+    Parameters
+    ----------
+    known : Covariance
+        Whose moves are those of derivatives.
+    own : Likelihood
+        With its noise.
+    unit : (d,)
+        Position of the most likely values.
+    """
+    moves, simulated = known.nuisances.copy(), 0
+    errors = np.sqrt(np.diag(known.noise))
+    for i, nuisance in enumerate(own.nuisances):
+        if (np.abs(moves[i]) > LARGE * errors).any():
+            moves[i], more = _move(own, unit, nuisance, moves[i])
+            simulated += more
+    return known._replace(nuisances=moves), simulated
+
+
+def _move(own: Likelihood, unit: Floats, nuisance: Nuisance, linear: Floats) -> tuple[Floats, int]:
+    """Move (d,) of the estimates by a standard deviation of a quantity, and the points simulated.
+
+    Parameters
+    ----------
+    own : Likelihood
+    unit : (d,)
+    nuisance : Nuisance
+    linear : (d,)
+        The move that derivatives promise.
+    """
+    ends, simulated = [], 0
+    for sign, side in zip((1.0, -1.0), nuisance.sides, strict=False):  # there may be none
+        with_side = own.with_space(own.space, side).with_noises(own.noises)
+        start = Walls.of(own.space).within(unit[None], unit[None] + sign * linear)
+        end = climb(with_side, start, turns=TURNS, tolerance=TOLERANCE)
+        simulated += with_side.simulated
+        if np.isfinite(end.cost[0]):
+            ends.append(sign * (end.unit[0] - unit))
+    if not ends:
+        return linear, simulated
+    size = np.sqrt(np.mean(np.square(ends), axis=0))
+    return np.where(np.mean(ends, axis=0) < 0.0, -size, size), simulated
