@@ -46,6 +46,9 @@ FREED = 2  # of the ends of these, from which the delay is free
 ROUNDS = 2  # of noise given residuals, with the delay free
 TOLERANCE = 0.05  # of an ascent; a test at 1 % asks for falls of 6.6 and more
 POWER = 0.9  # probability with which `visible_delay` is found
+SEEN = (
+    0.82  # of the square of the distance, as searches on a rippled likelihood find it: by the shares on virtual benches
+)
 PARTS = np.array([0.3, 1.0])  # of the linear move by a delay, at which the search for its imitation begins
 TRIALS, CLOSE = 4, 0.1  # of the search for the visible delay, and relative distance at which it ends
 FIRST = 1e-6  # delay tried first [s]
@@ -129,7 +132,7 @@ def visible_delay(study: Study, estimate: Estimate, level: float, threads: int |
         return float("nan"), 0
     own, wide, unit, d = both.own, both.wide, both.unit, len(estimate.unit)
     point, along = own.space.from_unit(unit), np.zeros(len(unit))
-    wanted = (normal_quantile(1.0 - 0.5 * level) + normal_quantile(POWER)) ** 2
+    wanted = (normal_quantile(1.0 - 0.5 * level) + normal_quantile(POWER)) ** 2 / SEEN
     walls, delay, simulated = Walls.of(own.space), FIRST, 0
     for _ in range(TRIALS):
         ends = wide.residuals(np.column_stack([np.tile(point, (2, 1)), [0.0, delay]]))
