@@ -104,6 +104,16 @@ def test_a_delay_of_a_few_of_its_stated_deviations_is_no_finding() -> None:
     assert test.delay == pytest.approx(3.4e-6, abs=0.5e-6)
 
 
+def test_a_stated_delay_that_the_first_search_does_not_find_is_no_finding() -> None:
+    """−1.5 µs where 2 µs are stated. From the fitted values the search ends beside it, as if 1.7e-4 were its chance."""
+    benches = Benches(BEDS["delay 2 us"])
+    bench = benches.bench(31)
+    test = missing_delay(bench.study, benches.fit(bench), 1)
+    assert test is not None
+    assert test.delay == pytest.approx(-2e-6, abs=0.5e-6)
+    assert test.probability > 0.1  # that of one standard deviation is 0.3
+
+
 def test_a_free_delay_is_not_missing(undelayed: tuple[Bench, Estimate]) -> None:
     bench, found = undelayed
     parameter = cr.Parameter("meter.bench.delay", 0.0, -5e-6, 5e-6, "s", mark="E", source="test")

@@ -105,7 +105,8 @@ def missing_delay(study: Study, estimate: Estimate, threads: int | None = None) 
         free = climb(noisy, free.unit, errors=free.errors, slopes=slopes[None], turns=10, tolerance=TOLERANCE)
         used.append(noisy)
     known, _ = covariance_at(noisy, free)
-    held = climb(noisy, start, column, errors=estimate.errors[None], tolerance=TOLERANCE)
+    starts = np.vstack([start, _as_stated(both, free.unit)]) if both.stated else start
+    held = _best(climb(noisy, starts, np.repeat(column, len(starts)), tolerance=TOLERANCE))
     point = wide.space.from_unit(free.unit)[0]
     fall = cost_of(noisy, known, held) - cost_of(noisy, known, free)
     freedom = min(noise.freedom for block, noise in zip(noisy.blocks, noisy.noises, strict=True) if block.ordered)
@@ -162,11 +163,14 @@ class _Both(NamedTuple):
         With a delay of all curves as its last parameter; its noise is not known.
     unit : (d,)
         Position of the estimate among the parameters of the first.
+    stated : list of int
+        Columns of the delays that the study states as uncertain.
     """
 
     own: Likelihood
     wide: Likelihood
     unit: Floats
+    stated: list[int]
 
 
 def _with_delay(study: Study, estimate: Estimate, threads: int | None) -> _Both | None:
@@ -194,7 +198,20 @@ def _with_delay(study: Study, estimate: Estimate, threads: int | None) -> _Both 
         values[:, columns] += points[:, -1:]
         return all_free.residuals(values)
 
-    return _Both(own, all_free.with_space(wider(own.space, [_delay(DELAY, 0.0)]), residuals), unit)
+    stated_delays = [own.names.index(name) for name in names if name in own.names]
+    return _Both(own, all_free.with_space(wider(own.space, [_delay(DELAY, 0.0)]), residuals), unit, stated_delays)
+
+
+def _as_stated(both: _Both, unit: Floats) -> Floats:
+    """Positions (1, d + 1) with the delay of the test among those that the study states, as far as their bounds go.
+
+    A search from the fitted values need not find them, and what it misses would count for the delay.
+    """
+    space = both.wide.space
+    point = space.from_unit(unit)
+    point[:, both.stated] += point[:, -1:]
+    point[:, -1] = 0.0
+    return np.clip(space.to_unit(point), 0.0, 1.0)
 
 
 def _behind_a_meter(data: DataSet) -> DataSet:
@@ -233,7 +250,10 @@ def _freed(noisy: Likelihood, start: Floats) -> Ascent:
     held = climb(noisy, starts, column, turns=HELD, tolerance=TOLERANCE)
     near = np.argsort(held.cost, kind="stable")[:FREED]
     near = near[np.isfinite(held.cost[near])]
-    ends = climb(noisy, held.unit[near], errors=held.errors[near], tolerance=TOLERANCE)
+    return _best(climb(noisy, held.unit[near], errors=held.errors[near], tolerance=TOLERANCE))
+
+
+def _best(ends: Ascent) -> Ascent:
     best = int(np.argmin(ends.cost))
     return Ascent(*(part[best : best + 1] for part in ends))
 
