@@ -35,6 +35,20 @@ def test_the_residual_is_orthogonal_where_there_are_few_rows() -> None:
     np.testing.assert_allclose(matrix @ linear.least_squares(matrix, wanted), wanted, atol=1e-13)
 
 
+def test_a_system_among_others_has_the_bits_that_it_has_alone() -> None:
+    """Also where its columns are taken in another order than those beside it, and one of them is left out."""
+    rng = np.random.default_rng(8)
+    matrix, wanted = rng.standard_normal((5, 12, 4)), rng.standard_normal((5, 12))
+    matrix[2, :, 3] = matrix[2, :, 0]
+    matrix[4] = 0.0
+    together = linear.least_squares(matrix, wanted)
+    assert together.shape == (5, 4)
+    assert np.count_nonzero(together[2]) == 3
+    assert not together[4].any()
+    for own, a, b in zip(together, matrix, wanted, strict=True):
+        assert own.tobytes() == linear.least_squares(a, b).tobytes()
+
+
 def test_roots_and_triangles() -> None:
     other = RNG.normal(size=(8, 6))
     matrix = other.T @ other

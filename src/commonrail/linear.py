@@ -19,46 +19,54 @@ _MOST_SWEEPS = 60  # some ten are needed
 
 
 def least_squares(matrix: Floats, wanted: Floats, rcond: float | None = None) -> Floats:
-    """Return x (n,) of least ‖matrix x − wanted‖, by Householder reflections with column pivoting.
+    """Return x (…, n) of least ‖matrix x − wanted‖, by Householder reflections with column pivoting.
 
     Parameters
     ----------
-    matrix : (m, n)
-        m ≥ 1.
-    wanted : (m,)
+    matrix : (…, m, n)
+        m ≥ 1. A system among several has the bits that it has alone.
+    wanted : (…, m)
     rcond : float, optional
         Columns whose part that the others cannot imitate is smaller than this share of the largest are left out of the
         solution (their x is 0); by default, machine precision times the larger of m and n.
     """
-    a, b = np.array(matrix, dtype=float), np.array(wanted, dtype=float)
-    rows, columns = a.shape
-    order = np.arange(columns)
+    rows, columns = np.shape(matrix)[-2:]
+    a = np.array(matrix, dtype=float).reshape(-1, rows, columns)
+    b = np.array(wanted, dtype=float).reshape(-1, rows)
+    systems = np.arange(len(a))
+    order = np.tile(np.arange(columns), (len(a), 1))
     limit = (np.finfo(float).eps * max(rows, columns) if rcond is None else rcond) ** 2
-    largest, rank = 0.0, 0
+    largest, rank = np.zeros(len(a)), np.zeros(len(a), int)
+    going = np.ones(len(a), bool)
     for k in range(min(rows, columns)):
-        squares = np.sum(a[k:, k:] * a[k:, k:], axis=0)
-        best = k + int(np.argmax(squares))
-        size = float(squares[best - k])
-        largest = max(largest, size)
-        if not size > limit * largest:
+        squares = np.sum(a[:, k:, k:] * a[:, k:, k:], axis=1)
+        best = np.argmax(squares, axis=1)
+        size = squares[systems, best]
+        largest = np.where(going, np.maximum(largest, size), largest)
+        going &= size > limit * largest
+        if not going.any():
             break
-        a[:, [k, best]], order[[k, best]] = a[:, [best, k]], order[[best, k]]
-        _reflect(a, b, k)
-        rank = k + 1
-    x = np.zeros(columns)
-    x[order[:rank]] = solve_upper(a[:rank, :rank], b[:rank])
-    return x
+        own = systems[going]
+        best = k + best[going]
+        a[own, :, k], a[own, :, best] = a[own, :, best], a[own, :, k]
+        order[own, k], order[own, best] = order[own, best], order[own, k]
+        a[own, k:, k:], b[own, k:] = _reflected(a[own, k:, k:], b[own, k:])
+        rank[own] = k + 1
+    x = np.zeros((len(a), columns))
+    for i, r in enumerate(rank.tolist()):
+        x[i, order[i, :r]] = solve_upper(a[i, :r, :r], b[i, :r])
+    return x.reshape(*np.shape(matrix)[:-2], columns)
 
 
-def _reflect(a: Floats, b: Floats, k: int) -> None:
-    """Reflect rows from k on so that column k vanishes below its diagonal; `a` and `b` change in place."""
-    column = a[k:, k].copy()
-    length = np.sqrt(np.sum(column * column))
-    column[0] += np.copysign(length, column[0])
-    scale = 2.0 / np.sum(column * column)
-    shares = scale * np.sum(column[:, None] * a[k:, k:], axis=0)
-    a[k:, k:] -= column[:, None] * shares
-    b[k:] -= column * (scale * np.sum(column * b[k:]))
+def _reflected(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Systems (k, m, n) and (k, m), reflected so that the first column vanishes below its first row."""
+    column = a[:, :, 0].copy()
+    length = np.sqrt(np.sum(column * column, axis=1))
+    column[:, 0] += np.copysign(length, column[:, 0])
+    scale = 2.0 / np.sum(column * column, axis=1)
+    shares = scale[:, None] * np.sum(column[:, :, None] * a, axis=1)
+    along = scale * np.sum(column * b, axis=1)
+    return a - column[:, :, None] * shares[:, None, :], b - column * along[:, None]
 
 
 def cholesky(matrix: Floats) -> Floats:

@@ -10,7 +10,7 @@ import pytest
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.files.fuel_file import load_fuel
 from commonrail.fuel import kernel
-from commonrail.fuel.coefficients import fuel_coefficients, polynomial_errors
+from commonrail.fuel.coefficients import coefficient_rows, fuel_coefficients, polynomial_errors
 from commonrail.fuel.kernel import FuelCoefficients
 
 CASES = [(n, t) for n in ("iso4113", "n-dodecane") for t in (293.15, 313.15, 353.15, 393.15)]
@@ -83,6 +83,21 @@ def test_results_are_cached_by_content_not_by_name() -> None:
     denser = dataclasses.replace(fuel.density_law, coefficients=((800.0, -25.8),))
     other = fuel_coefficients(dataclasses.replace(fuel, density_law=denser), 333.15)
     assert other.reference_density > first.reference_density
+
+
+@pytest.mark.parametrize("name", ["iso4113", "n-dodecane"])
+def test_temperatures_together_have_the_bits_that_each_has_alone(name: str) -> None:
+    fuel, temperatures = load_fuel(name), np.linspace(320.0, 350.0, 37)  # more than are evaluated at once
+    together = coefficient_rows(fuel, tuple(temperatures.tolist()))
+    for own, temperature in zip(together, temperatures.tolist(), strict=True):
+        assert own.tobytes() == np.array(fuel_coefficients(fuel, temperature)).tobytes()
+
+
+def test_of_several_temperatures_the_one_that_is_refused_is_named() -> None:
+    with pytest.raises(InputError, match="80 K"):
+        coefficient_rows(load_fuel("iso4113"), (340.0, 80.0))
+    with pytest.raises(ConfigurationError, match=r"n-dodecane-eq2 at 353\.15 K"):
+        coefficient_rows(load_fuel("n-dodecane-eq2"), (353.15, 340.0))
 
 
 def test_explicit_density_law_is_refused_with_a_cure() -> None:

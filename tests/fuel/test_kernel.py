@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 
+import commonrail.jit  # noqa: F401 - laws can be compiled from here on
 from commonrail.files.fuel_file import load_fuel
 from commonrail.fuel import kernel
 from commonrail.fuel.coefficients import fuel_coefficients

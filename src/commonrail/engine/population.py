@@ -13,7 +13,7 @@ from commonrail.arguments import array, sequence
 from commonrail.choices import Actuation
 from commonrail.engine.block import FUEL
 from commonrail.errors import ConfigurationError
-from commonrail.fuel.coefficients import fuel_coefficients
+from commonrail.fuel.coefficients import coefficient_rows
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
 from commonrail.parts.furniture import Domain
@@ -90,7 +90,7 @@ def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats, r
         else:
             theta[:, paths.index(name)] = values[:, column]
     distinct, which = np.unique(temperature, return_inverse=True)
-    fuels = np.array([fuel_coefficients(injector.fuel, float(t)) for t in distinct])
+    fuels = coefficient_rows(injector.fuel, tuple(distinct.tolist()))
     theta[:, len(paths) :] = fuels[which]
     return theta
 

@@ -23,12 +23,13 @@ from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.fuel.laws import Array
 from commonrail.linear import least_squares
 
-__all__ = ["PolynomialErrors", "fuel_coefficients", "polynomial_errors"]
+__all__ = ["PolynomialErrors", "coefficient_rows", "fuel_coefficients", "polynomial_errors"]
 
 _POINTS = 64
 _BEYOND = 1.4  # fitted this far beyond the range, so that an overshoot meets no surprise
 _OUTSIDE_WEIGHT = 0.3  # and with this weight there
 _DEGREE_PRESSURE, _DEGREE_START, _DEGREE_FLUIDITY, _DEGREE_RATIO = 7, 4, 5, 2
+_TOGETHER = 32  # temperatures whose laws are evaluated at once: some megabytes
 _LARGEST_ERROR = 0.01  # of the bulk modulus; the catalogue stays below 0.002
 
 
@@ -59,35 +60,83 @@ def fuel_coefficients(fuel: Fuel, temperature: float) -> FuelCoefficients:
     ConfigurationError
         If the fuel's laws bend too sharply for a polynomial (an explicit density law does).
     """
+    return FuelCoefficients._make(coefficient_rows(fuel, (temperature,))[0].tolist())
+
+
+@functools.lru_cache(maxsize=64)
+def coefficient_rows(fuel: Fuel, temperatures: tuple[float, ...]) -> Array:
+    """Polynomials at several temperatures, as rows (temperatures, coefficients) in the order of `FuelCoefficients`.
+
+    A row has the bits that its temperature has alone.
+
+    Parameters
+    ----------
+    fuel : Fuel
+    temperatures : tuple of float
+        [K].
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        As `fuel_coefficients`, for the first temperature that is refused.
+    """
     with np.errstate(all="ignore"):  # what no polynomial fits is refused in a sentence
-        return _fitted(fuel, temperature)
+        parts = [temperatures[i : i + _TOGETHER] for i in range(0, len(temperatures), _TOGETHER)]
+        found = np.concatenate([_fitted(fuel, np.array(part)) for part in parts])
+    found.flags.writeable = False  # it is cached
+    return found
 
 
-def _fitted(fuel: Fuel, temperature: float) -> FuelCoefficients:
+class _Values(NamedTuple):
+    """Values of a fuel's laws (temperatures, pressures) [SI]."""
+
+    density: Array
+    modulus: Array
+    viscosity: Array
+    ratio: Array
+
+    @classmethod
+    def of(cls, fuel: Fuel, p: Array, temperatures: Array) -> _Values:
+        """Values at pressures (n,) and temperatures (k,)."""
+        at = temperatures[:, None]
+        modulus = fuel.bulk_modulus(p, at)
+        ratio = fuel.isentropic_bulk_modulus(p, at) / modulus
+        return cls(fuel.density(p, at), modulus, fuel.kinematic_viscosity(p, at), ratio)
+
+    def part(self, pressures: slice) -> _Values:
+        """Values at some of the pressures."""
+        return _Values._make(law[:, pressures] for law in self)
+
+
+def _fitted(fuel: Fuel, temperatures: Array) -> Array:
+    """Coefficients (k, c) at temperatures (k,), all laws evaluated together: fitted here, checked there."""
     p, inside = _grid(fuel)
+    check = _checked(fuel)
+    every = _Values.of(fuel, np.concatenate(([0.0], p, check)), temperatures)
     weight = np.where(inside, 1.0, _OUTSIDE_WEIGHT)
-    reference = float(fuel.density(0.0, temperature))
-    x = fuel.density(p, temperature) / reference - 1.0
-    modulus = fuel.bulk_modulus(p, temperature)
-    s = p * 1e-8
-    fluidity = 1.0 / fuel.kinematic_viscosity(p, temperature)
-    ratio = fuel.isentropic_bulk_modulus(p, temperature) / modulus
-    if not all(np.isfinite(law).all() for law in (x, modulus, fluidity, ratio)):
+    reference = every.density[:, :1]
+    values, tested = every.part(slice(1, 1 + len(p))), every.part(slice(1 + len(p), None))
+    x = values.density / reference - 1.0
+    s = np.broadcast_to(p * 1e-8, x.shape)
+    fluidity = 1.0 / values.viscosity
+    sound = np.isfinite(np.stack((x, values.modulus, fluidity, values.ratio))).all(axis=(0, 2))
+    for temperature in temperatures[~sound].tolist():
         raise ConfigurationError(
             f"Fuel {fuel.name} at {temperature:g} K cannot be simulated: within its range of pressure its laws give "
             "values that are no numbers; check their coefficients."
         )
+    vapour = fuel.vapour_pressure(temperatures)[:, None]
     fitted = (
-        _pressure_polynomial(x, p, modulus, weight),
+        _pressure_polynomial(x, p, values.modulus, weight),
         _polynomial(s, x, _DEGREE_START, 1, weight / (1.0 + x)),
         _polynomial(s, fluidity, _DEGREE_FLUIDITY, 0, weight / fluidity),
-        _polynomial(s, ratio, _DEGREE_RATIO, 0, weight / ratio),
+        _polynomial(s, values.ratio, _DEGREE_RATIO, 0, weight / values.ratio),
     )
-    vapour = float(fuel.vapour_pressure(temperature))
-    values = np.concatenate(([reference, 1.0 / reference], *fitted, [vapour]))
-    coefficients = FuelCoefficients._make(values.tolist())
-    _refuse_if_poor(fuel, temperature, coefficients)
-    return coefficients
+    rows = np.concatenate((reference, 1.0 / reference, *fitted, vapour), axis=1)
+    for i, temperature in enumerate(temperatures.tolist()):
+        own = _Values._make(law[i : i + 1] for law in tested)
+        _refuse_if_poor(fuel, temperature, _errors(own, check, FuelCoefficients._make(rows[i].tolist())))
+    return rows
 
 
 def polynomial_errors(fuel: Fuel, temperature: float, coefficients: FuelCoefficients) -> PolynomialErrors:
@@ -102,15 +151,22 @@ def polynomial_errors(fuel: Fuel, temperature: float, coefficients: FuelCoeffici
     coefficients : FuelCoefficients
         The polynomials.
     """
-    f = coefficients
-    p = np.linspace(*fuel.pressure_range, 101)
+    p = _checked(fuel)
+    return _errors(_Values.of(fuel, p, np.array([temperature])), p, coefficients)
+
+
+def _checked(fuel: Fuel) -> Array:
+    """Pressures [Pa] that polynomials are measured at."""
+    return np.linspace(*fuel.pressure_range, 101)
+
+
+def _errors(values: _Values, p: Array, f: FuelCoefficients) -> PolynomialErrors:
+    """Measure polynomials against values (1, n) of the laws at pressures (n,)."""
+    rho, modulus, viscosity, ratio = (law[0] for law in values)
     s = p * 1e-8
-    rho, modulus = fuel.density(p, temperature), fuel.bulk_modulus(p, temperature)
     x = rho / f.reference_density - 1.0
     bend = np.array((0.0, f.p1, f.p2, f.p3, f.p4, f.p5, f.p6, f.p7))
     slope = bend[1:] * np.arange(1, bend.size)
-    ratio = fuel.isentropic_bulk_modulus(p, temperature) / modulus
-    viscosity = fuel.kinematic_viscosity(p, temperature)
     return PolynomialErrors(
         # a pressure error dp is a density error dp/K at given pressure
         density=_largest((polyval(x, bend) - p) / modulus),
@@ -130,32 +186,32 @@ def _grid(fuel: Fuel) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _pressure_polynomial(x: Array, p: Array, modulus: Array, weight: Array) -> Array:
-    """Fit p(x), zero at zero, to the pressures and, with equal weight, to the moduli."""
-    scale = float(x[-1])
+    """Fit p(x) (k, degree), zero at zero, to the pressures (n,) and, with equal weight, to the moduli (k, n)."""
+    scale = x[:, -1:]
     power = np.arange(1, _DEGREE_PRESSURE + 1)
     powers = _powers(x / scale, _DEGREE_PRESSURE)
-    values = powers[:, 1:] / modulus[:, None]
-    slopes = power * powers[:, :-1] / scale * ((1.0 + x) / modulus)[:, None]
-    rows = np.concatenate((values, slopes)) * np.tile(weight, 2)[:, None]
-    wanted = np.concatenate((p / modulus, np.ones_like(p))) * np.tile(weight, 2)
-    return least_squares(rows, wanted) / _powers(np.array([scale]), _DEGREE_PRESSURE)[0, 1:]
+    values = powers[..., 1:] / modulus[..., None]
+    slopes = power * powers[..., :-1] / scale[..., None] * ((1.0 + x) / modulus)[..., None]
+    rows = np.concatenate((values, slopes), axis=1) * np.tile(weight, 2)[:, None]
+    wanted = np.concatenate((p / modulus, np.ones_like(x)), axis=1) * np.tile(weight, 2)
+    return least_squares(rows, wanted) / _powers(scale, _DEGREE_PRESSURE)[:, 0, 1:]
 
 
 def _polynomial(s: Array, y: Array, degree: int, lowest: int, weight: Array) -> Array:
-    """Fit y(s) by the powers `lowest` to `degree`, ascending."""
-    return least_squares(_powers(s, degree)[:, lowest:] * weight[:, None], y * weight)
+    """Fit y(s) (k, n) by the powers `lowest` to `degree`, ascending."""
+    return least_squares(_powers(s, degree)[..., lowest:] * weight[..., None], y * weight)
 
 
 def _powers(x: Array, degree: int) -> Array:
-    """Powers (n, degree + 1) of numbers (n,), by multiplication."""
+    """Powers (…, degree + 1) of numbers (…), by multiplication."""
     columns = [np.ones_like(x)]
     for _ in range(degree):
         columns.append(columns[-1] * x)
-    return np.stack(columns, axis=1)
+    return np.stack(columns, axis=-1)
 
 
-def _refuse_if_poor(fuel: Fuel, temperature: float, coefficients: FuelCoefficients) -> None:
-    error = polynomial_errors(fuel, temperature, coefficients).bulk_modulus
+def _refuse_if_poor(fuel: Fuel, temperature: float, errors: PolynomialErrors) -> None:
+    error = errors.bulk_modulus
     if not error <= _LARGEST_ERROR:
         raise ConfigurationError(
             f"Fuel {fuel.name} at {temperature:g} K cannot be simulated: its bulk modulus "
