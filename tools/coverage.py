@@ -156,6 +156,7 @@ BEDS: dict[str, Bed] = {
     "delay 0.2 us": _delay(0.2e-6),
     "delay 0.5 us": _delay(0.5e-6),
     "delay 2 us": _delay(2e-6),
+    "delay 0.2 us, autoregressive": _delay(0.2e-6, autoregressive),
     "delay 0.5 us, autoregressive": _delay(0.5e-6, autoregressive),
     "delay 1 us, autoregressive": _delay(1e-6, autoregressive),
     "seven in order": Bed(Promise(every=(90, 98), wrong=7), SEVEN, starts=8, spread=(0.9, 0.9), constraints=(ORDER,)),
@@ -293,7 +294,8 @@ def row(bed: Bed, many: int) -> Row:
         judged = verdicts_of(one, low, high, withdrawal(one, tests))
         friction = friction_withdraws(study, whole, judged, 1)
         if friction is not None:
-            tests, tested = [*tests, friction.judged(level_of(one, True))], tested + friction.simulated
+            level = level_of(whole, True, len(whole.unit) - len(one.unit))
+            tests, tested = [*tests, friction.judged(level)], tested + friction.simulated
             judged = verdicts_of(one, low, high, withdrawal(one, tests))
         cost.append((one.simulated, middle - begin, tested, time.process_time() - middle))
         found.append(one.point - bench.truth)

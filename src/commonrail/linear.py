@@ -7,6 +7,7 @@ whole rows or columns, or a sum along one, which is rounded the same way everywh
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +32,9 @@ def least_squares(matrix: Floats, wanted: Floats, rcond: float | None = None) ->
         solution (their x is 0); by default, machine precision times the larger of m and n.
     """
     rows, columns = np.shape(matrix)[-2:]
-    a = np.array(matrix, dtype=float).reshape(-1, rows, columns)
-    b = np.array(wanted, dtype=float).reshape(-1, rows)
+    many = math.prod(np.shape(matrix)[:-2])
+    a = np.array(matrix, dtype=float).reshape(many, rows, columns)
+    b = np.array(wanted, dtype=float).reshape(many, rows)
     systems = np.arange(len(a))
     order = np.tile(np.arange(columns), (len(a), 1))
     limit = (np.finfo(float).eps * max(rows, columns) if rcond is None else rcond) ** 2

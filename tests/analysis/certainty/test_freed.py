@@ -23,7 +23,8 @@ def test_a_delay_of_its_stated_size_is_no_finding() -> None:
     bench = benches.bench(26)  # -1.9 us
     found = benches.fit(bench)
     assert lack_of_fit(found)[0].score < 5e-3  # the derivatives at the fitted values do not know where it leads to
-    (test,), simulated = judged_residuals(bench.study, found, None, 1)
+    (test, delay), simulated = judged_residuals(bench.study, found, None, 1)
+    assert not delay.found
     assert not test.found
     assert test.score > 0.05
     assert 100 < simulated < 1000
@@ -37,7 +38,8 @@ def test_another_fault_is_found_beside_it() -> None:
     assert isinstance(curve, cr.RateData)
     shifted = replace(bench.study, data=(replace(curve, rate=curve.rate + 0.2e-6),))  # an offset of 0.7 deviations
     found = benches.fit(bench._replace(study=shifted))
-    (test,), simulated = judged_residuals(shifted, found, None, 1)
+    (test, delay), simulated = judged_residuals(shifted, found, None, 1)
+    assert delay.suspect == delay.name == "meter.unnamed_1.delay"
     assert (test.found, test.suspect) == (True, "offset")
     assert simulated > 100
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -58,6 +59,35 @@ def test_sides_that_both_fail_leave_the_derivatives() -> None:
     nothing, wave = np.full(300, np.nan), design()[:, 1]
     found = fitted(with_sides(nothing, nothing, 0.2 * wave))
     np.testing.assert_allclose(found.covariance.nuisances[0], [0.0, -0.2 / 9.9, 0.0], atol=1e-9)
+
+
+def test_fits_that_end_at_a_bound_do_not_shorten_a_move() -> None:
+    """The second parameter, 3.0, would fall by 4.0 and has 2.9 to its bound; derivatives, never cut, say 3.9."""
+    wave = design()[:, 1]
+    found = fitted(with_sides(4.0 * wave, -4.0 * wave, 3.9 * wave))
+    assert found.covariance.nuisances[0][1] == pytest.approx(-3.9 / 9.9, rel=1e-2)
+
+
+def test_the_longer_move_gives_the_signs_where_both_sides_bend_alike() -> None:
+    """Ends at (−0.4, −0.4) above and (−0.2, −0.2) below: what keeps the difference of the two in every fit."""
+    both = design()[:, 0] + design()[:, 1]
+    found = fitted(with_sides(0.4 * both, 0.2 * both, 0.1 * both))
+    first, second, _ = found.covariance.nuisances[0]
+    assert first == pytest.approx(-np.sqrt(0.1) / 9.9, rel=0.02)
+    assert second == pytest.approx(first, rel=0.02)
+
+
+def test_a_temperature_of_one_data_set_leaves_the_others_as_they_are() -> None:
+    bench = Benches(BEDS["curve and map"]).bench(0)
+    curve, quantities = bench.study.data
+    uncertain = curve.with_noise(Noise(uncertain={"fuel_temperature": 5.0}))
+    own = Likelihood.of(replace(bench.study, data=(uncertain, quantities)), 1)
+    plain = own.residuals(bench.truth[None])[0]
+    of_curve, of_map = (block.rows for block in own.blocks)
+    for side in own.nuisances[0].sides:
+        moved = side(bench.truth[None])[0]
+        assert (moved[of_map] == plain[of_map]).all()
+        assert np.abs(moved[of_curve] - plain[of_curve]).max() > 0.0
 
 
 def test_a_delay_moves_k7_as_far_as_a_fit_with_it_does() -> None:

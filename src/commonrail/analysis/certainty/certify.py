@@ -165,7 +165,7 @@ def certify(
     verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     friction = friction_withdraws(within.study, within.whole, verdicts, thread_count(threads))
     if friction is not None:
-        tests, more = [*tests, friction.judged(level_of(found, True))], more + friction.simulated
+        tests, more = [*tests, friction.judged(_level(within))], more + friction.simulated
         reason = withdrawal(found, tests)
         verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     return Certainty(
@@ -193,8 +193,13 @@ def _tests(within: Within, threads: int | None) -> tuple[list[LackOfFit], float,
     tests, simulated = judged_residuals(study, found, delay, threads, priors_from=len(within.found.unit))
     if delay is None:
         return tests, float("nan"), simulated
-    visible, more = visible_delay(study, found, level_of(found, True), threads)
+    visible, more = visible_delay(study, found, _level(within), threads)
     return tests, visible, simulated + delay.simulated + more
+
+
+def _level(within: Within) -> float:
+    """Level of each test, as `judged_residuals` has it where a delay is tested."""
+    return level_of(within.whole, True, len(within.whole.unit) - len(within.found.unit))
 
 
 def friction_withdraws(
@@ -252,7 +257,11 @@ def _intervals(within: Within, profiled: Mapping[str, Profile], level: float) ->
     """Ends of the intervals, and the estimator of each."""
     found = within.found
     low, high = (np.array(end) for end in found.interval(level))
-    way = "fitted as stated" if within.integrated else "fitted as stated, too few draws agree: by its curvature alone"
+    way = (
+        "fitted as stated"
+        if within.integrated
+        else "fitted as stated, too few draws agree: wider of these and the curvature"
+    )
     fitted = f", {listed(list(within.fitted))} {way}" if within.fitted else ""
     local = _local_label(found) + fitted
     labels = [local] * len(low)

@@ -3,7 +3,7 @@
 A delay of two microseconds bends the path that the parameters imitate it along: what is left of it at the fitted values
 is neither its derivative nor its second one, and a test that knows these two takes it for a fault of the model. Where
 such a test finds something, the uncertain quantities are fitted too, with their standard deviations as priors, and the
-test is made there.
+test is made there, and one of each quantity: is it where the study states it?
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def judged_residuals(
         return [*tests, *stated], wide.simulated
     again = lack_of_fit(freed, delay, priors_from=first, level=level)
     merged = [min(pair, key=lambda test: test.found) for pair in zip(tests, again, strict=True)]
-    return [*merged, *stated], freed.simulated
+    return [*merged, *beyond_stated(freed, first, level)], freed.simulated
 
 
 def _starts(wide: Likelihood, found: Estimate) -> Floats:

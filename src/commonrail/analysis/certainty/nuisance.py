@@ -158,10 +158,16 @@ def _changes(
         change = (0.5 * (ends[0] + ends[1]) - middle) / root_weights
         return np.where(np.isfinite(change), change, 0.0)
 
-    def residuals(side: Objective) -> Callable[[Floats], Floats]:
-        return lambda points: np.asarray(side.residuals(points)[:, : len(rows)] / root_weights)
+    def with_side(side: Objective) -> Callable[[Floats], Floats]:
+        def residuals(points: Floats) -> Floats:
+            found = side.residuals(points)[:, : len(rows)]
+            if not rows.all():
+                found = np.where(rows, found, objective.residuals(points)[:, : len(rows)])
+            return np.asarray(found / root_weights)
 
-    return shift, bend, tuple(residuals(side) for side in sides if len(sides) == 2)
+        return residuals
+
+    return shift, bend, tuple(with_side(side) for side in sides if len(sides) == 2)
 
 
 def _moved(objective: Objective, own: _Owner, change: float) -> Objective | None:

@@ -20,14 +20,17 @@ __all__ = ["with_refits"]
 
 Floats = NDArray[np.float64]
 
-LARGE = 1.0  # move over standard error by noise, from which it is taken from fits
+LARGE = (
+    0.25  # move over standard error by noise, from which it is taken from fits: derivatives promise a quarter of some
+)
 TURNS, TOLERANCE = 8, 0.05  # of each fit
 
 
 def with_refits(known: Covariance, own: Likelihood, unit: Floats) -> tuple[Covariance, int]:
     """The covariance with large moves by uncertain quantities taken from fits, and the points simulated.
 
-    A move is the root mean square of those to both sides, with the sign of the quantity's upper side.
+    A move is the root mean square of those to both sides, with the signs of the longer one. Bounds and constraints are
+    not projected out: where a fit ends at one, derivatives count too.
 
     Parameters
     ----------
@@ -58,15 +61,21 @@ def _move(own: Likelihood, unit: Floats, nuisance: Nuisance, linear: Floats) -> 
     linear : (d,)
         The move that derivatives promise.
     """
-    ends, simulated = [], 0
+    walls, simulated = Walls.of(own.space), 0
+    ends: list[Floats] = []
+    floor = np.zeros_like(linear)
     for sign, side in zip((1.0, -1.0), nuisance.sides, strict=False):  # there may be none
         with_side = own.with_space(own.space, side).with_noises(own.noises)
-        start = Walls.of(own.space).within(unit[None], unit[None] + sign * linear)
-        end = climb(with_side, start, turns=TURNS, tolerance=TOLERANCE)
+        starts = walls.within(np.tile(unit, (2, 1)), unit + np.array([[0.0], [sign]]) * linear)
+        found = climb(with_side, starts, turns=TURNS, tolerance=TOLERANCE)
         simulated += with_side.simulated
-        if np.isfinite(end.cost[0]):
-            ends.append(sign * (end.unit[0] - unit))
+        best = int(np.argmin(found.cost))
+        if np.isfinite(found.cost[best]):
+            ends.append(sign * (found.unit[best] - unit))
+            if walls.active(found.unit[best]).any():
+                floor = np.abs(linear)
     if not ends:
         return linear, simulated
-    size = np.sqrt(np.mean(np.square(ends), axis=0))
-    return np.where(np.mean(ends, axis=0) < 0.0, -size, size), simulated
+    longer = max(ends, key=lambda end: float(end @ end))
+    size = np.maximum(np.sqrt(np.mean(np.square(ends), axis=0)), floor)
+    return np.where(longer < 0.0, -size, size), simulated

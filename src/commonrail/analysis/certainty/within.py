@@ -44,8 +44,8 @@ class Within(NamedTuple):
     fitted : mapping of str to float
         Most likely values [SI] of these quantities.
     integrated : bool
-        The quantities were integrated out; False where too few draws agree with the data, and the curvature at the
-        most likely values was taken instead.
+        The quantities were integrated out; False where too few draws agree with the data, and the wider of these and
+        the curvature at the most likely values was taken.
     """
 
     study: Study

@@ -131,6 +131,8 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
     ]
     wide = own.with_noises(noises)
     covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, pulls_of(wide, found.unit))
+    fitted_moves, linear = found.covariance.nuisances, covariance.nuisances  # other weights, and no further fits
+    covariance = covariance._replace(nuisances=np.where(np.abs(fitted_moves) > np.abs(linear), fitted_moves, linear))
     return with_outliers(replace(found, likelihood=wide, covariance=covariance))
 
 
