@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from commonrail.report.certainty import certainty_lines, certainty_tables
 
 
@@ -51,3 +53,24 @@ def test_what_was_fitted_as_stated_is_told_with_its_value() -> None:
     assert "Fitted within what the study states, and integrated out: plunger_needle.friction 4.2 N." in certainty_lines(
         found
     )
+
+
+@pytest.mark.parametrize("is_stated", [False, True])
+def test_what_a_delay_moves_is_told_once(is_stated: bool) -> None:
+    """By fits where the study states it, else by derivatives: two figures for one question are one too many."""
+    found = record(False)
+    move = {"name": "delay of bench", "deviation": 1e-6, "unit": "s", "percent": 6.5}
+    found["certainty"] |= {
+        "parameters": [{"name": "k7", "moved_by": [move] if is_stated else [], "cure": ""}],
+        "sensitivity": [
+            {"quantity": "delay", "text": "1 us of delay", "percent": [1.8]},
+            {"quantity": "gain", "text": "1 % of gain", "percent": [0.4]},
+        ],
+        "visible_delay": 2e-6,
+    }
+    lines = certainty_lines(found)
+    assert "1 % of gain would move k7 by 0.4 %." in lines
+    assert ("1 us of delay would move k7 by 1.8 %." in lines) is not is_stated
+    assert ("One standard deviation of the delay of bench (1 us) moves k7 by 6.5 %." in lines) is is_stated
+    words = "beyond what the study states" if is_stated else "which the study lacks"
+    assert any(line.startswith(f"A delay of the meter of 2 us, {words}, ") for line in lines)

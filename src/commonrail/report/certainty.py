@@ -165,10 +165,18 @@ def _stated(parameters: Sequence[Record]) -> list[str]:
     return lines
 
 
+def _is_stated(found: Record, quantity: str) -> bool:
+    """True if the study states a quantity of a meter as uncertain."""
+    return any(one["name"].startswith(f"{quantity} of ") for one in found["parameters"][0]["moved_by"])
+
+
 def _sensitivity(found: Record) -> list[str]:
+    """One sentence for each quantity of the bench that the study does not state."""
     names = [p["name"] for p in found["parameters"]]
     lines = []
     for one in found["sensitivity"]:
+        if _is_stated(found, one["quantity"]):
+            continue  # said already, by fits that know more than derivatives
         moves = list(zip(names, map(number, one["percent"]), strict=True))
         lines.append(f"{one['text']} would move {_moves(moves)}.")
     return lines
@@ -185,8 +193,9 @@ def _visible(found: Record) -> list[str]:
     delay = number(found.get("visible_delay"))
     if delay is None:
         return []
+    words = "beyond what the study states" if _is_stated(found, "delay") else "which the study lacks"
     return [
-        f"A delay of the meter of {to_text(delay, 's', 2)}, which the study lacks, would be found in 9 of 10 benches "
+        f"A delay of the meter of {to_text(delay, 's', 2)}, {words}, would be found in 9 of 10 benches "
         "with this noise; a smaller one mostly stays hidden in the parameters."
     ]
 

@@ -82,10 +82,16 @@ def estimate_within(study: Study, own: Likelihood, starts: Floats, threads: int 
     if starts.shape[1] == d:
         starts = np.column_stack([starts, _begins(wide, d, len(starts))])
     whole = estimate(wide, starts)
-    fitted = dict(zip(wide.names[d:], whole.point[d:].tolist(), strict=True))
+    fitted = dict(zip(wide.names[d:], _rounded(wide, whole.point)[d:].tolist(), strict=True))
     over = mixture_of(whole, d)
     whole = replace(whole, simulated=whole.simulated + over.simulated)
     return Within(free, whole, _alone(own, whole, over), fitted, over.believed)
+
+
+def _rounded(wide: Likelihood, point: Floats) -> Floats:
+    """Values (d + m,) [SI]; those within 1e-9 of their range from their lower bound are that bound."""
+    lower, upper = wide.space.lower, wide.space.upper
+    return np.where(point - lower < 1e-9 * (upper - lower), lower, point)
 
 
 def _begins(wide: Likelihood, d: int, many: int) -> Floats:
