@@ -25,7 +25,6 @@ import commonrail as cr
 from commonrail.analysis.certainty.certify import friction_withdraws
 from commonrail.analysis.certainty.estimate import Estimate, library, starts_from
 from commonrail.analysis.certainty.freed import judged_residuals
-from commonrail.analysis.certainty.lack_of_fit import level_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import missing_delay
 from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
@@ -294,8 +293,7 @@ def row(bed: Bed, many: int) -> Row:
         judged = verdicts_of(one, low, high, withdrawal(one, tests))
         friction = friction_withdraws(study, whole, judged, 1)
         if friction is not None:
-            level = level_of(whole, True, len(whole.unit) - len(one.unit))
-            tests, tested = [*tests, friction.judged(level)], tested + friction.simulated
+            tests, tested = [*tests, friction.judged(within.level)], tested + friction.simulated
             judged = verdicts_of(one, low, high, withdrawal(one, tests))
         cost.append((one.simulated, middle - begin, tested, time.process_time() - middle))
         found.append(one.point - bench.truth)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate, library, starts_from
 from commonrail.analysis.certainty.freed import judged_residuals
-from commonrail.analysis.certainty.lack_of_fit import LackOfFit, level_of
+from commonrail.analysis.certainty.lack_of_fit import LackOfFit
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import missing_delay, visible_delay
 from commonrail.analysis.certainty.missing_friction import MissingFriction, missing_friction
@@ -165,7 +165,7 @@ def certify(
     verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     friction = friction_withdraws(within.study, within.whole, verdicts, thread_count(threads))
     if friction is not None:
-        tests, more = [*tests, friction.judged(_level(within))], more + friction.simulated
+        tests, more = [*tests, friction.judged(within.level)], more + friction.simulated
         reason = withdrawal(found, tests)
         verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     return Certainty(
@@ -193,13 +193,8 @@ def _tests(within: Within, threads: int | None) -> tuple[list[LackOfFit], float,
     tests, simulated = judged_residuals(study, found, delay, threads, priors_from=len(within.found.unit))
     if delay is None:
         return tests, float("nan"), simulated
-    visible, more = visible_delay(study, found, _level(within), threads)
+    visible, more = visible_delay(study, found, within.level, threads)
     return tests, visible, simulated + delay.simulated + more
-
-
-def _level(within: Within) -> float:
-    """Level of each test, as `judged_residuals` has it where a delay is tested."""
-    return level_of(within.whole, True, len(within.whole.unit) - len(within.found.unit))
 
 
 def friction_withdraws(

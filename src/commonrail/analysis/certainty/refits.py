@@ -1,8 +1,9 @@
 """Moves of the estimates by uncertain quantities, from fits with each a standard deviation off.
 
 The likelihood of a curve ripples along the path on which the parameters imitate a delay: derivatives at the most likely
-values promise a third of the move at one place and all of it at another. Where a quantity moves a parameter by more
-than its error by noise, the parameters are fitted anew with it a standard deviation above and below.
+values promise a quarter of the move at one place and all of it at another. Where they promise a quarter of a
+parameter's error by noise, or more, the parameters are fitted anew with the quantity a standard deviation above and
+below.
 """
 
 from __future__ import annotations
@@ -20,9 +21,7 @@ __all__ = ["with_refits"]
 
 Floats = NDArray[np.float64]
 
-LARGE = (
-    0.25  # move over standard error by noise, from which it is taken from fits: derivatives promise a quarter of some
-)
+LARGE = 0.25  # move over standard error by noise, from which it is taken from fits
 TURNS, TOLERANCE = 8, 0.05  # of each fit
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import Covariance, moved_by
 from commonrail.analysis.certainty.estimate import Estimate, estimate
+from commonrail.analysis.certainty.lack_of_fit import level_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.mixture import Mixture, mixture_of
 from commonrail.analysis.certainty.nuisance import Nuisance
@@ -53,6 +54,11 @@ class Within(NamedTuple):
     found: Estimate
     fitted: Mapping[str, float]
     integrated: bool = True
+
+    @property
+    def level(self) -> float:
+        """Level of each test of the fit, where a delay and friction have tests of their own."""
+        return level_of(self.whole, True, len(self.whole.unit) - len(self.found.unit))
 
 
 def estimate_within(study: Study, own: Likelihood, starts: Floats, threads: int | None = None) -> Within:
