@@ -59,5 +59,7 @@ def test_a_curve_without_a_band_has_none(record: dict[str, Any]) -> None:
 def test_the_sentence_counts_samples(record: dict[str, Any]) -> None:
     data = record["data"][0]
     count = data["band"]["values"]
-    assert band_sentence(data).startswith(f"{count - 3} of {count} measured samples of {data['name']}")
+    for synthetic, origin in (("made by the tests", "synthetic"), ("", "measured")):
+        sentence = band_sentence(data | {"synthetic": synthetic})
+        assert sentence.startswith(f"{count - 3} of {count} {origin} samples of {data['name']}")
     assert "median half width is 4.0 % of the largest value" in band_sentence(data)

@@ -22,13 +22,13 @@ def band_name(data: Record) -> str:
 
 
 def band_sentence(data: Record) -> str:
-    """Sentence on how many measured values of a data set lie in their bands."""
+    """Sentence on how many values of a data set, measured or synthetic, lie in their bands."""
     band = data["band"]
     course = "half_widths" not in band
     median, alone = fixed(band["median_half_width_percent"], 1), band["covered_by_parameters_alone"]
     return (
-        f"{band['covered']} of {band['values']} measured {'samples' if course else 'quantities'} of {data['name']} "
-        f"({data['role']}) lie in the {band_name(data)}, whose median half width is {median} %"
+        f"{band['covered']} of {band['values']} {origin_of(data)} {'samples' if course else 'quantities'} of "
+        f"{data['name']} ({data['role']}) lie in the {band_name(data)}, whose median half width is {median} %"
         f"{' of the largest value' if course else ''} ({alone} in that of the parameters alone)"
         f"{IN_SAMPLE if data['role'] == 'fit' else ''}."
     )
