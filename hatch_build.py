@@ -1,4 +1,4 @@
-"""Build hook: with COMMONRAIL_BUILD_KERNELS=1 a wheel carries libraries of the compiled simulation."""
+"""With COMMONRAIL_BUILD_KERNELS=1 a wheel carries libraries of the compiled simulation and requires no compiler."""
 
 from __future__ import annotations
 
@@ -10,9 +10,24 @@ from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 ASKED = "COMMONRAIL_BUILD_KERNELS"
 TAG = "COMMONRAIL_WHEEL_TAG"  # such as py3-none-manylinux_2_28_x86_64
+
+
+def is_asked() -> bool:
+    """True if the wheel is to have libraries."""
+    return os.environ.get(ASKED) == "1"
+
+
+class RequirementsHook(MetadataHookInterface):
+    """What the package requires: without libraries the compiler of the extra `jit` too."""
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """Enter the requirements."""
+        compiler = [] if is_asked() else metadata["optional-dependencies"]["jit"]
+        metadata["dependencies"] = [*self.config["dependencies"], *compiler]
 
 
 class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
@@ -20,11 +35,12 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
 
     def dependencies(self) -> list[str]:
         """Packages that the compiler needs in the environment that the wheel is built in."""
-        return list(self.metadata.core.dependencies) if self._is_asked() else []
+        core = self.metadata.core
+        return [*core.dependencies, *core.optional_dependencies["jit"]] if is_asked() else []
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile and link the libraries, and put them into the wheel."""
-        if not self._is_asked():
+        if not is_asked():
             return
         root = Path(self.root)
         self._made = tempfile.TemporaryDirectory(prefix="commonrail-kernels-")  # removed at the latest with the process
@@ -40,9 +56,5 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove the libraries, which are in the wheel now."""
-        if self._is_asked():
+        if is_asked():
             self._made.cleanup()
-
-    @staticmethod
-    def _is_asked() -> bool:
-        return os.environ.get(ASKED) == "1"

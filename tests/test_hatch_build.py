@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 import tempfile
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -57,20 +58,32 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def build(tree: Path, target: Path) -> tuple[str, dict[str, bytes]]:
-    """Build a wheel; returns its name and its files of the folder of kernels, and checks that nothing else is left."""
+class Built(NamedTuple):
+    """A wheel: its name, its files of the folder of kernels, and the packages that it requires without extras."""
+
+    name: str
+    kernels: dict[str, bytes]
+    required: set[str]
+
+
+def build(tree: Path, target: Path) -> Built:
+    """Build a wheel, and check that nothing else is left."""
     made = Path(next(wheels.WheelBuilder(str(tree)).build(directory=str(target), versions=["standard"])))
     assert [path.name for path in target.iterdir()] == [made.name]
     with zipfile.ZipFile(made) as wheel:
         names = wheel.namelist()
         assert {"commonrail/py.typed", "commonrail/fuel/catalogue/iso4113.toml"} <= set(names)
-        return made.name, {Path(n).name: wheel.read(n) for n in names if n.startswith("commonrail/kernels/")}
+        (about,) = (wheel.read(n).decode() for n in names if n.endswith(".dist-info/METADATA"))
+        kernels = {Path(n).name: wheel.read(n) for n in names if n.startswith("commonrail/kernels/")}
+    lines = re.findall(r"^Requires-Dist: ([\w-]+)(?!.*extra ==)", about, re.MULTILINE)
+    return Built(made.name, kernels, set(lines))
 
 
 def test_a_wheel_is_pure_unless_it_is_asked_for_libraries(tree: Path, tmp_path: Path) -> None:
-    name, kernels = build(tree, tmp_path)
-    assert name.endswith("-py3-none-any.whl")
-    assert kernels == {}
+    built = build(tree, tmp_path)
+    assert built.name.endswith("-py3-none-any.whl")
+    assert built.kernels == {}
+    assert {"numpy", "scipy", "numba"} <= built.required
 
 
 @pytest.mark.skipif(not has_compiler(), reason="no C compiler for x86-64 Linux is installed")
@@ -96,8 +109,10 @@ def test_a_wheel_has_the_libraries_that_were_asked_for(
     monkeypatch.setenv(ASKED, "1")
     if tag:
         monkeypatch.setenv(TAG, tag)
-    name, kernels = build(tree, tmp_path)
+    name, kernels, required = build(tree, tmp_path)
     assert name.endswith(f"-{tag or 'py3-none-linux_x86_64'}.whl")
+    assert "numpy" in required
+    assert "numba" not in required  # it is in the extra `jit`
     assert set(kernels) == {"lanes-v3.so", "stamp.json"}
     stamp = json.loads(kernels["stamp.json"])
     assert stamp["libraries"] == {"lanes-v3.so": hashlib.sha256(kernels["lanes-v3.so"]).hexdigest()}

@@ -57,6 +57,7 @@ __all__ = [
     "make_begin",
     "make_ferry",
     "make_blocks",
+    "make_own_inputs",
     "make_simulate",
     "shape_of",
 ]
@@ -64,7 +65,6 @@ __all__ = [
 Law = Callable[..., Any]
 
 FUEL, INPUTS = layout_of(FuelCoefficients), layout_of(Inputs)
-LOAD_INPUTS = INPUTS.load
 
 
 class Machine(NamedTuple):
@@ -172,10 +172,16 @@ def same_inputs(inputs, work, rows, lane):  # type: ignore[no-untyped-def]
     return inputs
 
 
-@physics
-def own_inputs(inputs, work, rows, lane):  # type: ignore[no-untyped-def]
-    """Inputs of a lane, from its rows."""
-    return LOAD_INPUTS(work, at(rows, rows.inputs, lane), rows.lanes)
+@cache
+def make_own_inputs() -> Law:
+    """Function (inputs, work, rows, lane) that gives the inputs of a lane, from its rows."""
+    load_inputs = INPUTS.load
+
+    @physics
+    def own_inputs(inputs, work, rows, lane):  # type: ignore[no-untyped-def]
+        return load_inputs(work, at(rows, rows.inputs, lane), rows.lanes)
+
+    return own_inputs  # type: ignore[no-any-return]
 
 
 def make_advance(variant: Variant, rows: Any, vectors: Law = any_vectors, inputs_of: Law = same_inputs) -> Law:
@@ -236,7 +242,7 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
     """
     real, keep, vectors = machine.real, machine.keep, machine.vectors
     begin = make_begin(variant, rows, make_settings(real))
-    advance = make_advance(variant, rows, vectors, own_inputs)
+    advance = make_advance(variant, rows, vectors, make_own_inputs())
     arrive, leave = make_ferry(rows, machine.copy, machine.gather)
     row_of, set_inputs, turn, follow, is_traced, first = machine.inlets(rows)
 

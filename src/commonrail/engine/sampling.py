@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.population import candidate_matrix
+from commonrail.engine.simulate import usable_threads
 from commonrail.engine.status import which_failed
 from commonrail.engine.statuses import statuses_of
 from commonrail.injector.definition import Injector
@@ -25,6 +26,7 @@ def sampled_rates(
     values: Floats,
     time_step: float,
     *,
+    threads: int | None = None,
     prepared: plan.Prepared | None = None,
     same_bits: bool = False,
 ) -> Floats:
@@ -34,7 +36,7 @@ def sampled_rates(
 
     Parameters
     ----------
-    injector, point, names, values, time_step, same_bits
+    injector, point, names, values, time_step, threads, same_bits
         As in `simulate_batch`.
     bounds : (n,)
         [s].
@@ -44,7 +46,8 @@ def sampled_rates(
     prepared = prepared or plan.prepare(injector, [point], time_step)
     theta = candidate_matrix(injector, names, values, prepared.row)
     job = plan.make_job(prepared, theta, False)
-    outcome, trace = lanes.run(job, injector.wired(names), traced=True, injected_only=True, same_bits=same_bits)
+    variant, many = injector.wired(names), threads or usable_threads()
+    outcome, trace = lanes.run(job, variant, traced=True, threads=many, injected_only=True, same_bits=same_bits)
     injected = np.moveaxis(trace[:, :, 0, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
     time = point.start + time_step * np.arange(trace.shape[1])
     masses = np.array([np.interp(bounds, time, mass) for mass in injected])

@@ -17,7 +17,7 @@ from typing import Any
 
 from numba import types
 
-from commonrail.engine.block import INPUTS, Law, Memory, make_advance, make_ferry, own_inputs
+from commonrail.engine.block import INPUTS, Law, Memory, make_advance, make_ferry, make_own_inputs
 from commonrail.engine.notes import Outcome, report_rest
 from commonrail.engine.registers import row_copier, row_gatherer
 from commonrail.engine.rows import make_rows
@@ -33,7 +33,7 @@ LANES = 8  # numbers in the widest registers there are, and cylinders of most en
 def make_block_entries(variant: Variant) -> dict[str, tuple[Law, Any]]:
     """Functions and Numba signatures of a wiring's block by the name of the entry."""
     rows, copy = make_rows(variant, LANES), row_copier(LANES)
-    advance = make_advance(variant, rows, widest_vectors, own_inputs)
+    advance = make_advance(variant, rows, widest_vectors, make_own_inputs())
     arrive, leave = make_ferry(rows, copy, row_gatherer(LANES))
     working, first_input, given, noted = rows.end, rows.inputs, len(INPUTS.paths), len(Outcome._fields)
 

@@ -189,7 +189,7 @@ class RateData(DataSet):
             return self._as_shown(candidates)
         s = simulator
         how = s.injector, self.point, self.bounds, *s.of_injector(values), s.time_step
-        rates = sampled_rates(*how, prepared=s.prepared(self.points), same_bits=s.same_bits)
+        rates = sampled_rates(*how, threads=s.threads, prepared=s.prepared(self.points), same_bits=s.same_bits)
         return rates / self.density_of(candidates)
 
     def _as_shown(self, candidates: Candidates) -> Floats:
