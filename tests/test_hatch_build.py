@@ -99,6 +99,7 @@ def test_a_wheel_has_the_libraries_that_were_asked_for(
             return link(command, **settings)  # the C compiler
         assert command[2] == "commonrail.export.lane_library"
         assert settings["env"]["PYTHONPATH"] == str(tree / "src")
+        assert command[4:] == ["all"]  # who has no compiler needs every wiring
         folders.append(Path(command[3]))
         # all of them take minutes; these loops are compiled for tests of the libraries too
         write_libraries(folders[-1], [rigid.wired()], (Precision.F64,), (LEVEL_3,))

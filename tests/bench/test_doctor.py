@@ -113,7 +113,7 @@ def test_without_the_compiler_the_machine_is_looked_at_all_the_same(monkeypatch:
     monkeypatch.setitem(sys.modules, "llvmlite", None)
     monkeypatch.setattr(doctor, "version", lambda package: "" if package == "llvmlite" else "1.0")
     facts = {fact.name: fact for fact in doctor.machine_facts()}
-    assert facts["llvmlite"].verdict.endswith("Install it: pip install llvmlite.")
+    assert facts["llvmlite"].verdict.endswith("Install it: pip install 'commonrail[jit]'.")
     assert facts["instruction sets"] == Fact("instruction sets", "none known")
 
 
@@ -123,6 +123,7 @@ def test_a_package_is_essential_unless_libraries_do_without(monkeypatch: pytest.
     lacking, with_libraries = (
         next(fact for fact in doctor.package_facts(found) if fact.verdict != OK) for found in (False, True)
     )
-    assert lacking == Fact(package, "not installed", f"Install it: pip install {package}.", True)
+    wanted = "'commonrail[jit]'" if package in ("numba", "llvmlite") else package
+    assert lacking == Fact(package, "not installed", f"Install it: pip install {wanted}.", True)
     assert with_libraries.essential == (package == "numpy")
     assert with_libraries.verdict.startswith("Simulations by a library do without") == (package != "numpy")

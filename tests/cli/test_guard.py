@@ -40,8 +40,8 @@ def end_with(error: BaseException) -> Result:
         (
             ModuleNotFoundError("No module named 'llvmlite.binding'", name="llvmlite.binding"),
             2,
-            "this needs a simulation that no library of this installation holds, and the package llvmlite, which "
-            "compiles it, is not installed: pip install llvmlite.",
+            "this needs machine code that no library of this installation holds, and the package llvmlite, which "
+            "compiles it, is not installed: pip install 'commonrail[jit]'.",
         ),
         (
             ModuleNotFoundError("No module named 'scipy'", name="scipy"),

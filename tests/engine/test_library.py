@@ -205,6 +205,11 @@ def test_a_library_is_replaced_whole(use: pytest.MonkeyPatch, made: Path, tmp_pa
     assert sorted(found.name for found in tmp_path.iterdir()) == ["lanes-v3.so", library.STAMP]
 
 
+def test_processes_beside_each_other_make_the_same_libraries(made: Path, tmp_path: Path, rigid: cr.Injector) -> None:
+    write_libraries(tmp_path, [rigid.wired()], [Precision.F64], [LEVEL_3], processes=2)
+    assert (tmp_path / "lanes-v3.so").read_bytes() == (made / "lanes-v3.so").read_bytes()
+
+
 def test_without_a_c_compiler_one_sentence_says_so(tmp_path: Path) -> None:
     """Before the loops are compiled, which takes minutes."""
     code = (

@@ -36,9 +36,10 @@ BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
 # Packages that a simulation needs where no library holds it, and what needs them in any case.
 WITHOUT_LIBRARIES = {
     "scipy": "the reference engine, refinements and some analyses need",
-    "numba": "injectors wired in other ways than the catalogue's need",
-    "llvmlite": "injectors wired in other ways than the catalogue's need",
+    "numba": "other simulations, the reference engine, the stepper and exports need",
+    "llvmlite": "other simulations, the reference engine, the stepper and exports need",
 }
+CURES = dict.fromkeys(("numba", "llvmlite"), "pip install 'commonrail[jit]'")
 EXTRAS = {
     "distributed": ("distributed", "to calibrate on a cluster", "pip install 'commonrail[cluster]'"),
     "cryptography": ("cryptography", "for --cluster local", "pip install 'commonrail[cluster]'"),
@@ -101,7 +102,7 @@ def package_facts(has_libraries: bool) -> Iterator[Fact]:
         found = version(package)
         needless = has_libraries and package in WITHOUT_LIBRARIES
         lacking = f"Simulations by a library do without; {WITHOUT_LIBRARIES[package]} it. " if needless else ""
-        cure = f"{lacking}Install it: pip install {package}."
+        cure = f"{lacking}Install it: {CURES.get(package, f'pip install {package}')}."
         yield Fact(package, found or "not installed", OK if found else cure, not needless)
 
 

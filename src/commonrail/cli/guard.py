@@ -20,10 +20,11 @@ __all__ = ["INTERRUPTED", "guarded", "show_traceback"]
 
 UNEXPECTED = 1
 UNUSABLE = 2
-# Packages that are loaded where they are used, since a simulation by a library does without; opening of the sentence.
-_COMPILED = "this needs a simulation that no library of this installation holds, and the package {}, which compiles it"
-_LACKING = {name: _COMPILED.format(name) for name in ("llvmlite", "numba")}
-_LACKING |= {"scipy": "the package scipy, which this needs"}
+# Packages that are loaded where they are used, since a simulation by a library does without; opening of the
+# sentence, and what pip is to install.
+_COMPILED = "this needs machine code that no library of this installation holds, and the package {}, which compiles it"
+_LACKING = {name: (_COMPILED.format(name), "'commonrail[jit]'") for name in ("llvmlite", "numba")}
+_LACKING |= {"scipy": ("the package scipy, which this needs", "scipy")}
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 
 # Cure of too little memory by verb, and of the others.
@@ -76,7 +77,8 @@ def guarded(verb: _Verb) -> _Verb:
             package = (error.name or "").partition(".")[0]
             if package not in _LACKING:
                 _end(_fault(error), UNEXPECTED)
-            _end(f"{_LACKING[package]}, is not installed: pip install {package}.", UNUSABLE)
+            lacking, cure = _LACKING[package]
+            _end(f"{lacking}, is not installed: pip install {cure}.", UNUSABLE)
         except MemoryError:
             _end(f"not enough memory; {MEMORY.get(verb.__name__, OTHERS)}.", UNUSABLE)
         except Exception as error:

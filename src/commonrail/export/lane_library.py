@@ -1,24 +1,29 @@
-"""Libraries of lane loops for a package or a clone: ``python -m commonrail.export.lane_library [FOLDER] [WIRINGS]``.
+"""Libraries of lane loops for a package or a clone: ``python -m commonrail.export.lane_library [FOLDER] [all]``.
 
 Each level of x86-64 gets one library, of the same objects that the cache of kernels holds. `engine.library` uses them.
 """
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import os
 import shutil
+import signal
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from multiprocessing import get_context
 from pathlib import Path
+from typing import NamedTuple
 
 from commonrail.choices import Actuation, Body, Boundary, Drive, Laws, Precision
 from commonrail.compile_target import LEVEL_3, LEVEL_4, Processor, lane_settings, package_version
 from commonrail.engine.lanes import VECTORS
 from commonrail.engine.library import COMPILERS, FOLDER, STAMP, digest, file_of
 from commonrail.engine.machine_code import object_of, symbol_of
+from commonrail.engine.simulate import usable_threads
 from commonrail.errors import ConfigurationError
 from commonrail.export.linker import compiler_for, link_shared
 from commonrail.export.objects import target_named
@@ -39,11 +44,23 @@ CATALOGUE = (
 )
 
 
+GROUP = 10  # loops that one process compiles: they share its laws, and each keeps some 40 MB
+
+
+class _Task(NamedTuple):
+    """Loops of some wirings in one precision for one processor."""
+
+    variants: tuple[Variant, ...]
+    precision: Precision
+    processor: Processor
+
+
 def write_libraries(
     folder: Path,
     variants: Sequence[Variant] = CATALOGUE,
     precisions: Sequence[Precision] = tuple(Precision),
     levels: Sequence[Processor] = (LEVEL_3, LEVEL_4),
+    processes: int = 1,
 ) -> tuple[Path, ...]:
     """Compile and link loops; returns the libraries.
 
@@ -52,8 +69,10 @@ def write_libraries(
     folder : Path
         Made where it is missing; libraries of the same names are replaced.
     variants, precisions, levels : sequences
-        A loop is compiled for each of each, some ten seconds where it is in no cache; in double precision an exact one
+        A loop is compiled for each of each, some five seconds where it is in no cache; in double precision an exact one
         too.
+    processes : int
+        That compile; one is this process.
 
     Raises
     ------
@@ -65,18 +84,13 @@ def write_libraries(
     folder.mkdir(parents=True, exist_ok=True)
     (folder / STAMP).unlink(missing_ok=True)  # without it no library is used, also if this ends halfway
     made = []
-    for level in levels:
-        with tempfile.TemporaryDirectory() as name:
-            place = Path(name)
-            shutil.copy(Path(__file__).with_name("c") / "level.c", place)
-            inputs = [place / "level.c"]
-            for variant in variants:
-                for precision, exact in itertools.product(precisions, (False, True)):
-                    if exact and precision is Precision.F32:
-                        continue  # it screens candidates of some searches: compiled where that is asked for
-                    inputs.append(place / f"{symbol_of(variant, precision, exact)}.o")
-                    inputs[-1].write_bytes(object_of(variant, VECTORS[precision], level._replace(exact=exact))[0])
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        _write_objects(place, _tasks(variants, precisions, levels), processes)
+        shutil.copy(Path(__file__).with_name("c") / "level.c", place)
+        for level in levels:
             library = place / file_of(level.name).name
+            inputs = [place / "level.c", *sorted((place / level.name).glob("*.o"))]
             link_shared(compiler, inputs, library, target, ())
             made.append(folder / library.name)
             # replaced whole: a process may be running the one before
@@ -91,10 +105,52 @@ def write_libraries(
     return tuple(made)
 
 
+def _tasks(variants: Sequence[Variant], precisions: Sequence[Precision], levels: Sequence[Processor]) -> list[_Task]:
+    kinds = [
+        (precision, level._replace(exact=exact))
+        for level, precision, exact in itertools.product(levels, precisions, (False, True))
+        if not exact or precision is Precision.F64  # f32 screens candidates: exact ones are compiled where asked for
+    ]
+    groups = [tuple(variants[first : first + GROUP]) for first in range(0, len(variants), GROUP)]
+    return [_Task(group, *kind) for kind in kinds for group in groups]
+
+
+def _write_objects(place: Path, tasks: Sequence[_Task], processes: int) -> None:
+    """Object files of all loops, those of a level in a folder of its name.
+
+    Parameters
+    ----------
+    place : Path
+    tasks : sequence of _Task
+    processes : int
+    """
+    with contextlib.ExitStack() as stack:
+        work: Iterable[dict[str, bytes]] = map(_compiled, tasks)
+        if processes > 1:
+            # a fresh one for each task: LLVM gives nothing back; an interrupt is the caller's, who ends them
+            ignore = (signal.SIGINT, signal.SIG_IGN)
+            pool = get_context("spawn").Pool(processes, signal.signal, ignore, maxtasksperchild=1)
+            work = stack.enter_context(pool).imap(_compiled, tasks, chunksize=1)
+        for task, objects in zip(tasks, work, strict=True):
+            own = place / task.processor.name
+            own.mkdir(exist_ok=True)
+            for symbol, content in objects.items():
+                (own / f"{symbol}.o").write_bytes(content)
+
+
+def _compiled(task: _Task) -> dict[str, bytes]:
+    """Object files of a task's loops by symbol."""
+    vector, exact = VECTORS[task.precision], task.processor.exact
+    return {
+        symbol_of(variant, task.precision, exact): object_of(variant, vector, task.processor)[0]
+        for variant in task.variants
+    }
+
+
 def _main(words: list[str]) -> int:
     folder = Path(words[0]) if words else FOLDER
     try:
-        made = write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE)
+        made = write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE, processes=usable_threads())
     except ConfigurationError as error:
         print(f"commonrail: {error}", file=sys.stderr)
         return error.exit_code
