@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -16,8 +17,10 @@ from typing import Any, TypeVar
 import llvmlite.binding as llvm
 import numba
 import numpy as np
-from numba.core import codegen, cpu, target_extension, types
-from numba.core.registry import CPUDispatcher, CPUTarget
+from numba.core import cgutils, codegen, cpu, target_extension, types
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
+from numba.core.runtime import rtsys
 from numba.extending import overload
 
 from commonrail.compile import in_single
@@ -90,46 +93,59 @@ def _optimised(
     entry: Callable[..., Any], symbol: str, signature: Any, processor: Processor, single: bool
 ) -> tuple[Any, Any]:
     """LLVM's machine of a processor, and an optimised module of a function with what it calls alone."""
-    name, options = _open(processor, single)
-    options = {option: value for option, value in options.items() if option != "forceinline"}
-    compiled = numba.njit(entry, nogil=True, _nrt=False, _target=name, **options)
-    compiled.compile(signature)  # type: ignore[attr-defined]
-    (overloaded,) = compiled.overloads.values()
-    own, module = overloaded.fndesc.llvm_func_name, overloaded.library._final_module
-    machine = overloaded.library.codegen._tm
+    recorded, own = _recorded(entry, signature, single)
+    machine = _machine(processor)
+    with global_compiler_lock:
+        module = machine.replayed(recorded)._final_module.clone()
     for other in (*module.functions, *module.global_variables):
         if not other.is_declaration:
             other.linkage = "external" if other.name == own else "internal"
     module.get_function(own).name = symbol
-    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0))
+    builder = llvm.create_pass_builder(machine._tm, llvm.create_pipeline_tuning_options(speed_level=0))
     passes = llvm.create_new_module_pass_manager()
     passes.add_global_dead_code_eliminate_pass()
     passes.run(module, builder)
-    return machine, module
+    return machine._tm, module
 
 
 _Emitted = TypeVar("_Emitted")
 _ONE_AT_A_TIME = threading.Lock()
 
 
-@functools.cache
-def _open(processor: Processor, single: bool) -> tuple[str, dict[str, Any]]:
-    """Let kernels be compiled for a processor, with all laws; return the target's name for Numba, and its options.
+@functools.lru_cache(maxsize=8)
+def _recorded(entry: Callable[..., Any], signature: Any, single: bool) -> tuple[_Recorded, str]:
+    """What Numba makes of a function for any processor, and the function's name in it.
 
     Parameters
     ----------
-    processor : Processor
+    entry : function
+    signature : Numba's signature
+    single : bool
+        Of a function that computes in single precision.
+    """
+    name, options = _open(single)
+    options = {option: value for option, value in options.items() if option != "forceinline"}
+    compiled = numba.njit(entry, nogil=True, _nrt=False, _target=name, **options)
+    compiled.compile(signature)  # type: ignore[attr-defined]
+    (overloaded,) = compiled.overloads.values()
+    return overloaded.library, overloaded.fndesc.llvm_func_name
+
+
+@functools.cache
+def _open(single: bool) -> tuple[str, dict[str, Any]]:
+    """Let kernels be compiled with all laws; return the target's name for Numba, and its options.
+
+    Parameters
+    ----------
     single : bool
         For kernels that compute in single precision.
     """
-    exact = "exact " if processor.exact else ""
-    name = f"commonrail {exact}{'f32' if single else 'f64'} {processor.name} {processor.features}".strip()
+    name = f"commonrail {'f32' if single else 'f64'}"
     kind = type("LanesCPU", (target_extension.CPU,), {})
     target_extension.target_registry[name] = kind
-    target_extension.dispatcher_registry[kind] = _dispatcher(name, processor)
+    target_extension.dispatcher_registry[kind] = _dispatcher(name)
     target_extension.jit_registry[kind] = functools.partial(numba.jit, _target=name)
-    allowed = SINGLE_FASTMATH if single else FASTMATH
-    options = INLINED | {"fastmath": set() if processor.exact else allowed}
+    options = INLINED | {"fastmath": SINGLE_FASTMATH if single else FASTMATH}
     declare = functools.partial(overload, jit_options=options, strict=False, target=name)
     for function, law in ((math.sin, sine), (sine, sine), (math.cos, cosine), (math.exp, exponential)):
         declare(function)(_by_argument(law))
@@ -147,44 +163,114 @@ def _by_argument(law: Callable[..., Any]) -> Callable[..., Any]:
     return choose_by
 
 
-class _Unloaded(codegen.JITCodeLibrary):  # type: ignore[misc]
-    """Library whose machine code is not made: of the laws, which are inlined, and of a kernel until it is emitted."""
+class _Recorded(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """What Numba makes of a function: LLVM's texts, not optimised yet, and the libraries of what it calls.
+
+    Types and texts are two thirds of the work, and the same for every processor.
+
+    Attributes
+    ----------
+    texts : list of (str, str)
+        Names and texts of modules.
+    """
+
+    def __init__(self, own: Any, name: str) -> None:
+        super().__init__(own, name)
+        self.texts: list[tuple[str, str]] = []
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        """Keep the text of a module."""
+        self.texts.append((ir_module.name, cgutils.normalize_ir_text(str(ir_module))))
+
+    def finalize(self) -> None:
+        """Nothing is optimised before the processor is known."""
+        self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
         """Zero, as of a function that the library does not define."""
         self._ensure_finalized()
         return 0
 
+
+class _Generic(codegen.JITCPUCodegen):  # type: ignore[misc]
+    """Generator that makes no machine code."""
+
+    _library_class = _Recorded
+
+    def _get_host_cpu_name(self) -> str:
+        return "generic"
+
+    def _get_host_cpu_features(self) -> str:
+        return ""
+
+    def set_env(self, env_name: str, env: Any) -> None:
+        """Nothing to set: nothing is called from Python."""
+
+
+class _Unloaded(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """Library whose machine code is not made: of the laws, which are inlined, and of a kernel until it is emitted."""
+
     def _finalize_specific(self) -> None:
         pass
 
 
-def _dispatcher(name: str, processor: Processor) -> type:
-    """Class of Numba's dispatchers of a target, with a generator of machine code for its processor."""
+class _Machine(codegen.JITCPUCodegen):  # type: ignore[misc]
+    """Generator of machine code for a processor."""
 
-    class Codegen(codegen.JITCPUCodegen):  # type: ignore[misc]
-        _library_class = _Unloaded
+    _library_class = _Unloaded
 
-        def _get_host_cpu_name(self) -> str:
-            return processor.name
+    def __init__(self, processor: Processor) -> None:
+        self._processor = processor
+        self._made: dict[_Recorded, _Unloaded] = {}
+        super().__init__("commonrail.targets")
 
-        def _get_host_cpu_features(self) -> str:
-            return processor.features
+    def _get_host_cpu_name(self) -> str:
+        return self._processor.name
 
-        def _customize_tm_options(self, options: dict[str, Any]) -> None:
-            super()._customize_tm_options(options)
-            options |= {"reloc": "pic", "codemodel": "default", "jit": False}
+    def _get_host_cpu_features(self) -> str:
+        return self._processor.features
 
-        def _add_module(self, module: Any) -> None:
-            pass
+    def _customize_tm_options(self, options: dict[str, Any]) -> None:
+        super()._customize_tm_options(options)
+        options |= {"reloc": "pic", "codemodel": "default", "jit": False}
 
-        def set_env(self, env_name: str, env: Any) -> None:
-            """Nothing to set: nothing is called from Python."""
+    def _add_module(self, module: Any) -> None:
+        pass
+
+    def replayed(self, recorded: _Recorded) -> _Unloaded:
+        """The library that Numba would have made for the processor, optimised in the same steps."""
+        if recorded not in self._made:
+            library = self.create_library(recorded.name)
+            for name, text in recorded.texts:
+                module = llvm.parse_assembly(_without_liberties(text) if self._processor.exact else text)
+                module.name = name
+                module.verify()
+                library.add_llvm_module(module)
+            for other in recorded._linking_libraries:  # Numba's run-time functions among them, which nothing here calls
+                library.add_linking_library(self.replayed(other) if isinstance(other, _Recorded) else other)
+            library.finalize()
+            self._made[recorded] = library
+        return self._made[recorded]
+
+
+_machine = functools.cache(_Machine)
+_LIBERTIES = re.compile(rf"(?<= f[a-z]{{3}})(?: (?:{'|'.join(sorted(FASTMATH))}))+(?= )")
+
+
+def _without_liberties(text: str) -> str:
+    """LLVM's text without leave to fuse or to reorder operations: as Numba writes it without `fastmath`."""
+    return _LIBERTIES.sub("", text)
+
+
+def _dispatcher(name: str) -> type:
+    """Class of Numba's dispatchers of a target."""
 
     class Context(cpu.CPUContext):  # type: ignore[misc]
         def init(self) -> None:
+            # Numba's run-time functions, which other kernels share, are made by whatever target comes first
+            rtsys.initialize(cpu_target.target_context)
             super().init()
-            self._internal_codegen = Codegen("commonrail.targets")
+            self._internal_codegen = _Generic("commonrail.targets")
 
     class Target(CPUTarget):  # type: ignore[misc]
         @functools.cached_property

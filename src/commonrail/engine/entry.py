@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -95,8 +96,11 @@ def _array(context: Any, builder: Any, kind: Any, entries: Iterator[Any]) -> Any
     return array._getvalue()
 
 
+@cache
 def make_entry(variant: Variant, vector: Vector) -> Callable[..., int]:
     """Function (table) that simulates the blocks of a table; `REFUSED` if the table was made for another kernel.
+
+    One for all who ask, so that it is typed once for several processors.
 
     Parameters
     ----------

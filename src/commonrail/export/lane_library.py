@@ -6,7 +6,6 @@ Each level of x86-64 gets one library, of the same objects that the cache of ker
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
 import os
 import shutil
@@ -44,15 +43,15 @@ CATALOGUE = (
 )
 
 
-GROUP = 10  # loops that one process compiles: they share its laws, and each keeps some 40 MB
+GROUP = 10  # wirings that one process compiles: they share its laws, and each keeps some 100 MB
 
 
 class _Task(NamedTuple):
-    """Loops of some wirings in one precision for one processor."""
+    """Loops of some wirings in one precision, each for several processors."""
 
     variants: tuple[Variant, ...]
     precision: Precision
-    processor: Processor
+    processors: tuple[Processor, ...]
 
 
 def write_libraries(
@@ -106,13 +105,14 @@ def write_libraries(
 
 
 def _tasks(variants: Sequence[Variant], precisions: Sequence[Precision], levels: Sequence[Processor]) -> list[_Task]:
-    kinds = [
-        (precision, level._replace(exact=exact))
-        for level, precision, exact in itertools.product(levels, precisions, (False, True))
-        if not exact or precision is Precision.F64  # f32 screens candidates: exact ones are compiled where asked for
-    ]
     groups = [tuple(variants[first : first + GROUP]) for first in range(0, len(variants), GROUP)]
-    return [_Task(group, *kind) for kind in kinds for group in groups]
+    return [_Task(group, precision, _processors(precision, levels)) for precision in precisions for group in groups]
+
+
+def _processors(precision: Precision, levels: Sequence[Processor]) -> tuple[Processor, ...]:
+    """Levels, in double precision each exact too: f32 screens candidates and is compiled where it has to be exact."""
+    kinds = (False, True) if precision is Precision.F64 else (False,)
+    return tuple(level._replace(exact=exact) for level in levels for exact in kinds)
 
 
 def _write_objects(place: Path, tasks: Sequence[_Task], processes: int) -> None:
@@ -125,25 +125,28 @@ def _write_objects(place: Path, tasks: Sequence[_Task], processes: int) -> None:
     processes : int
     """
     with contextlib.ExitStack() as stack:
-        work: Iterable[dict[str, bytes]] = map(_compiled, tasks)
+        work: Iterable[_Objects] = map(_compiled, tasks)
         if processes > 1:
             # a fresh one for each task: LLVM gives nothing back; an interrupt is the caller's, who ends them
             ignore = (signal.SIGINT, signal.SIG_IGN)
             pool = get_context("spawn").Pool(processes, signal.signal, ignore, maxtasksperchild=1)
-            work = stack.enter_context(pool).imap(_compiled, tasks, chunksize=1)
-        for task, objects in zip(tasks, work, strict=True):
-            own = place / task.processor.name
-            own.mkdir(exist_ok=True)
-            for symbol, content in objects.items():
-                (own / f"{symbol}.o").write_bytes(content)
+            work = stack.enter_context(pool).imap_unordered(_compiled, tasks, chunksize=1)
+        for objects in work:
+            for (level, symbol), content in objects.items():
+                (place / level).mkdir(exist_ok=True)
+                (place / level / f"{symbol}.o").write_bytes(content)
 
 
-def _compiled(task: _Task) -> dict[str, bytes]:
-    """Object files of a task's loops by symbol."""
-    vector, exact = VECTORS[task.precision], task.processor.exact
+_Objects = dict[tuple[str, str], bytes]
+
+
+def _compiled(task: _Task) -> _Objects:
+    """Object files of a task's loops by level and symbol."""
+    vector = VECTORS[task.precision]
     return {
-        symbol_of(variant, task.precision, exact): object_of(variant, vector, task.processor)[0]
+        (processor.name, symbol_of(variant, task.precision, processor.exact)): object_of(variant, vector, processor)[0]
         for variant in task.variants
+        for processor in task.processors
     }
 
 
