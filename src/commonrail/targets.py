@@ -114,7 +114,7 @@ _ONE_AT_A_TIME = threading.Lock()
 
 @functools.lru_cache(maxsize=8)
 def _recorded(entry: Callable[..., Any], signature: Any, single: bool) -> tuple[_Recorded, str]:
-    """What Numba makes of a function for any processor, and the function's name in it.
+    """Texts of a function for any processor, and the function's name in them.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _by_argument(law: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class _Recorded(codegen.JITCodeLibrary):  # type: ignore[misc]
-    """What Numba makes of a function: LLVM's texts, not optimised yet, and the libraries of what it calls.
+    """Texts of a function that Numba has typed, not optimised yet, and the libraries of those that it calls.
 
     Types and texts are two thirds of the work, and the same for every processor.
 

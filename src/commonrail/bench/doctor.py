@@ -36,8 +36,8 @@ BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
 # Packages that a simulation needs where no library holds it, and what needs them in any case.
 WITHOUT_LIBRARIES = {
     "scipy": "the reference engine, refinements and some analyses need",
-    "numba": "other simulations, the reference engine, the stepper and exports need",
-    "llvmlite": "other simulations, the reference engine, the stepper and exports need",
+    "numba": "the reference engine, the stepper, exports and simulations that no library holds need",
+    "llvmlite": "the reference engine, the stepper, exports and simulations that no library holds need",
 }
 CURES = dict.fromkeys(("numba", "llvmlite"), "pip install 'commonrail[jit]'")
 EXTRAS = {
