@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 TESTS := -m pytest -q -n 2 --dist worksteal tests
 # On a fresh machine the tests' kernels are compiled while pip waits for network and disk, which leaves a processor idle.
 test: BESIDE := for p in f64 f32; do PYTHONPATH=src $(BIN)/python -m tools.compile_ahead $$p > $(VENV)/$$p.txt 2>&1 & done;
-REQUIRED := from tools.lowest import required; print(*required(open("pyproject.toml").read()), sep="\n")
+REQUIRED := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")
 # Without whole simulations: as plain Python they take minutes.
 PHYSICS_TESTS := tests/fuel tests/flow tests/parts tests/injector tests/test_dimensions.py --ignore=tests/parts/test_feed_pipe.py
 LOWEST := .venv-lowest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import os
 import subprocess
 import sys
@@ -10,24 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
-from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 ASKED = "COMMONRAIL_BUILD_KERNELS"
+EXTRA = "jit"
 TAG = "COMMONRAIL_WHEEL_TAG"  # such as py3-none-manylinux_2_28_x86_64
-
-
-def is_asked() -> bool:
-    """True if the wheel is to have libraries."""
-    return os.environ.get(ASKED) == "1"
-
-
-class RequirementsHook(MetadataHookInterface):
-    """What the package requires: without libraries the compiler of the extra `jit` too."""
-
-    def update(self, metadata: dict[str, Any]) -> None:
-        """Enter the requirements."""
-        compiler = [] if is_asked() else metadata["optional-dependencies"]["jit"]
-        metadata["dependencies"] = [*self.config["dependencies"], *compiler]
 
 
 class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
@@ -35,12 +22,11 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
 
     def dependencies(self) -> list[str]:
         """Packages that the compiler needs in the environment that the wheel is built in."""
-        core = self.metadata.core
-        return [*core.dependencies, *core.optional_dependencies["jit"]] if is_asked() else []
+        return list(self.metadata.core.dependencies) if self._is_asked() else []
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile and link the libraries, and put them into the wheel."""
-        if not is_asked():
+        """Compile and link the libraries, and put them into the wheel, which then requires no compiler."""
+        if not self._is_asked() or version == "editable":  # whose libraries `make kernels` builds beside the sources
             return
         root = Path(self.root)
         self._made = tempfile.TemporaryDirectory(prefix="commonrail-kernels-")  # removed at the latest with the process
@@ -53,8 +39,20 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
             build_data["force_include"][str(path)] = f"commonrail/kernels/{path.name}"
         build_data["pure_python"] = False
         build_data["tag"] = os.environ.get(TAG, "py3-none-linux_x86_64")
+        self._free_of_the_compiler()
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove the libraries, which are in the wheel now."""
-        if is_asked():
+        if hasattr(self, "_made"):
             self._made.cleanup()
+
+    def _free_of_the_compiler(self) -> None:
+        """Require no compiler; its extra names the versions that made the libraries, which others are not used with."""
+        core = self.metadata.core
+        compiler = core.optional_dependencies[EXTRA]
+        core.dependencies[:] = [one for one in core.dependencies if one not in compiler]
+        compiler[:] = [f"{package}=={importlib.metadata.version(package)}" for package in ("llvmlite", "numba")]
+
+    @staticmethod
+    def _is_asked() -> bool:
+        return os.environ.get(ASKED) == "1"

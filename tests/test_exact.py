@@ -18,6 +18,7 @@ from commonrail import exact
 from commonrail.cli.app import app
 from commonrail.compile_target import describe
 from commonrail.engine import lanes, library
+from commonrail.targets import without_liberties
 from tests.store.conftest import write_small
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -31,6 +32,24 @@ def test_sine_cosine_and_exponential_of_the_kernels() -> None:
     for x in -np.linspace(0.0, 700.0, 7001):
         assert exact.exponential(float(x)) == pytest.approx(math.exp(x), rel=8.0 * np.spacing(1.0))
     assert exact.exponential(-1e6) == 0.0
+
+
+def test_exact_texts_give_the_compiler_no_leave_to_reorder() -> None:
+    """The forms in which Numba writes its flags: on operations, comparisons and calls."""
+    written = """
+        %.1 = fmul arcp contract nsz reassoc double %a, %b
+        %.2 = fcmp contract nsz ogt double %.1, %b
+        %.3 = call arcp contract nsz reassoc double @llvm.fabs.f64(double %.1)
+        %.4 = fneg nsz float %c
+        %arcp = fadd double %.1, %contract
+    """
+    assert without_liberties(written).split("\n")[1:-1] == [
+        "        %.1 = fmul double %a, %b",
+        "        %.2 = fcmp ogt double %.1, %b",
+        "        %.3 = call double @llvm.fabs.f64(double %.1)",
+        "        %.4 = fneg float %c",
+        "        %arcp = fadd double %.1, %contract",
+    ]
 
 
 def test_a_machine_of_another_kind_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:

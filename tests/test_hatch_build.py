@@ -7,8 +7,10 @@ import json
 import re
 import shutil
 import subprocess
+import tarfile
 import tempfile
 import zipfile
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +25,7 @@ from commonrail.export.objects import target_named
 from commonrail.injector.definition import Injector
 
 wheels = pytest.importorskip("hatchling.builders.wheel", reason="hatchling, which builds wheels, is not installed")
+SdistBuilder = pytest.importorskip("hatchling.builders.sdist").SdistBuilder
 
 ROOT = Path(__file__).resolve().parents[1]
 ASKED, TAG = "COMMONRAIL_BUILD_KERNELS", "COMMONRAIL_WHEEL_TAG"
@@ -59,11 +62,12 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Built(NamedTuple):
-    """A wheel: its name, its files of the folder of kernels, and the packages that it requires without extras."""
+    """A wheel: its name, its files of the folder of kernels, what it requires, and what its extra `jit` does."""
 
     name: str
     kernels: dict[str, bytes]
     required: set[str]
+    compiler: set[str]
 
 
 def build(tree: Path, target: Path) -> Built:
@@ -75,8 +79,10 @@ def build(tree: Path, target: Path) -> Built:
         assert {"commonrail/py.typed", "commonrail/fuel/catalogue/iso4113.toml"} <= set(names)
         (about,) = (wheel.read(n).decode() for n in names if n.endswith(".dist-info/METADATA"))
         kernels = {Path(n).name: wheel.read(n) for n in names if n.startswith("commonrail/kernels/")}
-    lines = re.findall(r"^Requires-Dist: ([\w-]+)(?!.*extra ==)", about, re.MULTILINE)
-    return Built(made.name, kernels, set(lines))
+    required, of_extra = (
+        set(re.findall(rf"^Requires-Dist: ([^;\n]+){rest}$", about, re.MULTILINE)) for rest in ("", "; extra == 'jit'")
+    )
+    return Built(made.name, kernels, {re.split(r"\W", one)[0] for one in required}, of_extra)
 
 
 def test_a_wheel_is_pure_unless_it_is_asked_for_libraries(tree: Path, tmp_path: Path) -> None:
@@ -84,13 +90,30 @@ def test_a_wheel_is_pure_unless_it_is_asked_for_libraries(tree: Path, tmp_path: 
     assert built.name.endswith("-py3-none-any.whl")
     assert built.kernels == {}
     assert {"numpy", "scipy", "numba"} <= built.required
+    assert built.compiler == {"numba>=0.62"}
+
+
+@pytest.fixture
+def unpacked(tree: Path, tmp_path: Path) -> Path:
+    """Source distribution as it is unpacked, with the metadata that were written into it."""
+    archive = next(SdistBuilder(str(tree)).build(directory=str(tmp_path / "source"), versions=["standard"]))
+    with tarfile.open(archive) as packed:
+        packed.extractall(tmp_path, filter="data")
+    return tmp_path / Path(archive).name.removesuffix(".tar.gz")
 
 
 @pytest.mark.skipif(not has_compiler(), reason="no C compiler for x86-64 Linux is installed")
 @pytest.mark.parametrize("tag", ["", "py3-none-manylinux_2_28_x86_64"])
+@pytest.mark.parametrize("source", ["tree", "unpacked"])
 def test_a_wheel_has_the_libraries_that_were_asked_for(
-    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rigid: Injector, tag: str
+    request: pytest.FixtureRequest,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    rigid: Injector,
+    tag: str,
+    source: str,
 ) -> None:
+    tree: Path = request.getfixturevalue(source)
     folders: list[Path] = []
     link = subprocess.run
 
@@ -110,14 +133,35 @@ def test_a_wheel_has_the_libraries_that_were_asked_for(
     monkeypatch.setenv(ASKED, "1")
     if tag:
         monkeypatch.setenv(TAG, tag)
-    name, kernels, required = build(tree, tmp_path)
+    name, kernels, required, compiler = build(tree, tmp_path / "wheels")
     assert name.endswith(f"-{tag or 'py3-none-linux_x86_64'}.whl")
     assert "numpy" in required
-    assert "numba" not in required  # it is in the extra `jit`
+    assert "numba" not in required
+    assert compiler == {f"{package}=={version(package)}" for package in ("llvmlite", "numba")}
     assert set(kernels) == {"lanes-v3.so", "stamp.json"}
     stamp = json.loads(kernels["stamp.json"])
     assert stamp["libraries"] == {"lanes-v3.so": hashlib.sha256(kernels["lanes-v3.so"]).hexdigest()}
     assert not folders[0].exists()  # nor in the temporary folder
+
+
+def test_a_source_distribution_that_was_asked_for_libraries_requires_the_compiler(
+    monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    """Its metadata hold for wheels of either kind that are built from it."""
+    monkeypatch.setenv(ASKED, "1")
+    about = (request.getfixturevalue("unpacked") / "PKG-INFO").read_text(encoding="utf-8")
+    assert "\nRequires-Dist: numba>=0.62\n" in about
+
+
+def test_an_editable_installation_is_not_asked_for_them(
+    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its libraries lie beside the sources, where `make kernels` writes them."""
+    monkeypatch.setenv(ASKED, "1")
+    builder = wheels.WheelBuilder(str(tree))
+    for hook in builder.get_build_hooks(str(tmp_path)).values():
+        hook.initialize("editable", {})  # it would compile, and write to what it is given
+        hook.finalize("editable", {}, "")
 
 
 def test_without_its_libraries_a_wheel_that_was_asked_for_them_is_not_built(

@@ -13,19 +13,6 @@ PYPROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(\[[\w,-]+\])?>=(?P<version>[\w.]+)")
 
 
-def required(pyproject: str) -> list[str]:
-    """Return what the package requires in a clone: that of every wheel, and the compiler.
-
-    Parameters
-    ----------
-    pyproject : str
-        Text of a pyproject.toml.
-    """
-    found = tomllib.loads(pyproject)
-    own: list[str] = found["tool"]["hatch"]["metadata"]["hooks"]["custom"]["dependencies"]
-    return [*own, *found["project"]["optional-dependencies"]["jit"]]
-
-
 def lowest(pyproject: str) -> dict[str, str]:
     """Return the lowest version of each requirement, by the name of its package in lower case.
 
@@ -39,9 +26,10 @@ def lowest(pyproject: str) -> dict[str, str]:
     ValueError
         If a requirement is not of the form ``name>=version``, or two ask for different versions of a package.
     """
-    extras = tomllib.loads(pyproject)["project"]["optional-dependencies"].values()
+    project = tomllib.loads(pyproject)["project"]
+    extras = project.get("optional-dependencies", {}).values()
     found: dict[str, str] = {}
-    for requirement in [*required(pyproject), *(one for extra in extras for one in extra)]:
+    for requirement in [*project["dependencies"], *(one for extra in extras for one in extra)]:
         match = _REQUIREMENT.fullmatch(requirement)
         if match is None:
             raise ValueError(f'pyproject.toml: requirement "{requirement}" has to be "name>=version".')

@@ -28,7 +28,7 @@ from commonrail.compile_target import Processor
 from commonrail.exact import cosine, exponential, sine
 from commonrail.jit import FASTMATH, INLINED, SINGLE_FASTMATH, by_precision, compiler_choices, offer_overloads
 
-__all__ = ["assembly", "compile_object", "module_text"]
+__all__ = ["assembly", "compile_object", "module_text", "without_liberties"]
 
 
 def compile_object(entry: Callable[..., Any], symbol: str, processor: Processor, real: type = np.float64) -> bytes:
@@ -85,8 +85,7 @@ def _built(
 ) -> _Emitted:
     with _ONE_AT_A_TIME, compiler_choices(processor.is_wide):
         single = real is not np.float64
-        signature = types.int64(types.CPointer(types.int64))  # type: ignore[attr-defined]
-        return emit(*_optimised(in_single(entry) if single else entry, symbol, signature, processor, single))
+        return emit(*_optimised(in_single(entry) if single else entry, symbol, _OF_A_TABLE, processor, single))
 
 
 def _optimised(
@@ -96,7 +95,7 @@ def _optimised(
     recorded, own = _recorded(entry, signature, single)
     machine = _machine(processor)
     with global_compiler_lock:
-        module = machine.replayed(recorded)._final_module.clone()
+        module = machine.replayed(recorded)._final_module
     for other in (*module.functions, *module.global_variables):
         if not other.is_declaration:
             other.linkage = "external" if other.name == own else "internal"
@@ -109,6 +108,7 @@ def _optimised(
 
 
 _Emitted = TypeVar("_Emitted")
+_OF_A_TABLE = types.int64(types.CPointer(types.int64))  # type: ignore[attr-defined]
 _ONE_AT_A_TIME = threading.Lock()
 
 
@@ -238,26 +238,33 @@ class _Machine(codegen.JITCPUCodegen):  # type: ignore[misc]
         pass
 
     def replayed(self, recorded: _Recorded) -> _Unloaded:
-        """The library that Numba would have made for the processor, optimised in the same steps."""
+        """The library that Numba would have made for the processor, optimised in the same steps.
+
+        Those of what it calls are kept, as laws that others call too; a kernel's own is not.
+        """
+        library = self.create_library(recorded.name)
+        for name, text in recorded.texts:
+            module = llvm.parse_assembly(without_liberties(text) if self._processor.exact else text)
+            module.name = name
+            module.verify()
+            library.add_llvm_module(module)
+        for other in recorded._linking_libraries:  # Numba's run-time functions among them, which nothing here calls
+            library.add_linking_library(self._kept(other) if isinstance(other, _Recorded) else other)
+        library.finalize()
+        return library
+
+    def _kept(self, recorded: _Recorded) -> _Unloaded:
         if recorded not in self._made:
-            library = self.create_library(recorded.name)
-            for name, text in recorded.texts:
-                module = llvm.parse_assembly(_without_liberties(text) if self._processor.exact else text)
-                module.name = name
-                module.verify()
-                library.add_llvm_module(module)
-            for other in recorded._linking_libraries:  # Numba's run-time functions among them, which nothing here calls
-                library.add_linking_library(self.replayed(other) if isinstance(other, _Recorded) else other)
-            library.finalize()
-            self._made[recorded] = library
+            self._made[recorded] = self.replayed(recorded)
         return self._made[recorded]
 
 
 _machine = functools.cache(_Machine)
-_LIBERTIES = re.compile(rf"(?<= f[a-z]{{3}})(?: (?:{'|'.join(sorted(FASTMATH))}))+(?= )")
+_NAMES = "|".join(sorted(FASTMATH))
+_LIBERTIES = re.compile(rf"(?:(?<= f[a-z]{{3}})|(?<= call))(?: (?:{_NAMES}))+(?= )")
 
 
-def _without_liberties(text: str) -> str:
+def without_liberties(text: str) -> str:
     """LLVM's text without leave to fuse or to reorder operations: as Numba writes it without `fastmath`."""
     return _LIBERTIES.sub("", text)
 

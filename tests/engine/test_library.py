@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import json
+import os
 import platform
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +24,7 @@ from commonrail.engine import lanes, library
 from commonrail.engine.machine_code import symbol_of
 from commonrail.engine.operating_point import Trace
 from commonrail.errors import ConfigurationError, SimulationError
+from commonrail.export import lane_library
 from commonrail.export.lane_library import ALL, CATALOGUE, write_libraries
 from commonrail.files.injector_file import injector_catalogue, load_injector
 from commonrail.injector.variants import Variant
@@ -205,9 +209,31 @@ def test_a_library_is_replaced_whole(use: pytest.MonkeyPatch, made: Path, tmp_pa
     assert sorted(found.name for found in tmp_path.iterdir()) == ["lanes-v3.so", library.STAMP]
 
 
-def test_processes_beside_each_other_make_the_same_libraries(made: Path, tmp_path: Path, rigid: cr.Injector) -> None:
-    write_libraries(tmp_path, [rigid.wired()], [Precision.F64], [LEVEL_3], processes=2)
-    assert (tmp_path / "lanes-v3.so").read_bytes() == (made / "lanes-v3.so").read_bytes()
+def test_processes_beside_each_other_make_the_same_libraries(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, rigid: cr.Injector, regulated: cr.Injector
+) -> None:
+    monkeypatch.setattr(lane_library, "GROUP", 1)
+    how = [rigid.wired(), regulated.wired()], [Precision.F64], [LEVEL_3]
+    assert len(lane_library._tasks(*how)) == 2
+    for processes in (1, 2):
+        write_libraries(tmp_path / str(processes), *how, processes=processes)
+    first, second = ((tmp_path / str(processes) / "lanes-v3.so").read_bytes() for processes in (1, 2))
+    assert first == second
+
+
+def _killed(task: lane_library._Task) -> dict[tuple[str, str], bytes]:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+def test_a_process_that_is_killed_ends_the_making_of_libraries(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, rigid: cr.Injector
+) -> None:
+    """As for want of memory: it must not be waited for."""
+    monkeypatch.setattr(lane_library, "_compiled", _killed)
+    with pytest.raises(BrokenProcessPool):
+        write_libraries(tmp_path, [rigid.wired()], list(Precision), [LEVEL_3], processes=2)
+    assert not (tmp_path / library.STAMP).exists()
 
 
 def test_without_a_c_compiler_one_sentence_says_so(tmp_path: Path) -> None:

@@ -135,6 +135,13 @@ def test_a_record_of_before_has_none() -> None:
     assert combination_table(record) is None
 
 
+@pytest.mark.parametrize("error", [None, 0.1])
+def test_a_fit_without_any_interval_says_that_it_has_no_bands(error: float | None) -> None:
+    record = map_record() | {"certainty": {"parameters": [{"standard_error": None}, {"standard_error": error}]}}
+    lines = [line for line in judgement_lines(record) if line.startswith("There are no bands")]
+    assert len(lines) == (error is None)
+
+
 def test_the_page_shows_them(record: dict[str, Any]) -> None:
     page = report_html(record, {})
     for text in ("Judgement of the fit", "Combinations that the data hold", "Other seeds", "lie in the 90 % band"):

@@ -9,10 +9,10 @@ import contextlib
 import json
 import os
 import shutil
-import signal
 import sys
 import tempfile
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
@@ -43,7 +43,7 @@ CATALOGUE = (
 )
 
 
-GROUP = 10  # wirings that one process compiles: they share its laws, and each keeps some 100 MB
+GROUP = 5  # wirings that one process compiles: they share its laws
 
 
 class _Task(NamedTuple):
@@ -127,10 +127,9 @@ def _write_objects(place: Path, tasks: Sequence[_Task], processes: int) -> None:
     with contextlib.ExitStack() as stack:
         work: Iterable[_Objects] = map(_compiled, tasks)
         if processes > 1:
-            # a fresh one for each task: LLVM gives nothing back; an interrupt is the caller's, who ends them
-            ignore = (signal.SIGINT, signal.SIG_IGN)
-            pool = get_context("spawn").Pool(processes, signal.signal, ignore, maxtasksperchild=1)
-            work = stack.enter_context(pool).imap_unordered(_compiled, tasks, chunksize=1)
+            # a fresh one for each task: LLVM gives nothing back
+            pool = ProcessPoolExecutor(processes, get_context("spawn"), max_tasks_per_child=1)
+            work = stack.enter_context(pool).map(_compiled, tasks)
         for objects in work:
             for (level, symbol), content in objects.items():
                 (place / level).mkdir(exist_ok=True)

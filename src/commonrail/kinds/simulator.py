@@ -27,7 +27,7 @@ __all__ = ["ITSELF", "Candidates", "Simulator"]
 Floats = NDArray[np.float64]
 
 ITSELF = np.empty((1, 0))  # values of the one candidate that is the injector as it is
-SHARE = 512  # candidates whose steps are kept at a time: 6 MB for 1.5 ms in steps of 1 us
+SHARE = 1_000_000  # steps of candidates that are kept at a time: some 40 MB
 
 
 class Candidates(NamedTuple):
@@ -189,8 +189,9 @@ class Simulator:
         names, own = self.of_injector(values)
         distinct, which = np.unique(own, axis=0, return_inverse=True) if names else (own[:1], np.zeros(len(own), int))
         rates = np.empty((len(distinct), len(times) - 1))
-        for first in range(0, len(distinct), SHARE):
-            part = slice(first, first + SHARE)
+        share = max(SHARE // len(times), 1)
+        for first in range(0, len(distinct), share):
+            part = slice(first, first + share)
             how = self.injector, longer, times, names, distinct[part], self.time_step
             rates[part] = sampled_rates(*how, threads=self.threads, prepared=prepared, same_bits=self.same_bits)
         return Flow(rates[which.reshape(-1)], point.start, self.time_step)

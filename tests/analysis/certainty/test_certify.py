@@ -15,6 +15,8 @@ from commonrail.analysis.certainty.sensitivity import moves_of
 from commonrail.errors import ConfigurationError
 from commonrail.files.scaffold import write_new
 from commonrail.kinds.noise import Correlation, Noise
+from commonrail.kinds.simulator import Simulator
+from commonrail.observation.meter import Meter
 
 # Declared truth of the example's curve; its noise is white with 0.3 mm³/ms.
 TRUTH = {
@@ -105,6 +107,24 @@ def test_repeated_shots_give_the_noise(study: cr.Study, quiet: int) -> None:
     assert noise is not None
     assert noise.sigma == pytest.approx(0.5, rel=0.06)  # two standard errors of 900 differences
     assert noise.freedom == pytest.approx(3 * (len(curve.measured) - quiet))
+
+
+def test_what_a_filter_leaves_of_zero_is_no_noise(study: cr.Study) -> None:
+    """A zero-phase filter rounds: where nothing was measured, as many samples as not would look like outliers' rest."""
+    (curve,) = study.data
+    noisy = curve.measured + 5e-7 * np.random.default_rng(1).standard_normal(len(curve.measured))
+    meter = Meter("tube", {"cutoff": "20 kHz"}, "zero-phase")
+    simulator = Simulator(study.injector, study.space.names, study.time_step, 1)
+    point = np.array([list(TRUTH.values())])
+    shown = curve.with_meter(meter).simulated(simulator, point)[0]  # type: ignore[attr-defined]
+    quiet = int(np.argmax(np.abs(shown) > 1e-9 * shown.max()))
+    assert quiet > 5
+    assert (shown[:quiet] != 0.0).any()
+    noisy[:quiet] = 0.0
+    metered = replace(curve, rate=noisy).with_meter(meter)  # type: ignore[call-arg]
+    errors = cr.Likelihood.of(replace(study, data=(metered,)), 1).residuals(point)[0]
+    assert np.count_nonzero(errors) == len(errors) - quiet
+    assert (errors[:quiet] == 0.0).all()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm, t
 
-from commonrail.analysis.prediction.band import band_from_draws, band_from_slopes
+from commonrail.analysis.prediction.band import _quantiles, band_from_draws, band_from_slopes
 
 SLOPES = np.array([[1.0, 0.0], [1.0, 2.0]])
 COVARIANCE = np.array([[0.04, -0.01], [-0.01, 0.09]])
@@ -33,6 +33,28 @@ def test_bands_of_normal_draws_are_the_linear_ones() -> None:
         # quantiles of 20 000 draws scatter by 1 % of the half width
         half = linear[level][1] - VALUES
         np.testing.assert_allclose(drawn[level], linear[level], atol=0.04 * half.max())
+
+
+@pytest.mark.parametrize("freedom", [np.inf, 5.0])
+def test_a_band_of_scatter_alone_is_that_of_its_law(freedom: float) -> None:
+    """Normal scatters are equally likely ones: exact to the parts; those of an estimated scale are drawn."""
+    found = band_from_draws(np.tile(VALUES, (4000, 1)), DEVIATIONS, freedom, [0.5, 0.9])
+    for level, (low, high) in found.items():
+        half = t.ppf(0.5 + 0.5 * level, freedom) * DEVIATIONS
+        # 16 000 values: a quantile of 95 % is known to 0.02 deviations, of normal ones to a part
+        tolerance = (0.06 if np.isfinite(freedom) else 1e-3) * DEVIATIONS.max()
+        np.testing.assert_allclose(high, VALUES + half, atol=tolerance)
+        np.testing.assert_allclose(low, VALUES - half, atol=tolerance)
+
+
+@pytest.mark.parametrize("many", [1, 2, 7, 400])
+@pytest.mark.parametrize("missing", [False, True])
+def test_quantiles_are_those_of_numpy(many: int, missing: bool) -> None:
+    rows = np.random.default_rng(many).standard_normal((5, many))
+    if missing:
+        rows[2, 1:] = np.nan
+    shares = [0.05, 0.5, 0.95]
+    np.testing.assert_allclose(_quantiles(rows, shares), np.nanquantile(rows, shares, axis=1), rtol=1e-14, atol=1e-15)
 
 
 def test_draws_that_all_failed_have_no_band() -> None:

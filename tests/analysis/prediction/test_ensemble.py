@@ -54,5 +54,5 @@ def test_draws_of_an_estimated_scale_have_the_tails_of_the_linear_band() -> None
     predicted = 5.0 * own.to_unit(found.values)
     ((low, high),) = band_from_draws(predicted, np.array([scatter]), freedom, [0.9], found.stretch).values()
     expected = t.ppf(0.95, freedom) * np.hypot(5.0 * width, scatter)
-    # the 95 % quantile of 400 scales, each with eight replicates, is known to some 6 %; a normal law is 23 % narrower
+    # the 95 % quantile of 400 scales, each with four replicates, is known to some 6 %; a normal law is 23 % narrower
     assert 0.5 * (high - low)[0] == pytest.approx(expected, rel=0.15)

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.errors import ConfigurationError
+from commonrail.analysis.certainty.certify import certify
+from commonrail.analysis.prediction import predict as module
+from commonrail.analysis.prediction.scatter import floored
+from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.files.study_file import load_study
 from commonrail.kinds.noise import Law, Noise
 from commonrail.kinds.simulator import Simulator
@@ -135,3 +139,22 @@ def test_a_band_that_is_linear_below_zero_is_made_of_draws() -> None:
     assert lows[1] > -1e-7  # the fuel that flows back as the needle closes; a linear band reaches -7.8e-6
     assert "simulated draws because a linear band falls below zero" in labels[1]
     assert "draws" not in labels[0]
+
+
+def test_a_fit_without_any_interval_has_no_bands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where outliers decide everything: bands over the whole bounds would say nothing."""
+    benches = Benches(BEDS["white"])
+    study, truth = benches.bench(1)
+    best = dict(zip(study.space.names, truth.tolist(), strict=True))
+
+    within = certify(study, best, threads=1).within
+    assert len(module.judged_bands(study, within, truth[None], 1)) == 1
+
+    def nothing_known(*arguments: Any) -> Any:
+        found = floored(*arguments)
+        return replace(found, covariance=found.covariance._replace(noise=np.diag(np.full(len(truth), np.inf))))
+
+    monkeypatch.setattr(module, "floored", nothing_known)
+    with pytest.raises(SimulationError, match="has no band: no parameter of the fit has an interval"):
+        cr.predict(study, best, threads=1)
+    assert module.judged_bands(study, within, truth[None], 1) == {}

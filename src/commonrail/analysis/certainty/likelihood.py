@@ -37,6 +37,15 @@ STEP = 5e-3
 FORWARD, FORWARD_ROUGH = 1e-4, 1e-3
 
 
+# Of the largest measured value: what the filters of a meter leave of zero by rounding, and no measurement resolves.
+ROUNDING = 1e-9
+
+
+def _rounding(block: Block) -> Floats:
+    """Residuals (n,) below which a value that was measured as exactly zero is met exactly, see `laws.unequal`."""
+    return np.where(block.at_zero == 0.0, ROUNDING * np.max(np.abs(block.at_zero), initial=0.0), 0.0)
+
+
 class Likelihood:
     """Likelihood of data under a model whose parameters vary.
 
@@ -105,8 +114,11 @@ class Likelihood:
             blocks.append(block_of(data, blocks[-1].rows.stop if blocks else 0))
         weights = np.concatenate([row_weights(data) for data in objective.data])
 
+        nothing = np.concatenate([_rounding(block) for block in blocks])
+
         def residuals(points: Floats) -> Floats:
-            return np.asarray(objective.residuals(points)[:, : len(weights)] / np.sqrt(weights))
+            found = objective.residuals(points)[:, : len(weights)] / np.sqrt(weights)
+            return np.where(np.abs(found) < nothing, 0.0, found)
 
         nuisances = nuisances_of(objective, np.sqrt(weights))
         rough = study.injector.variant.drive is Drive.PWM or not all(block.ordered for block in blocks)

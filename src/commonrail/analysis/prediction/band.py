@@ -184,8 +184,8 @@ def band_from_draws(
         Degrees of freedom of the scatter.
     levels : sequence of float
     stretch : (m,), optional
-        Factor of the scatter beside each draw, where parameters and scatter share an uncertain scale; by default it is
-        drawn for each replicate from the degrees of freedom.
+        Factor of the scatter beside each draw, where parameters and scatter share an uncertain scale; by default the
+        scatter has its own, by the degrees of freedom.
     seed : int
         Of the scatter that is added to each draw.
     """
@@ -220,18 +220,19 @@ def _scattered(
 ) -> Floats:
     """Predictions (n, replicates · m) of drawn parameters (n, m) with scatter; see `band_from_draws`.
 
-    All values share the scatter, which edges of each alone do not see: equally likely ones, so that few will do.
+    All values share the scatter, since edges are of each value alone: what is left of chance moves them together.
+    Normal scatters are equally likely ones, so that few replicates will do; a stretch is drawn.
     """
     many = drawn.shape[1]
-    normal = rng.permutation(_equally_likely(REPLICATES * many)).reshape(REPLICATES, many)
+    scatter = rng.permutation(_equally_likely(REPLICATES * many)).reshape(REPLICATES, many)
     if stretch is not None:
-        normal *= stretch
+        scatter *= stretch
     elif np.isfinite(freedom):
-        normal /= np.sqrt(rng.chisquare(freedom, normal.shape) / freedom)
-    return (drawn[:, None] + normal * deviations[:, None, None]).reshape(len(drawn), -1)
+        scatter /= np.sqrt(rng.chisquare(freedom, scatter.shape) / freedom)
+    return (drawn[:, None] + scatter * deviations[:, None, None]).reshape(len(drawn), -1)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=8)
 def _equally_likely(many: int) -> Floats:
     """Values (many,) that divide the standard normal distribution into parts of equal probability, at their middles."""
     return np.array([normal_quantile((k + 0.5) / many) for k in range(many)])

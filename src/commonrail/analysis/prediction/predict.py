@@ -256,8 +256,14 @@ def _local(data: DataSet, fit: _Fit, point: Floats, levels: tuple[float, ...]) -
     values = data.simulated(fit.simulator, place.values)
     if not np.isfinite(values[0]).any():
         raise SimulationError(f"{data.name} cannot be simulated with the best values, so it has no band.")
+    about = _about(fit.estimate, point)
+    if not np.isfinite(np.diag(about.covariance.total)).any():
+        raise SimulationError(
+            f"{data.name} has no band: no parameter of the fit has an interval, so nothing bounds what it predicts; "
+            "search from several starts (commonrail certainty RUN --starts 8), or free fewer parameters."
+        )
     scatter = fit.scatter_about(data)
-    covariance = scatter.calibration**2 * bounded(_about(fit.estimate, point))
+    covariance = scatter.calibration**2 * bounded(about)
     deviations = scatter.calibration * scatter.deviations(data, values[0])
     edges, alone = (
         band_from_slopes(values[0], place.slopes(values), covariance, d, scatter.freedom, levels)
