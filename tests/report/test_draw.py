@@ -9,6 +9,7 @@ import pytest
 
 from commonrail.display.chart import MARKERS, Band, Bars, Boxes, Figure, Panel, Series
 from commonrail.display.heat_map import HeatMap
+from commonrail.report.axis import Axis
 from commonrail.report.draw import NARROW, WIDE, figure_html, figure_svg
 from commonrail.report.draw_map import SMALLEST, heat_map_svg
 from commonrail.report.figures import figures_of
@@ -188,3 +189,16 @@ def test_colours_of_a_difference_are_white_at_zero_and_alike_on_both_sides() -> 
     assert colours[0] == "#5b9fcd"
     assert colours[1] == "#ffffff"
     assert colours[2] not in ("#e0907a", "#ffffff")  # half way to the colour of +2
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "texts"),
+    [
+        (-0.095, 0.09, ["−0.05", "0", "0.05"]),  # a step of 0.1 would leave zero alone
+        (0.0, 150.0, ["0", "50", "100", "150"]),
+        (0.51, 0.59, ["0.52", "0.54", "0.56", "0.58"]),
+    ],
+)
+def test_an_axis_has_more_than_one_tick(low: float, high: float, texts: list[str]) -> None:
+    """One number alone is no scale."""
+    assert [text for _, text in Axis(low, high, 0.0, 100.0).ticks(3)] == texts

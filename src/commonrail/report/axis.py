@@ -79,11 +79,18 @@ def span(values: Iterable[float], zero: bool = False, padded: bool = True) -> tu
 
 
 def _ticks(low: float, high: float, most: int) -> list[float]:
+    """Multiples of 1, 2 or 5 times a power of ten, about `most` of them, and more where they would be one."""
     rough = (high - low) / max(most, 1)
     power = 10.0 ** math.floor(math.log10(rough))
-    step = next(digit * power for digit in (1.0, 2.0, 5.0, 10.0) if digit * power >= rough * (1.0 - 1e-9))
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [i * step for i in range(first, last + 1)]
+    steps = [digit * power for digit in (0.2, 0.5, 1.0, 2.0, 5.0, 10.0)]
+    fitting = next(i for i, step in enumerate(steps) if step >= rough * (1.0 - 1e-9))
+    found: list[float] = []
+    for step in steps[fitting::-1]:
+        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        found = [i * step for i in range(first, last + 1)]
+        if len(found) > 1:
+            break
+    return found
 
 
 def _log_ticks(low: float, high: float, most: int) -> list[float]:
