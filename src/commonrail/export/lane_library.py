@@ -43,7 +43,7 @@ CATALOGUE = (
 )
 
 
-GROUP = 5  # wirings that one process compiles: they share its laws
+GROUP = 10  # wirings that one process compiles: they share its laws
 
 
 class _Task(NamedTuple):
