@@ -47,11 +47,14 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
             self._made.cleanup()
 
     def _free_of_the_compiler(self) -> None:
-        """Require no compiler; its extra names the versions that made the libraries, which others are not used with."""
+        """Require no compiler; extras name the versions that made the libraries, which others are not used with."""
         core = self.metadata.core
-        compiler = core.optional_dependencies[EXTRA]
+        compiler = list(core.optional_dependencies[EXTRA])
+        versions = [f"{package}=={importlib.metadata.version(package)}" for package in ("llvmlite", "numba")]
         core.dependencies[:] = [one for one in core.dependencies if one not in compiler]
-        compiler[:] = [f"{package}=={importlib.metadata.version(package)}" for package in ("llvmlite", "numba")]
+        for extra in core.optional_dependencies.values():
+            if any(one in compiler for one in extra):
+                extra[:] = [*versions, *(one for one in extra if one not in compiler)]
 
     @staticmethod
     def _is_asked() -> bool:

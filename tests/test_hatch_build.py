@@ -62,7 +62,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Built(NamedTuple):
-    """A wheel: its name, its files of the folder of kernels, what it requires, and what its extra `jit` does."""
+    """A wheel: its name, its files of the folder of kernels, what it requires, and what extras do of the compiler."""
 
     name: str
     kernels: dict[str, bytes]
@@ -80,7 +80,8 @@ def build(tree: Path, target: Path) -> Built:
         (about,) = (wheel.read(n).decode() for n in names if n.endswith(".dist-info/METADATA"))
         kernels = {Path(n).name: wheel.read(n) for n in names if n.startswith("commonrail/kernels/")}
     required, of_extra = (
-        set(re.findall(rf"^Requires-Dist: ([^;\n]+){rest}$", about, re.MULTILINE)) for rest in ("", "; extra == 'jit'")
+        set(re.findall(rf"^Requires-Dist: ([^;\n]+){rest}$", about, re.MULTILINE))
+        for rest in ("", "; extra == '(?:jit|export)'")
     )
     return Built(made.name, kernels, {re.split(r"\W", one)[0] for one in required}, of_extra)
 
@@ -90,7 +91,7 @@ def test_a_wheel_is_pure_unless_it_is_asked_for_libraries(tree: Path, tmp_path: 
     assert built.name.endswith("-py3-none-any.whl")
     assert built.kernels == {}
     assert {"numpy", "scipy", "numba"} <= built.required
-    assert built.compiler == {"numba>=0.62"}
+    assert built.compiler == {"numba>=0.62", "ziglang>=0.13"}
 
 
 @pytest.fixture
@@ -137,7 +138,7 @@ def test_a_wheel_has_the_libraries_that_were_asked_for(
     assert name.endswith(f"-{tag or 'py3-none-linux_x86_64'}.whl")
     assert "numpy" in required
     assert "numba" not in required
-    assert compiler == {f"{package}=={version(package)}" for package in ("llvmlite", "numba")}
+    assert compiler == {*(f"{package}=={version(package)}" for package in ("llvmlite", "numba")), "ziglang>=0.13"}
     assert set(kernels) == {"lanes-v3.so", "stamp.json"}
     stamp = json.loads(kernels["stamp.json"])
     assert stamp["libraries"] == {"lanes-v3.so": hashlib.sha256(kernels["lanes-v3.so"]).hexdigest()}
