@@ -45,12 +45,16 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         """Remove the libraries, which are in the wheel now."""
         if hasattr(self, "_made"):
             self._made.cleanup()
+            for own, before in self._requirements:  # of a source distribution that is built next
+                own[:] = before
 
     def _free_of_the_compiler(self) -> None:
         """Require no compiler; extras name the versions that made the libraries, which others are not used with."""
         core = self.metadata.core
         compiler = list(core.optional_dependencies[EXTRA])
         versions = [f"{package}=={importlib.metadata.version(package)}" for package in ("llvmlite", "numba")]
+        lists = [core.dependencies, *core.optional_dependencies.values()]
+        self._requirements = [(own, list(own)) for own in lists]
         core.dependencies[:] = [one for one in core.dependencies if one not in compiler]
         for extra in core.optional_dependencies.values():
             if any(one in compiler for one in extra):

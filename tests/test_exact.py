@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import platform
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,11 +15,13 @@ import pytest
 from typer.testing import CliRunner
 
 import commonrail as cr
-from commonrail import exact
+from commonrail import exact, targets
+from commonrail.choices import Precision
 from commonrail.cli.app import app
 from commonrail.compile_target import describe
 from commonrail.engine import lanes, library
-from commonrail.targets import without_liberties
+from commonrail.engine.entry import make_entry
+from commonrail.injector.variants import Variant
 from tests.store.conftest import write_small
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,7 +38,7 @@ def test_sine_cosine_and_exponential_of_the_kernels() -> None:
 
 
 def test_exact_texts_give_the_compiler_no_leave_to_reorder() -> None:
-    """The forms in which Numba writes its flags: on operations, comparisons and calls."""
+    """Flags of operations, comparisons and calls; a name of a value that reads like one stays."""
     written = """
         %.1 = fmul arcp contract nsz reassoc double %a, %b
         %.2 = fcmp contract nsz ogt double %.1, %b
@@ -43,13 +46,26 @@ def test_exact_texts_give_the_compiler_no_leave_to_reorder() -> None:
         %.4 = fneg nsz float %c
         %arcp = fadd double %.1, %contract
     """
-    assert without_liberties(written).split("\n")[1:-1] == [
+    assert targets.without_liberties(written).split("\n")[1:-1] == [
         "        %.1 = fmul double %a, %b",
         "        %.2 = fcmp ogt double %.1, %b",
         "        %.3 = call double @llvm.fabs.f64(double %.1)",
         "        %.4 = fneg float %c",
         "        %arcp = fadd double %.1, %contract",
     ]
+
+
+@pytest.mark.slow
+def test_no_leave_is_left_in_what_numba_writes() -> None:
+    entry = make_entry(Variant("rigid"), lanes.VECTORS[Precision.F64])
+    left, seen = [targets._recorded(entry, targets._OF_A_TABLE, False)[0]], []
+    while left:
+        one = left.pop()
+        seen += [text for _, text in one.texts]
+        left += [other for other in one._linking_libraries if isinstance(other, targets._Recorded)]
+    flags = re.compile(r" (nsz|arcp|contract|reassoc|fast|nnan|ninf|afn) ")
+    assert sum(len(flags.findall(text)) for text in seen) > 1000
+    assert not any(flags.search(targets.without_liberties(text)) for text in seen)
 
 
 def test_a_machine_of_another_kind_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:

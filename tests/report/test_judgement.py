@@ -135,11 +135,18 @@ def test_a_record_of_before_has_none() -> None:
     assert combination_table(record) is None
 
 
-@pytest.mark.parametrize("error", [None, 0.1])
-def test_a_fit_without_any_interval_says_that_it_has_no_bands(error: float | None) -> None:
-    record = map_record() | {"certainty": {"parameters": [{"standard_error": None}, {"standard_error": error}]}}
-    lines = [line for line in judgement_lines(record) if line.startswith("There are no bands")]
-    assert len(lines) == (error is None)
+@pytest.mark.parametrize("upper", [None, 2.0])
+def test_a_fit_without_any_interval_says_that_it_has_no_bands(upper: float | None) -> None:
+    """An end at what a quantity can be, such as zero, is no interval; a profile's is one."""
+    parameters = [{"lower": None, "upper": None}, {"lower": 0.0, "upper": upper}]
+    lines = judgement_lines(map_record() | {"certainty": {"parameters": parameters}})
+    assert [line for line in lines if line.startswith("There are no bands")] == lines[: upper is None]
+
+
+def test_a_fit_with_bands_does_not_say_that_it_has_none(record: dict[str, Any]) -> None:
+    unknown = {"certainty": {"parameters": [{"lower": None, "upper": None}]}}
+    assert not any(line.startswith("There are no bands") for line in judgement_lines(record | unknown))
+    assert judgement_lines(map_record() | {"certainty": None}) == []
 
 
 def test_the_page_shows_them(record: dict[str, Any]) -> None:

@@ -5,15 +5,15 @@ Each level of x86-64 gets one library, of the same objects that the cache of ker
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,6 +44,7 @@ CATALOGUE = (
 
 
 GROUP = 10  # wirings that one process compiles: they share its laws
+MEMORY = 2_000_000_000  # of a process, at most [bytes]; measured: 1.3 GB
 
 
 class _Task(NamedTuple):
@@ -124,16 +125,27 @@ def _write_objects(place: Path, tasks: Sequence[_Task], processes: int) -> None:
     tasks : sequence of _Task
     processes : int
     """
-    with contextlib.ExitStack() as stack:
-        work: Iterable[_Objects] = map(_compiled, tasks)
-        if processes > 1:
-            # a fresh one for each task: LLVM gives nothing back
-            pool = ProcessPoolExecutor(processes, get_context("spawn"), max_tasks_per_child=1)
-            work = stack.enter_context(pool).map(_compiled, tasks)
-        for objects in work:
-            for (level, symbol), content in objects.items():
-                (place / level).mkdir(exist_ok=True)
-                (place / level / f"{symbol}.o").write_bytes(content)
+    for objects in _beside_each_other(tasks, processes) if processes > 1 else map(_compiled, tasks):
+        for (level, symbol), content in objects.items():
+            (place / level).mkdir(exist_ok=True)
+            (place / level / f"{symbol}.o").write_bytes(content)
+
+
+def _beside_each_other(tasks: Sequence[_Task], processes: int) -> Iterator[_Objects]:
+    """Results of tasks in processes, which are ended with whatever ends this.
+
+    Each task has a fresh process, since LLVM gives nothing back. More than one task for each can deadlock before Python
+    3.12.3.
+    """
+    pool = ProcessPoolExecutor(processes, get_context("spawn"), max_tasks_per_child=1)
+    try:
+        yield from pool.map(_compiled, tasks)
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in active_children():
+            child.terminate()
+        raise
+    pool.shutdown()
 
 
 _Objects = dict[tuple[str, str], bytes]
@@ -149,13 +161,24 @@ def _compiled(task: _Task) -> _Objects:
     }
 
 
+def _processes() -> int:
+    """As many as there are processors, and as the memory has room for."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return max(1, min(usable_threads(), memory // MEMORY))
+
+
 def _main(words: list[str]) -> int:
     folder = Path(words[0]) if words else FOLDER
     try:
-        made = write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE, processes=usable_threads())
+        made = write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE, processes=_processes())
     except ConfigurationError as error:
         print(f"commonrail: {error}", file=sys.stderr)
         return error.exit_code
+    except BrokenProcessPool:
+        print("commonrail: a process that compiled was killed, perhaps for want of memory.", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
     for path in made:
         print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
     return 0

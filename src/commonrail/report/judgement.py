@@ -20,8 +20,8 @@ _WORDS = {"rail_pressure": "rail pressure", "energising_time": "energising time"
 def judgement_lines(record: Record) -> list[str]:
     """Sentences on bands, effective parameters, spread of seeds and predictions of what was held out."""
     lines = [band_sentence(d) for d in record["data"] if "band" in d]
-    known = record.get("certainty", {}).get("parameters", [])
-    if known and not lines and all(one["standard_error"] is None for one in known):
+    known = (record.get("certainty") or {}).get("parameters", [])
+    if known and not lines and all(None in (one.get("lower"), one.get("upper")) for one in known):
         lines.append("There are no bands: no parameter has an interval, so nothing bounds what the model predicts.")
     if found := record.get("identifiability"):
         lines.append(_effective(found, len(record["parameters"]), _unit(record)))

@@ -37,12 +37,12 @@ STEP = 5e-3
 FORWARD, FORWARD_ROUGH = 1e-4, 1e-3
 
 
-# Of the largest measured value: what the filters of a meter leave of zero by rounding, and no measurement resolves.
+# Share of the largest measured value. The filters of a meter leave some 1e-13 of it by rounding where the flow is zero.
 ROUNDING = 1e-9
 
 
 def _rounding(block: Block) -> Floats:
-    """Residuals (n,) below which a value that was measured as exactly zero is met exactly, see `laws.unequal`."""
+    """Residuals (n,) below which a value that was measured as exactly zero, or is not judged, is met exactly."""
     return np.where(block.at_zero == 0.0, ROUNDING * np.max(np.abs(block.at_zero), initial=0.0), 0.0)
 
 

@@ -135,7 +135,7 @@ def predict(
     ConfigurationError
         If an argument is of another kind, or quantities are wanted of a study that fits none.
     SimulationError
-        If the best values cannot be simulated.
+        If the best values cannot be simulated, or no parameter has an interval.
     """
     instance(study, Study, "study")
     wanted = instances(points, OperatingPoint, "points")
@@ -260,7 +260,7 @@ def _local(data: DataSet, fit: _Fit, point: Floats, levels: tuple[float, ...]) -
     if not np.isfinite(np.diag(about.covariance.total)).any():
         raise SimulationError(
             f"{data.name} has no band: no parameter of the fit has an interval, so nothing bounds what it predicts; "
-            "search from several starts (commonrail certainty RUN --starts 8), or free fewer parameters."
+            "take draws from the posterior, state priors, or free fewer parameters."
         )
     scatter = fit.scatter_about(data)
     covariance = scatter.calibration**2 * bounded(about)
