@@ -125,6 +125,12 @@ def test_costs_are_the_same_bits_on_threads_and_in_pieces(regulated: Injector, m
     assert np.array_equal(travelled.costs(values[3:]).costs, whole[3:])
 
 
+def test_rates_without_a_meter_are_the_same_bits_on_threads(regulated: Injector) -> None:
+    data, values = a_curve(), np.tile(candidates(regulated), (7, 1))  # several blocks of lanes
+    one, two = (data.simulated(Simulator(regulated, FREE, STEP, threads), values) for threads in (1, 2))
+    assert np.array_equal(one, two)
+
+
 def test_j_of_each_data_set_keeps_the_order_of_the_data(regulated: Injector) -> None:
     data = [a_curve(Meter("bench", {"gain": 2.0})), a_curve(), a_curve(Meter("bench", {"gain": 2.0}))]
     objective = Objective(regulated, FREE[:1], data, STEP, 1)

@@ -13,7 +13,7 @@ from commonrail import kernel_cache
 from commonrail.bench.child import ask_child
 from commonrail.bench.machine import busy, instruction_sets, load, processor, version
 from commonrail.engine.lanes import VECTORS
-from commonrail.engine.library import objection
+from commonrail.engine.library import COMPILERS, INSTALL, objection
 from commonrail.engine.simulate import usable_threads
 
 __all__ = [
@@ -36,10 +36,8 @@ BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
 # Packages that a simulation needs where no library holds it, and what needs them in any case.
 WITHOUT_LIBRARIES = {
     "scipy": "the reference engine, refinements and some analyses need",
-    "numba": "the reference engine, the stepper, exports and simulations that no library holds need",
-    "llvmlite": "the reference engine, the stepper, exports and simulations that no library holds need",
+    **dict.fromkeys(COMPILERS, "the reference engine, the stepper, exports and simulations that no library holds need"),
 }
-CURES = dict.fromkeys(("numba", "llvmlite"), "pip install 'commonrail[jit]'")
 EXTRAS = {
     "distributed": ("distributed", "to calibrate on a cluster", "pip install 'commonrail[cluster]'"),
     "cryptography": ("cryptography", "for --cluster local", "pip install 'commonrail[cluster]'"),
@@ -102,7 +100,7 @@ def package_facts(has_libraries: bool) -> Iterator[Fact]:
         found = version(package)
         needless = has_libraries and package in WITHOUT_LIBRARIES
         lacking = f"Simulations by a library do without; {WITHOUT_LIBRARIES[package]} it. " if needless else ""
-        cure = f"{lacking}Install it: {CURES.get(package, f'pip install {package}')}."
+        cure = f"{lacking}Install it: {INSTALL if package in COMPILERS else f'pip install {package}'}."
         yield Fact(package, found or "not installed", OK if found else cure, not needless)
 
 

@@ -20,11 +20,6 @@ __all__ = ["INTERRUPTED", "guarded", "show_traceback"]
 
 UNEXPECTED = 1
 UNUSABLE = 2
-# Packages that are loaded where they are used, since a simulation by a library does without; opening of the
-# sentence, and what pip is to install.
-_COMPILED = "this needs machine code that no library of this installation holds, and the package {}, which compiles it"
-_LACKING = {name: (_COMPILED.format(name), "'commonrail[jit]'") for name in ("llvmlite", "numba")}
-_LACKING |= {"scipy": ("the package scipy, which this needs", "scipy")}
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 
 # Cure of too little memory by verb, and of the others.
@@ -74,11 +69,7 @@ def guarded(verb: _Verb) -> _Verb:
             place = f"{error.filename}: " if error.filename else ""
             _end(f"{place}{error.strerror or error}.", UNUSABLE)
         except ModuleNotFoundError as error:
-            package = (error.name or "").partition(".")[0]
-            if package not in _LACKING:
-                _end(_fault(error), UNEXPECTED)
-            lacking, cure = _LACKING[package]
-            _end(f"{lacking}, is not installed: pip install {cure}.", UNUSABLE)
+            _end(*_lacking(error))
         except MemoryError:
             _end(f"not enough memory; {MEMORY.get(verb.__name__, OTHERS)}.", UNUSABLE)
         except Exception as error:
@@ -87,6 +78,21 @@ def guarded(verb: _Verb) -> _Verb:
             _end(_fault(error), UNEXPECTED)
 
     return run  # type: ignore[return-value]
+
+
+def _lacking(error: ModuleNotFoundError) -> tuple[str, int]:
+    """Sentence and exit status for a package that cannot be imported: some are loaded only where they are used."""
+    from commonrail.engine.library import COMPILERS, INSTALL  # late: most commands end otherwise
+
+    package = (error.name or "").partition(".")[0]
+    if package in COMPILERS:
+        compiled = (
+            f"machine code that no library of this installation holds, and the package {package}, which compiles it"
+        )
+        return f"this needs {compiled}, is not installed: {INSTALL}.", UNUSABLE
+    if package == "scipy":
+        return "the package scipy, which this needs, is not installed: pip install scipy.", UNUSABLE
+    return _fault(error), UNEXPECTED
 
 
 def _refuse_dash(options: Mapping[str, Any]) -> None:

@@ -137,12 +137,12 @@ def _beside_each_other(tasks: Sequence[_Task], processes: int) -> Iterator[_Obje
     Each task has a fresh process, since LLVM gives nothing back. More than one task for each can deadlock before Python
     3.12.3.
     """
-    pool = ProcessPoolExecutor(processes, get_context("spawn"), max_tasks_per_child=1)
+    others, pool = active_children(), ProcessPoolExecutor(processes, get_context("spawn"), max_tasks_per_child=1)
     try:
         yield from pool.map(_compiled, tasks)
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
-        for child in active_children():
+        for child in set(active_children()).difference(others):
             child.terminate()
         raise
     pool.shutdown()
@@ -161,7 +161,7 @@ def _compiled(task: _Task) -> _Objects:
     }
 
 
-def _processes() -> int:
+def _most_processes() -> int:
     """As many as there are processors, and as the memory has room for."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return max(1, min(usable_threads(), memory // MEMORY))
@@ -170,7 +170,7 @@ def _processes() -> int:
 def _main(words: list[str]) -> int:
     folder = Path(words[0]) if words else FOLDER
     try:
-        made = write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE, processes=_processes())
+        made = write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE, processes=_most_processes())
     except ConfigurationError as error:
         print(f"commonrail: {error}", file=sys.stderr)
         return error.exit_code

@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 
 WHITE = Autoregression(np.empty(0))
 FAR, FAR_SHARE, FAR_LEAST = 4.0, 0.01, 50  # deviations, share and number of values by which outliers are recognised
+# Share of the largest measured value. The filters of a meter leave some 1e-13 of it by rounding where the flow is zero.
+_ROUNDING = 1e-9
 _CLIP = 3.0  # deviations to which outliers are cut before the autocorrelation is estimated
 _NORMAL = 1.4826
 
@@ -105,6 +107,11 @@ class Block:
     def size(self) -> int:
         """Number of values."""
         return int(self.rows.stop - self.rows.start)
+
+    @property
+    def rounding(self) -> Floats:
+        """Residuals (n,) below which a value that was measured as exactly zero, or is not judged, is met exactly."""
+        return np.where(self.at_zero == 0.0, _ROUNDING * np.max(np.abs(self.at_zero), initial=0.0), 0.0)
 
     def courses(self, deviation: float, length: float, pressure_length: float = math.inf) -> Floats:
         """Courses (k, n) with independent unit weights that add up to a discrepancy with a correlation in between.

@@ -37,15 +37,6 @@ STEP = 5e-3
 FORWARD, FORWARD_ROUGH = 1e-4, 1e-3
 
 
-# Share of the largest measured value. The filters of a meter leave some 1e-13 of it by rounding where the flow is zero.
-ROUNDING = 1e-9
-
-
-def _rounding(block: Block) -> Floats:
-    """Residuals (n,) below which a value that was measured as exactly zero, or is not judged, is met exactly."""
-    return np.where(block.at_zero == 0.0, ROUNDING * np.max(np.abs(block.at_zero), initial=0.0), 0.0)
-
-
 class Likelihood:
     """Likelihood of data under a model whose parameters vary.
 
@@ -113,12 +104,11 @@ class Likelihood:
         for data in objective.data:
             blocks.append(block_of(data, blocks[-1].rows.stop if blocks else 0))
         weights = np.concatenate([row_weights(data) for data in objective.data])
-
-        nothing = np.concatenate([_rounding(block) for block in blocks])
+        rounding = np.concatenate([block.rounding for block in blocks])
 
         def residuals(points: Floats) -> Floats:
             found = objective.residuals(points)[:, : len(weights)] / np.sqrt(weights)
-            return np.where(np.abs(found) < nothing, 0.0, found)
+            return np.where(np.abs(found) < rounding, 0.0, found)
 
         nuisances = nuisances_of(objective, np.sqrt(weights))
         rough = study.injector.variant.drive is Drive.PWM or not all(block.ordered for block in blocks)
