@@ -12,7 +12,7 @@ import numpy as np
 from commonrail.arguments import instance
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.errors import ConfigurationError
-from commonrail.signals.measures import FEATURES, Instants, Measured, instants_of, measured_between
+from commonrail.signals.measures import FEATURES, Instant, Instants, Measured, instants_of, measured_between
 from commonrail.signals.parts import Part, averaged, parts_of
 from commonrail.signals.rate_trace import RateTrace, rate_trace
 from commonrail.signals.result import Features, Injection
@@ -87,14 +87,14 @@ def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> 
     parts = parts_of(course, levels, settings.split)
     if not parts:
         return []
-    instants = [instants_of(course, part, levels) for part in parts]
+    instants = [instants_of(trace, course, part, levels) for part in parts]
     windows = _windows(trace, instants, parts, float(settings.tail))
     measured = [
         measured_between(trace, course, part, window, levels, settings)
         for part, window in zip(parts, windows, strict=True)
     ]
     numbers = [_energising_of(at.begin, trace.energisings, float(settings.least_delay)) for at in instants]
-    before = [math.nan, *(at.closing for at in instants[:-1])]
+    before = [Instant(), *(at.closing for at in instants[:-1])]
     return [_injection(measured, i, numbers, trace.energisings, before[i]) for i in range(len(parts))]
 
 
@@ -107,8 +107,8 @@ def _windows(
     edges = zip([first, *middles], [*middles, last], strict=True)
     for at, part, (low, high) in zip(instants, parts, edges, strict=True):
         yield (
-            at.begin if part.fused_before and math.isnan(at.opening) else max(low, at.begin - tail),
-            at.end if part.fused_after and math.isnan(at.closing) else min(high, at.end + tail),
+            at.begin if part.fused_before and math.isnan(at.opening.time) else max(low, at.begin - tail),
+            at.end if part.fused_after and math.isnan(at.closing.time) else min(high, at.end + tail),
         )
 
 
@@ -123,9 +123,9 @@ def _injection(
     i: int,
     numbers: Sequence[int | None],
     energisings: Sequence[Energising],
-    before: float,
+    before: Instant,
 ) -> Injection:
-    """Injection i with what depends on its energising, on its reopenings, and on the closing `before` it [s]."""
+    """Injection i with what depends on its energising, on its reopenings, and on the closing `before` it."""
     values, errors, statuses = dict(measured[i].values), dict(measured[i].standard_errors), list(measured[i].statuses)
     again = numbers[i] is not None and numbers[i] in numbers[:i]
     number = None if again else numbers[i]
@@ -135,9 +135,10 @@ def _injection(
     values |= {
         "opening_delay": values["opening"] - start,
         "closing_delay": values["closing"] - end,
-        "separation": values["opening"] - before,
+        "separation": values["opening"] - before.time,
         "total_quantity": math.nan if again else values["quantity"] if number is None else sum(own),
     }
+    errors["separation"] = math.hypot(errors["opening"], before.error)
     if pulse is not None:
         errors |= {"opening_delay": errors["opening"], "closing_delay": errors["closing"]}
     if energisings and pulse is None:

@@ -19,6 +19,10 @@ __all__ = ["FEATURES", "Feature", "Measured", "instants_of", "measured_between"]
 Floats = NDArray[np.float64]
 
 PLATEAU = 0.5  # share of the duration near the largest rate above which an injection has a steady rate
+ROUNDS = 3  # of slope and averaging about an instant: the slope of a first, wide mean is too small at the foot
+# A mean over w is off by w²/24 of the second derivative: 4/24 of the second difference over w/2, which reaches less far
+# beyond the mean than one over w.
+BEND = 4.0 / 24.0
 MIDDLE = 0.25  # share that is left out at either end of the plateau
 
 
@@ -58,32 +62,92 @@ class Measured(NamedTuple):
     statuses: tuple[FeatureStatus, ...]
 
 
-class Instants(NamedTuple):
-    """Opening and closing [s], NaN where there is none, and the times that stand for them where neighbours divide."""
+class Instant(NamedTuple):
+    """Time at which the rate passes the threshold and its standard error [s], NaN where it does not."""
 
-    opening: float
-    closing: float
+    time: float = math.nan
+    error: float = math.nan
+
+
+class Instants(NamedTuple):
+    """Opening and closing, and the times [s] that are used for them where neighbours divide."""
+
+    opening: Instant
+    closing: Instant
     begin: float
     end: float
 
 
-def instants_of(course: Course, part: Part, levels: Levels) -> Instants:
+def instants_of(trace: RateTrace, course: Course, part: Part, levels: Levels) -> Instants:
     """Last rise above the threshold before the trigger, and first fall below it after the trigger.
 
     Parameters
     ----------
+    trace : RateTrace
     course : Course
+        Of the trace.
     part : Part
     levels : Levels
     """
-    high = part.first + np.flatnonzero(course.rate[part.first : part.last + 1] > levels.trigger)
+    rate = course.rate[part.first : part.last + 1]
+    high = part.first + np.flatnonzero(rate > levels.trigger)
     rises = course.rises(levels.threshold, part.first, int(high[0]))
     falls = course.falls(levels.threshold, int(high[-1]), part.last)
-    opening = course.crossing(int(rises[-1]), levels.threshold) if len(rises) else math.nan
-    closing = course.crossing(int(falls[0]), levels.threshold) if len(falls) else math.nan
-    begin = opening if len(rises) else float(course.time[part.first])
-    end = closing if len(falls) else float(course.time[part.last])
+    margin = min(levels.threshold, float(rate.max()) - levels.threshold)
+    opening, closing = Instant(), Instant()
+    if len(rises):
+        opening = _passing(trace, course.crossing(int(rises[-1]), levels.threshold), 1, margin, levels)
+    if len(falls):
+        closing = _passing(trace, course.crossing(int(falls[0]), levels.threshold), -1, margin, levels)
+    begin = opening.time if len(rises) else float(course.time[part.first])
+    end = closing.time if len(falls) else float(course.time[part.last])
     return Instants(opening, closing, begin, end)
+
+
+def _passing(trace: RateTrace, time: float, sign: int, margin: float, levels: Levels) -> Instant:
+    """Passing of the threshold, with an averaging that stays on the straight part of the ramp.
+
+    A mean over more than twice the distance to the foot of the ramp, or to its top, would move the passing. The slope
+    between the passing and a mean within the injection gives that distance.
+
+    Parameters
+    ----------
+    trace : RateTrace
+    time : float
+        Passing of the rate averaged over `levels.width` [s].
+    sign : int
+        1 for a rise, -1 for a fall.
+    margin : float
+        From the threshold to zero or to the largest rate, whichever is nearer [m³/s or kg/s].
+    levels : Levels
+    """
+    first, level, narrowest = time, levels.threshold, max(levels.narrowest, trace.interval)
+    width = max(levels.width, trace.interval)
+    inner = width = max(width, narrowest)
+    slope = 0.0
+    for _ in range(ROUNDS):
+        slope = 2.0 * (float(trace.means(time + 0.5 * sign * inner, inner)) - level) / inner
+        if not slope > 0.0:
+            break
+        width = min(max(2.0 * margin / slope, narrowest), width)
+        time = _nearest_passing(trace, first, sign, width, levels)
+    if not slope > 0.0:
+        return Instant(time, math.inf)
+    before, here, after = trace.means([time - 0.5 * width, time, time + 0.5 * width], 0.5 * width)
+    bend = abs(float(before - 2.0 * here + after)) * BEND
+    noise = levels.noise * math.sqrt(max(levels.width / width, 1.0))
+    return Instant(time, math.hypot(noise, bend) / slope)
+
+
+def _nearest_passing(trace: RateTrace, time: float, sign: int, width: float, levels: Levels) -> float:
+    """Passing of the rate averaged over a width that is nearest to a time [s]; the time itself where there is none."""
+    reach = levels.width + trace.interval
+    inside = (trace.bounds > time - reach - width) & (trace.bounds < time + reach + width)
+    knots = np.unique(np.concatenate([trace.bounds[inside] - 0.5 * width, trace.bounds[inside] + 0.5 * width]))
+    course = Course(knots, trace.means(knots, width))
+    passes = (course.rises if sign > 0 else course.falls)(levels.threshold, 0, len(knots) - 1)
+    times = [course.crossing(int(knot), levels.threshold) for knot in passes]
+    return min(times, key=lambda one: abs(one - time), default=time)
 
 
 def measured_between(
@@ -102,27 +166,27 @@ def measured_between(
     levels : Levels
     settings : FeatureSettings
     """
-    at = instants_of(course, part, levels)
+    at = instants_of(trace, course, part, levels)
+    opening, closing = at.opening.time, at.closing.time
     peak = _largest(trace, course, part, at, float(settings.peak_averaging))
     rise, fall, plateau = _ramps(course, part, settings.ramp, peak)
-    duration = at.closing - at.opening
     steady = math.nan
     if plateau[1] - plateau[0] > PLATEAU * (at.end - at.begin):
         left_out = MIDDLE * (plateau[1] - plateau[0])
         begin, end = plateau[0] + left_out, plateau[1] - left_out
         steady = trace.quantity(begin, end) / (end - begin)
     values = {
-        "opening": at.opening,
-        "closing": at.closing,
-        "duration": duration,
+        "opening": opening,
+        "closing": closing,
+        "duration": closing - opening,
         "rise_time": rise,
         "fall_time": fall,
         "steady_rate": steady,
         "peak_rate": peak,
         "quantity": trace.quantity(*window),
-        "dribble": trace.quantity(at.closing, window[1]) if math.isfinite(at.closing) else math.nan,
+        "dribble": trace.quantity(closing, window[1]) if math.isfinite(closing) else math.nan,
     }
-    errors = _errors(trace, at, window, levels)
+    errors = _errors(trace, at, window)
     if settings.zero_at_rest:
         errors["quantity"] = _quantity_error_from_zero(trace, window)
     return Measured(values, errors, _statuses(at, part, math.isnan(steady)))
@@ -153,12 +217,11 @@ def _ramps(
     return rise, fall, (up, down)
 
 
-def _errors(trace: RateTrace, at: Instants, window: tuple[float, float], levels: Levels) -> dict[str, float]:
-    """Standard errors by the noise: of an instant noise over slope, of a quantity that of a sum of white noise."""
-    opening, closing = (_instant_error(trace, time, levels) for time in (at.opening, at.closing))
-    both = math.hypot(opening, closing)
+def _errors(trace: RateTrace, at: Instants, window: tuple[float, float]) -> dict[str, float]:
+    """Standard errors: of instants as found, of a quantity that of a sum of white noise."""
+    opening, closing = at.opening.error, at.closing.error
     quantity = trace.noise * math.sqrt(trace.interval * (window[1] - window[0]))
-    return {"opening": opening, "closing": closing, "duration": both, "quantity": quantity}
+    return {"opening": opening, "closing": closing, "duration": math.hypot(opening, closing), "quantity": quantity}
 
 
 def _quantity_error_from_zero(trace: RateTrace, window: tuple[float, float]) -> float:
@@ -168,20 +231,12 @@ def _quantity_error_from_zero(trace: RateTrace, window: tuple[float, float]) -> 
     return trace.noise * math.sqrt(trace.interval * length * max(1.0 + (length - 2.0 * shared) / rest, 0.0))
 
 
-def _instant_error(trace: RateTrace, time: float, levels: Levels) -> float:
-    if math.isnan(time):
-        return math.nan
-    around = trace.means([time - 0.5 * levels.width, time + 0.5 * levels.width], levels.width)
-    slope = abs(float(around[1] - around[0])) / levels.width
-    return levels.noise / slope if slope > 0.0 else math.inf
-
-
 def _statuses(at: Instants, part: Part, no_plateau: bool) -> tuple[FeatureStatus, ...]:
     found = []
-    if (math.isnan(at.opening) and part.fused_before) or (math.isnan(at.closing) and part.fused_after):
+    if (math.isnan(at.opening.time) and part.fused_before) or (math.isnan(at.closing.time) and part.fused_after):
         found.append(FeatureStatus.FUSED)
-    if math.isnan(at.opening) and not part.fused_before:
+    if math.isnan(at.opening.time) and not part.fused_before:
         found.append(FeatureStatus.CUT_AT_START)
-    if math.isnan(at.closing) and not part.fused_after:
+    if math.isnan(at.closing.time) and not part.fused_after:
         found.append(FeatureStatus.CUT_AT_END)
     return (*found, *([FeatureStatus.NO_PLATEAU] if no_plateau else []))

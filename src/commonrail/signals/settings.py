@@ -16,7 +16,7 @@ __all__ = ["FeatureSettings", "Levels", "Threshold", "levels_of"]
 AVERAGINGS = Limits(1e-9, 1e-3, (1e-6, 1e-3), ("us",))  # [s]
 TIMES = Limits(0.0, 0.1, (1e-6, 0.1), ("us", "ms"))  # [s]
 LONGEST = 25e-6  # to which a noisy trace is averaged by itself [s]
-QUIET = 2e-4  # standard deviation of the averaged rate that is aimed at, as a share of the largest
+QUIET = 2e-4  # standard deviation of the averaged rate that is aimed at for dividing a trace, as a share of the largest
 CLEAR = 4.0  # standard deviations of the averaged rate within the hysteresis
 SEEN = 8.0  # standard deviations above which a largest rate is no noise
 LEAST = {"m3/s": 1e-7, "kg/s": 1e-4}  # largest rate below which nothing is injected: 0.1 mm³/ms, 0.1 mg/ms
@@ -45,6 +45,8 @@ class Levels(NamedTuple):
         Time over which the rate is averaged.
     noise : float
         Standard deviation of the averaged rate.
+    narrowest : float
+        Shortest time over which the rate is averaged about an opening or a closing.
     """
 
     threshold: float
@@ -52,6 +54,7 @@ class Levels(NamedTuple):
     release: float
     width: float
     noise: float
+    narrowest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,8 @@ class FeatureSettings:
     ramp : (float, float)
         Shares of the largest rate between which ramps are timed.
     averaging : float or str, optional
-        Time over which the rate is averaged [s]; by default one sample, and up to 25 us where there is noise.
+        Time over which the rate is averaged [s]; by default one sample, and up to 25 us where there is noise, about
+        openings and closings at most twice the time to the foot or the top of the ramp.
     peak_averaging : float or str
         Time over which the largest rate is a mean [s].
     tail : float or str
@@ -149,7 +153,9 @@ def levels_of(trace: RateTrace, settings: FeatureSettings) -> Levels:
             "kind, or as a share such as 10 %."
         )
     apart = float(settings.hysteresis) * threshold
-    return Levels(threshold, threshold + apart, threshold - apart, width, calm)
+    return Levels(
+        threshold, threshold + apart, threshold - apart, width, calm, 0.0 if settings.averaging is None else width
+    )
 
 
 def _width(trace: RateTrace, settings: FeatureSettings, noise: float, largest: float) -> float:
