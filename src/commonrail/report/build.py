@@ -239,7 +239,7 @@ def report_html(
         judgement_tables=[*judgement_tables(record), *filter(None, [combination_table(record)])],
         certainty_lines=certainty_lines(record),
         certainty_tables=certainty_tables(record),
-        parameters=parameter_rows(sorted(record["parameters"], key=_effect, reverse=True)),
+        parameters=parameter_rows(sorted(record["parameters"], key=_effect, reverse=True), record.get("certainty")),
         parameter_lines=parameter_lines(record["parameters"]),
         synthetic=synthetic_notes(record),
         warnings=warning_lines(record),
