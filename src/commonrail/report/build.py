@@ -13,6 +13,7 @@ from jinja2 import UndefinedError
 from numpy.typing import NDArray
 
 from commonrail.arguments import file_path
+from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.display.chart import Figure
 from commonrail.display.text import duration, number, significant
 from commonrail.errors import InputError
@@ -275,17 +276,10 @@ def _search(settings: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     """Settings of the search; none in a record of before they were kept."""
     if settings is None:
         return []
-    size = f"{settings['generations']} generations of {settings['members']} members"
-    if "difference" in settings:  # the multi-start search
-        size = (
-            f"{settings['starts']} starts of {settings['members']} draws, {settings['generations']} iterations at most"
-        )
-    elif "starts" in settings:  # the staged search
-        size = f"{settings['members']} screened candidates, {settings['generations']} steps"
     polish = f"; {settings['polish']} least-squares refinements" if settings["polish"] else ""
     initial = settings.get("initial", "")
     first = f"; first population {_FIRST.get(initial, initial)}" if initial else ""
-    return [("Search", f"{settings.get('method', 'differential evolution')}, {size}{first}{polish}")]
+    return [("Search", f"{settings.get('method', 'differential evolution')}, {size_in_words(settings)}{first}{polish}")]
 
 
 _FIRST = {
