@@ -183,7 +183,8 @@ def _x_values(panel: Panel) -> list[float]:
 def _vertical(panel: Panel) -> Axis:
     if panel.rows:
         return Axis(len(panel.rows) - 0.4, -0.6, 0.0, 1.0)
-    values = [v for series in panel.series for v in series.y if v is not None]
+    scaling = [series for series in panel.series if series.look == panel.scaled_by] or panel.series
+    values = [v for series in scaling for v in series.y if v is not None]
     values += [v for band in panel.bands for v in chain(band.low, band.high) if v is not None]
     values += [v for boxes in panel.boxes for box in boxes.boxes for v in box]
     if not panel.logarithmic:
