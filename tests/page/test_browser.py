@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import io
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -221,6 +222,38 @@ def test_the_map_is_that_of_the_engine(page: Browser, subject: Subject) -> None:
         rail, time = found["pressures"][i], found["times"][k]
         at = cr.OperatingPoint(rail, time, 5e6, 0.5e6, horizon=time + 2.5e-3)
         assert found["quantity"][i][k] == pytest.approx(cr.simulate(subject.injector, at).injected_mass, rel=DRIBBLE)
+
+
+def test_measured_maps_are_those_of_the_engine(run_folder: Path, browser: Browser, tmp_path: Path) -> None:
+    """Quantities and a dead time that is judged as one, at pressures of their own; the page opens at one of them."""
+    subject = replace(read_subject(str(run_folder)), data=(), fan=None)
+    pressures = [(140e6, 0.6e6, 0.1e6)] * 4 + [(75e6, 0.6e6, 0.1e6)] * 2
+    times = (260e-6, 500e-6, 900e-6, 300e-6, 600e-6, 800e-6)
+    points = tuple(cr.OperatingPoint(p, t, c, r) for (p, c, r), t in zip(pressures, times, strict=True))
+    quantity = np.array([4.0, 20.0, 60.0, 0.5, 12.0, 30.0]) * 1e-9
+    meter = cr.Meter("balance", {"gain": 1.02, "quantity_offset": "0.1 mm3"})
+    dead = np.array([False, False, False, True, False, False])
+    data = cr.QuantityData(
+        "map", cr.Role.FIT, points, quantity, 1e-10, 0.02, dead, 1.0, "", "", math.nan, 5e-6, meter=meter
+    )
+    subject = replace(subject, maps=(data,))
+    (tmp_path / "map.html").write_text(page_html(subject), encoding="utf-8")
+    browser.complaints.clear()
+    opened(browser, tmp_path / "map.html")
+    values = data.simulated(Simulator(subject.injector, (), subject.time_step), np.empty((1, 0)))[0]
+    (found,) = browser.evaluate("commonrail.scores().maps")
+    assert found["values"] == pytest.approx(values.tolist(), rel=DRIBBLE)
+    assert found["j"] == pytest.approx(float(data.misfit(values)), rel=1e-4)  # errors of tolerances amplify the dribble
+    p = shown(browser)["point"]  # nearest to 100 MPa and 700 µs, with its other pressures
+    assert (p["rail"], p["cylinder"], p["low"], p["pulses"][0][1]) == (75e6, 0.6e6, 0.1e6, 800e-6)
+    browser.until("commonrail.map() !== null")
+    assert browser.evaluate("commonrail.map().pressures") == [75e6, 140e6]
+    text = browser.evaluate("document.body.innerText")
+    assert "Simulated − measured, mm³" in text
+    assert f"{data.misfit(values):.2f}" in text
+    slide(browser, "plunger_needle.k7", 80.0)
+    assert browser.evaluate("commonrail.scores().maps[0].j") != pytest.approx(found["j"], rel=1e-3)
+    assert browser.complaints == []
 
 
 def test_the_address_holds_the_state(page: Browser, file: Path) -> None:

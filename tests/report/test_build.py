@@ -10,6 +10,11 @@ from typing import Any
 
 import pytest
 
+from commonrail.calibration.optimisers.covariance import CovarianceSettings
+from commonrail.calibration.optimisers.multistart import MultiStartSettings
+from commonrail.calibration.optimisers.registry import registered
+from commonrail.calibration.optimisers.simplex import NelderMeadSettings
+from commonrail.calibration.optimisers.staged_settings import StagedSettings
 from commonrail.errors import InputError, OutputError
 from commonrail.report.build import report_html, write_report
 from tests.report.conftest import WriteRun
@@ -78,6 +83,22 @@ def test_the_search_and_where_it_started_are_said_if_they_are_known(write_run: W
     text = page_of(write_run(map_record() | {"optimiser": OPTIMISER})).text
     assert "30 generations of 24 members; first population the start values, the rest drawn" in text
     assert "; 2 least-squares refinements" in text
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (NelderMeadSettings(), "Nelder-Mead, 4 simplices from 64 draws, 500 moves at most"),
+        (MultiStartSettings(), "8 starts of 128 draws, 60 iterations at most"),
+        (StagedSettings(), "400 screened candidates, 52 steps"),
+        (CovarianceSettings(), "220 generations of 16 members"),
+    ],
+)
+def test_each_search_is_told_in_its_own_words(write_run: WriteRun, settings: Any, words: str) -> None:
+    entry = registered(settings)
+    assert entry is not None
+    record = {"method": entry.name, **vars(settings), "polish": 0}
+    assert words in page_of(write_run(map_record() | {"optimiser": record})).text
 
 
 def test_a_staged_search_is_told_by_its_candidates_and_steps(write_run: WriteRun) -> None:

@@ -20,7 +20,7 @@ def record(found: bool) -> dict[str, Any]:
         "sensitivity": [],
         "tests": [test],
     }
-    return {"certainty": certainty}
+    return {"certainty": certainty, "parameters": [{"name": "k7", "unit": "N/m", "best": 1.0}]}
 
 
 def test_a_test_of_friction_that_found_nothing_is_told_with_its_probability() -> None:

@@ -66,6 +66,26 @@ def test_a_curve_goes_through_its_values() -> None:
     assert [y for _, y in back] == pytest.approx([0.0, 10.0, 2.0], abs=1e-2)  # of 200
 
 
+@pytest.mark.parametrize("height", [200, 290, 340, 420, 560, 900])
+@pytest.mark.parametrize("width", [WIDE, NARROW])
+def test_numbers_of_a_vertical_axis_are_whole_and_beside_its_title(height: int, width: int) -> None:
+    boxes = Boxes("a", "best", ((0.1, 0.5, 0.8, 1.0, 3.0),))
+    lines = (Series("b", "best", (0.0, 1.0), (12_000.0, 47_500.0)), Series("", "start", (0.0, 1.0), (-3.1e-5, 4e-6)))
+    panels = [Panel("k", (), boxes=(boxes,), categories=("k1",)), *(Panel("y", (one,), 0.34) for one in lines)]
+    for shown in (panels[:1], panels[1:2], panels[1:]):
+        svg = figure_svg(figure(*shown), width, height)
+        numbers = [
+            node.text or ""
+            for axis in ElementTree.fromstring(svg).iter(f"{SVG}g")
+            if axis.get("class") == "ys"
+            for node in axis
+        ]
+        assert len(numbers) >= 2
+        assert not [text for text in numbers if "…" in text]
+        left = min(float(x) for x in re.findall(r'class="panel" transform="translate\(([\d.]+)', svg))
+        assert left >= max(map(text_width, numbers)) + 6.0 + SIZE  # their distance from the axis, the title's letters
+
+
 def test_a_gap_stays_a_gap() -> None:
     series = Series("a", "best", (0.0, 1.0, 2.0, 3.0, 4.0), (0.0, 1.0, None, 1.0, 0.0))
     assert figure_svg(figure(Panel("", (series,)))).count(" l") == 0

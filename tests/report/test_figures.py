@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 
 from commonrail.display.chart import Figure
+from commonrail.report.draw import figure_svg
 from commonrail.report.figures import convergence_figure, figures_of
-from tests.report.samples import map_record, rate_record
+from tests.report.samples import map_record, rate_record, rate_traces
 
 TRACE = {
     "time_s": np.array([1.5e-6, 4.5e-6]),
@@ -28,6 +30,19 @@ def rate_figure(data: dict[str, Any]) -> Figure:
 def map_figures() -> list[Figure]:
     """Figures of a map: quantities, errors, dead times."""
     return figures_of({"data": map_record()["data"][:1]}, {})
+
+
+def test_the_error_of_the_calibrated_model_fills_its_panel() -> None:
+    """The rigid body is off by the whole rate; drawn to its scale the calibrated error is a flat line."""
+    record = rate_record()
+    traces = rate_traces(record)
+    trace = next(iter(traces.values()))
+    largest = {name: float(np.max(np.abs(trace[name] - trace["measured"]))) for name in ("best", "rigid")}
+    assert largest["rigid"] > 5.0 * largest["best"]
+    svg = figure_svg(figures_of(record, traces)[0])
+    low, high = (float(v) for v in re.findall(r'data-y="(\S+) (\S+)"', svg)[1])
+    assert high - low < 2.2 * 1e6 * largest["best"]  # from −largest to +largest, a twentieth to either side
+    assert "cut at the range of the calibrated one" in figures_of(record, traces)[0].caption
 
 
 def test_a_rate_is_shown_in_its_units_with_its_error_below() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pytest
+
+from commonrail.report.certainty import interval_text
 from commonrail.report.parameters import parameter_rows, parameter_table
 from tests.report.samples import rate_record
 
@@ -36,7 +39,37 @@ def test_a_parameter_without_identification_has_dashes() -> None:
     for key in ("effect", "pinned", "standard_error", "verdict"):
         del record[key]
     (row,) = parameter_rows([record])
-    assert (row.effect, row.pinned, row.error, row.verdict) == ("–", "–", "", "–")
+    assert (row.effect, row.error, row.verdict) == ("–", "", "–")
+
+
+def test_a_machine_zero_is_not_given_as_an_effect() -> None:
+    record = rate_record()["parameters"][0]
+    assert parameter_rows([record | {"effect": 0.25, "pinned": 2.9e-15}])[0].effect == "0.25, none with the others"
+    assert parameter_rows([record | {"effect": 0.25, "pinned": 0.01}])[0].effect == "0.25, 0.01 with the others"
+
+
+def test_value_and_interval_of_the_likelihood_stand_together() -> None:
+    """The standard error about the most likely value is none of the calibrated one."""
+    record = rate_record()["parameters"][1]  # calibrated 82.6 N/µm, bounds 8.08 to 162 N/µm
+    likely = {"name": record["name"], "value": 50e6, "lower": 45e6, "upper": 55e6, "percent": 10.0}
+    (row,) = parameter_rows([record], {"level": 0.95, "parameters": [likely]})
+    assert (row.best, row.error, row.likely) == ("82.6 N/µm", "", "50 N/µm, 95 %: 45 N/µm to 55 N/µm")
+    assert "standard error" not in parameter_table([record], {"level": 0.95, "parameters": [likely]}).columns
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "text"),
+    [
+        (-1693.6e6, 2377.9e6, "not bounded by the data"),
+        (-12e6, 100e6, "below 100 N/µm"),
+        (20e6, 300e6, "above 20 N/µm"),
+        (20e6, 100e6, "20 N/µm to 100 N/µm"),
+        (None, None, "–"),
+    ],
+)
+def test_an_interval_is_given_within_the_bounds(lower: float | None, upper: float | None, text: str) -> None:
+    known = rate_record()["parameters"][1]  # bounds 8.08 to 162 N/µm
+    assert interval_text({"lower": lower, "upper": upper, "percent": 100.0}, known) == text
 
 
 def test_the_terminal_has_value_error_and_bounds_of_each_parameter() -> None:

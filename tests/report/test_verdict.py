@@ -97,8 +97,33 @@ def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     assert [step.command for step in found.steps][1] == "commonrail certainty runs/a"
 
 
+@pytest.mark.parametrize(("starts", "command"), [(1, "commonrail certainty r"), (8, "commonrail compare r likely=r/")])
+def test_a_better_fit_by_the_likelihood_is_the_first_reason(starts: int, command: str) -> None:
+    record = sound() | {"convergence": {"converged": False, "sentence": "not converged: x"}}
+    known = record["parameters"][0]
+    one = {
+        "name": known["name"],
+        "value": 0.5 * known["best"],
+        "lower": 0.4 * known["best"],
+        "upper": 0.6 * known["best"],
+    }
+    record["certainty"] = {"starts": starts, "level": 0.95, "gain": 41.3, "parameters": [one]}
+    found = verdict(record, "r")
+    assert "2 ln L is higher by 41.3" in found.reasons[0]
+    assert f"excludes the calibrated value of {known['name']}" in found.reasons[0]
+    assert found.steps[0].command.startswith(command)
+
+
+def test_a_gain_that_noise_explains_is_no_reason() -> None:
+    """With three parameters 2 ln L falls by 7.8 in 5 % of benches (chi-squared)."""
+    record = sound()
+    for gain, said in ((7.7, False), (7.9, True)):
+        record["certainty"] = {"starts": 1, "level": 0.95, "gain": gain, "parameters": []}
+        assert any("2 ln L" in reason for reason in verdict(record, "r").reasons) is said
+
+
 def test_profiled_intervals_lead_to_a_measuring_plan() -> None:
-    record = sound() | {"certainty": {"starts": 5}}
+    record = sound() | {"certainty": {"starts": 5, "level": 0.95, "parameters": []}}
     record["parameters"][1]["verdict"] = "only in combination"
     assert verdict(record, "runs/a").steps[0].command == "commonrail next runs/a --points 3 --out plan.csv"
 

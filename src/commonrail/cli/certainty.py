@@ -40,8 +40,8 @@ def certainty(
     """Compute intervals and verdicts of parameters.
 
     The likelihood takes each data set with its own noise model, the key `noise` of its block in the study. The result
-    is written to RUN/result.json under "certainty", and to its report. No interval is taken from a posterior whose
-    chains do not agree.
+    is written to RUN/result.json under "certainty", and to its report; RUN/most-likely.toml is the injector with the
+    most likely values. No interval is taken from a posterior whose chains do not agree.
 
     \b
     Example:
@@ -50,7 +50,7 @@ def certainty(
       commonrail certainty runs/first --profile plunger_needle.k7 --combination "plunger_needle.k2 + plunger_needle.k3"
     """
     from commonrail.analysis.certainty.certify import certify
-    from commonrail.files.run_folder import keep_certainty, read_fit
+    from commonrail.files.run_folder import keep_certainty, read_fit, write_likely
     from commonrail.report.build import write_report
     from commonrail.report.certainty import certainty_lines, certainty_tables
 
@@ -66,6 +66,7 @@ def certainty(
         note=say,
     )
     kept = found.record()
+    likely = write_likely(run, study, dict(zip(found.estimate.likelihood.names, found.estimate.point, strict=True)))
     if posterior:
         kept["posterior"] = _posterior(run, found, seed, most)
     record = keep_certainty(run, kept)
@@ -77,6 +78,7 @@ def certainty(
         print_table(table)
     for line in certainty_lines(record):
         typer.echo(line)
+    typer.echo(f"most likely values: {likely}")
     typer.echo(f"report: {report}")
 
 

@@ -33,7 +33,7 @@ def page(
     """Make a page that simulates an injector in the browser.
 
     One HTML file without server or network: sliders move rate, lifts, pressures, current and quantity map. Of a run
-    it shows the measured curves with J, the free parameters, and a fan of fits near the best one.
+    it shows the measured curves and maps with J, the free parameters, and a fan of fits near the best one.
 
     \b
     Examples:

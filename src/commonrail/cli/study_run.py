@@ -170,11 +170,14 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
     else:
         if outcome.record["synthetic"]:
             typer.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
-        for table in (*tables_of(outcome.record["data"]), parameter_table(outcome.record["parameters"])):
-            print_table(table)
-        for table in (*certainty_tables(outcome.record), *judgement_tables(outcome.record)):
-            print_table(table)
         record = outcome.record
+        for table in (
+            *tables_of(record["data"]),
+            parameter_table(record["parameters"], record.get("certainty")),
+            *certainty_tables(record),
+            *judgement_tables(record),
+        ):
+            print_table(table)
         lines = (
             convergence_lines(record),
             certainty_lines(record),

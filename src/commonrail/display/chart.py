@@ -90,6 +90,8 @@ class Bars:
 class Panel:
     """A pair of axes: what the vertical one says, its series, and its share of the height.
 
+    With `scaled_by` the series of that look and the bands set the range of the vertical axis, where there are any; the
+    others are cut at the frame.
     With `categories` the horizontal axis counts them from 0 and shows their names. With `rows` the vertical axis does,
     from top to bottom, and `bars` lie in the rows.
     """
@@ -104,6 +106,7 @@ class Panel:
     categories: tuple[str, ...] = ()
     bars: tuple[Bars, ...] = ()
     rows: tuple[str, ...] = ()
+    scaled_by: str = ""
 
 
 @dataclass(frozen=True)

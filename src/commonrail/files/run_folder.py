@@ -20,11 +20,13 @@ from commonrail.files.stopped import note_stopped
 from commonrail.files.study_file import load_study
 from commonrail.files.sums import summed
 from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
+from commonrail.injector.definition import Source
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.records import LABELS, MEAN, MEASURED
 from commonrail.observation.quantities import is_of_meter
 
 __all__ = [
+    "LIKELY",
     "MEMBER",
     "RESULT",
     "TRACES",
@@ -37,11 +39,13 @@ __all__ = [
     "read_run",
     "refuse_used",
     "write_judgement",
+    "write_likely",
     "write_results",
     "write_run",
 ]
 
 RESULT, STUDY, TRACES, CALIBRATED = "result.json", "study.toml", "traces.csv", "calibrated.toml"
+LIKELY = "most-likely.toml"  # injector with the most likely values, which `commonrail certainty` leaves
 MEMBER = "member-{}.toml"  # injectors of the other optima whose mean is scored, from number 2 on
 
 _COLUMNS = (MEASURED, *(label for label in LABELS if label != MEAN))  # of courses in time, which have no mean
@@ -130,9 +134,9 @@ def write_results(folder: Path, calibration: Calibration, identified: Mapping[st
     others = {MEMBER.format(number): one for number, one in enumerate(calibration.members[1:], 2)}
     with summed(folder, RESULT, CALIBRATED, TRACES, *others):
         dump_injector(calibration.injector, folder / CALIBRATED, notes, meters=calibration.meters)
-        for name in set(_members(folder)) - set(others):  # of the run before it was extended
+        for name in {LIKELY, *_members(folder)} - set(others):  # of the run before it was extended
             with writing(folder / name):
-                (folder / name).unlink()
+                (folder / name).unlink(missing_ok=True)
         for name, injector in others.items():
             dump_injector(injector, folder / name, notes)
         write_record(folder / RESULT, result_record(calibration, identified))
@@ -196,6 +200,33 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     return study, best
 
 
+def write_likely(folder: Path, study: Study, values: Mapping[str, float]) -> Path:
+    """Write the most likely values of a fit as an injector with its meters, most-likely.toml; return its path.
+
+    `keep_certainty`, which follows, writes its checksum.
+
+    Parameters
+    ----------
+    folder : Path
+        Run folder.
+    study : Study
+        Of the run.
+    values : mapping of str to float
+        [SI], of all free parameters.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    source = Source("F", f'most likely values of "{study.title}"')
+    fitted = {name: value for name, value in values.items() if not is_of_meter(name)}
+    meters = tuple(meter.with_best(values, source) for meter in study.meters)
+    path = folder / LIKELY
+    dump_injector(study.injector.with_values(fitted), path, dict.fromkeys(fitted, source.text), meters=meters)
+    return path
+
+
 def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str, Any]:
     """Write the certainty of a fit into its result.json, and return the whole record.
 
@@ -222,7 +253,7 @@ def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str
     if "posterior" not in certainty:  # that of a former certainty has other noise
         with writing(folder / POSTERIOR):
             (folder / POSTERIOR).unlink(missing_ok=True)
-    with summed(folder, RESULT, CALIBRATED, TRACES, POSTERIOR, *_members(folder)):
+    with summed(folder, RESULT, CALIBRATED, TRACES, POSTERIOR, LIKELY, *_members(folder)):
         write_record(folder / RESULT, record)
     return record
 

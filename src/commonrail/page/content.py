@@ -19,10 +19,13 @@ from commonrail.export.entries import channels, sizes
 from commonrail.files.injector_writer import injector_text
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.kinds import RateData
+from commonrail.kinds import QuantityData, RateData
+from commonrail.kinds.maps.dead_times import FLATTEST, neighbours
 from commonrail.kinds.records import origin_of
 from commonrail.kinds.simulator import Simulator
+from commonrail.observation.meter import Meter
 from commonrail.observation.quantities import is_of_meter
+from commonrail.observation.signal import given_values
 from commonrail.page.meters import meter_of, packed
 from commonrail.page.module import MOST_ROWS, MOST_STEPS
 from commonrail.page.sliders import ONE, borne, limits_of, variant_of
@@ -39,7 +42,7 @@ QUIET, RESTING = 100e-6, 300e-6  # an end is looked for so long after energising
 SAMPLE = 3e-6  # between the channels that are kept [s]
 KELVIN = 1.0  # between the nodes of the fuel's temperature
 CYLINDERS = 41  # nodes of the density over the cylinder's pressure
-MAP_PRESSURES, MAP_TIMES = 5, 12
+MAP_PRESSURES, MAP_TIMES, LONGEST = 5, 12, 1.5e-3
 
 
 def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, Any]:
@@ -49,11 +52,12 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
     ----------
     subject : Subject
     first : OperatingPoint
-        Of a page without data.
+        Of a page without data; of one with maps alone it is the measured point that lies nearest to this one.
     version : str
         Of the program.
     """
     injector, variant = subject.injector, variant_of(subject)
+    first = _first_measured(subject, first)
     limits = limits_of(subject, first)
     sliders, share = borne(subject, limits["rail"][1])
     nodes, at = _nodes(injector)
@@ -94,11 +98,26 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "fan": _fan(subject),
         "presets": _presets(subject, first, data),
         "traced": is_traced(injector),
-        "map": None if is_traced(injector) else _map(limits["rail"]),
+        "map": None if is_traced(injector) else _map(subject, limits["rail"]),
+        "maps": [_measured_map(d, simulator, nodes) for d in subject.maps],
         "toml": injector_text(injector, {}, "Made by a bench page of commonrail."),
         "present": dict(injector.values),
         "units": {name: q.unit for name, q in injector.quantities.items()},
     }
+
+
+def _first_measured(subject: Subject, first: OperatingPoint) -> OperatingPoint:
+    """Measured point of a map that lies nearest to a point, by ratios of pressure and time; the point without maps."""
+    judged = [p for d in subject.maps for p, dead in zip(d.points, d.dead_time, strict=True) if not dead]
+    if subject.data or not judged:
+        return first
+    rail, time = first.initial_pressures()[0], first.pulses[0].duration
+
+    def away(point: OperatingPoint) -> float:
+        ratios = point.initial_pressures()[0] / rail, max(point.pulses[0].duration, 1e-9) / time
+        return math.hypot(*map(math.log, ratios))
+
+    return min(judged, key=away)
 
 
 def _nodes(injector: Injector) -> tuple[list[float], int]:
@@ -181,12 +200,71 @@ def _data(d: RateData, simulator: Simulator, nodes: list[float]) -> dict[str, An
     }
 
 
+def _measured_map(d: QuantityData, simulator: Simulator, nodes: Sequence[float]) -> dict[str, Any]:
+    """Rows of a map, each with the points that are simulated for it: itself, or three about a dead time.
+
+    Densities [kg/m³] that make volumes of masses are given once for each cylinder pressure.
+    """
+    stated = np.broadcast_to(d.mass_density, d.quantity.shape).tolist()
+    densities: dict[tuple[float, float], int] = {}
+    rows = []
+    for i, point in enumerate(d.points):
+        key = (point.initial_pressures()[1], stated[i] if math.isfinite(stated[i]) else -1.0)
+        timed = bool(d.dead_time[i]) and d.dead_time_tolerance is not None
+        before, after = neighbours(point) if timed else (None, None)
+        rows.append(
+            {
+                "points": [_point(p) for p in (before, point, after) if p is not None],
+                "dead": bool(d.dead_time[i]),
+                "timed": timed,
+                "quantity": float(d.quantity[i]),
+                "target": float(d.measured[i]),
+                "tolerance": float(1.0 / (d.errors(d.measured + 1.0)[i])),
+                "density": densities.setdefault(key, len(densities)),
+            }
+        )
+    given = None if d.meter is None else {key: float(v[0]) for key, v in given_values(d.meter, {}, 1).items()}
+    found = d.misfit(d.simulated(simulator, np.empty((1, 0)))[0])
+    return {
+        "name": d.name,
+        "role": d.role.value,
+        "origin": origin_of({"synthetic": d.synthetic}),
+        "rows": rows,
+        "densities": [
+            _densities_of(stated_one if stated_one > 0.0 else math.nan, d.meter, cylinder, simulator.injector, nodes)
+            for cylinder, stated_one in densities
+        ],
+        "gain": 1.0 if given is None else given["gain"],
+        "offset": 0.0 if given is None else given["quantity_offset"],
+        "flattest": FLATTEST,
+        "reference": number(float(found)),
+    }
+
+
 def _density(d: RateData, injector: Injector, nodes: Sequence[float]) -> list[float]:
-    """Densities [kg/m³] that make volumes of masses, one for each temperature of the fuel, or one for all."""
     pressure = d.point.at_start(d.point.cylinder_pressure)
-    known = {} if d.meter is None else d.meter.values
-    if np.isfinite(d.mass_density):
-        return [d.mass_density]
+    return _densities_of(d.mass_density, d.meter, pressure, injector, nodes)
+
+
+def _densities_of(
+    mass_density: float, meter: Meter | None, pressure: float, injector: Injector, nodes: Sequence[float]
+) -> list[float]:
+    """Densities [kg/m³] that make volumes of masses, one for each temperature of the fuel, or one for all.
+
+    Parameters
+    ----------
+    mass_density : float
+        That the data state [kg/m³], or NaN.
+    meter : Meter or None
+    pressure : float
+        In the cylinder [Pa].
+    injector : Injector
+    nodes : sequence of float
+        Temperatures [K].
+    """
+    known = {} if meter is None else meter.values
+    if np.isfinite(mass_density):
+        return [mass_density]
     if "density" in known:
         return [known["density"]]
     if "temperature" in known:
@@ -241,7 +319,11 @@ def _presets(subject: Subject, point: OperatingPoint, data: Sequence[Mapping[str
     return found
 
 
-def _map(rail: tuple[float, float]) -> dict[str, Any]:
-    """Pressures [Pa] and energising times [s] of the small quantity map."""
+def _map(subject: Subject, rail: tuple[float, float]) -> dict[str, Any]:
+    """Pressures [Pa] and energising times [s] of the small quantity map: those that were measured, if any were."""
+    measured = np.unique([p.initial_pressures()[0] for d in subject.maps for p in d.points])
+    longest = max([LONGEST, *(p.pulses[0].duration for d in subject.maps for p in d.points)])
     pressures = np.round(np.linspace(rail[0], rail[1], MAP_PRESSURES) / 1e6) * 1e6
-    return {"pressures": pressures.tolist(), "times": np.linspace(100e-6, 1.5e-3, MAP_TIMES).tolist()}
+    if len(measured):
+        pressures = measured[np.unique(np.linspace(0, len(measured) - 1, MAP_PRESSURES).round().astype(int))]
+    return {"pressures": pressures.tolist(), "times": np.linspace(100e-6, longest, MAP_TIMES).tolist()}

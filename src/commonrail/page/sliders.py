@@ -36,7 +36,7 @@ def variant_of(subject: Subject) -> Variant:
 def limits_of(subject: Subject, point: OperatingPoint) -> dict[str, tuple[float, float]]:
     """Ends of the sliders of an operating point [SI]; they hold the data's points and the first one's."""
     low, high = subject.injector.fuel.pressure_range
-    points = [point, *(d.point for d in subject.data)]
+    points = [point, *subject.points]
     rails, cylinders, returns = np.array([p.initial_pressures() for p in points]).T
 
     def ends(usual: tuple[float, float], used: Floats) -> tuple[float, float]:

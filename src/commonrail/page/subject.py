@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from commonrail.arguments import COUNTS
 from commonrail.calibration.space import Space
 from commonrail.choices import Drive
+from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.errors import ConfigurationError, InputError, nearest
 from commonrail.files.model_name import read_model_name
 from commonrail.files.run_folder import RESULT, read_fit
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.kinds import DataSet, RateData, Role
+from commonrail.kinds import DataSet, QuantityData, RateData, Role
 from commonrail.kinds.metering import with_meters
 from commonrail.observation.quantities import is_of_meter
 from commonrail.page.fan import Fan, near_fits, scattered
@@ -73,6 +74,8 @@ class Subject:
         Fits near the best one.
     space : Space or None
         Of a run, whose linear constraints its sliders keep.
+    maps : tuple of QuantityData
+        Quantity maps of a run, without those of the quantity that returns.
     """
 
     title: str
@@ -84,6 +87,12 @@ class Subject:
     synthetic: tuple[str, ...]
     fan: Fan | None
     space: Space | None = None
+    maps: tuple[QuantityData, ...] = ()
+
+    @property
+    def points(self) -> list[OperatingPoint]:
+        """Operating points of all data."""
+        return [d.point for d in self.data] + [point for d in self.maps for point in d.points]
 
 
 def read_subject(text: str, more: tuple[str, ...] = (), threads: int | None = None) -> Subject:
@@ -128,7 +137,8 @@ def _of_run(run: Path, more: tuple[str, ...], threads: int | None) -> Subject:
     own = {name: value for name, value in best.items() if not is_of_meter(name)}
     injector = study.injector.with_values(own)
     meters = [d.meter.with_best(best) for d in study.data if d.meter is not None]
-    data = _curves(with_meters(study.data, meters))
+    metered = with_meters(study.data, meters)
+    data, maps = _curves(metered), () if is_traced(injector) else _maps(metered)
     if is_traced(injector) and not data:
         raise ConfigurationError(
             f"{injector.name} follows a measured {injector.variant.drive.value}, and the run has no injection curve "
@@ -137,14 +147,25 @@ def _of_run(run: Path, more: tuple[str, ...], threads: int | None) -> Subject:
     sliders = _with_more(injector, _bounded(study.space, own), more)
     start = {p.name: p.reference for p in study.space.parameters if p.name in own}
     fan = near_fits(run, study, best, threads)
-    notes = tuple(dict.fromkeys(note for note in (injector.synthetic, *(d.synthetic for d in data)) if note))
-    return Subject(study.title, injector, sliders, study.time_step, start, data, notes, fan, study.space)
+    notes = tuple(dict.fromkeys(note for note in (injector.synthetic, *(d.synthetic for d in (*data, *maps))) if note))
+    return Subject(study.title, injector, sliders, study.time_step, start, data, notes, fan, study.space, maps)
 
 
 def _curves(data: tuple[DataSet, ...]) -> tuple[RateData, ...]:
     """Injection curves, those of the fit first."""
     curves = [d for d in data if isinstance(d, RateData)]
     return tuple(sorted(curves, key=lambda d: d.role is not Role.FIT))
+
+
+def _maps(data: tuple[DataSet, ...]) -> tuple[QuantityData, ...]:
+    """Maps of the injected quantity of single injections at constant pressures, those of the fit first."""
+    maps = [d for d in data if isinstance(d, QuantityData) and d.kind == QuantityData.kind]
+    return tuple(sorted((d for d in maps if all(map(_is_plain, d.points))), key=lambda d: d.role is not Role.FIT))
+
+
+def _is_plain(point: OperatingPoint) -> bool:
+    courses = (point.rail_pressure, point.cylinder_pressure, point.return_pressure, point.drive)
+    return len(point.pulses) == 1 and not any(isinstance(course, Trace) for course in courses)
 
 
 def is_traced(injector: Injector) -> bool:

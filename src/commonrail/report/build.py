@@ -13,6 +13,7 @@ from jinja2 import UndefinedError
 from numpy.typing import NDArray
 
 from commonrail.arguments import file_path
+from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.display.chart import Figure
 from commonrail.display.text import duration, number, significant
 from commonrail.errors import InputError
@@ -239,7 +240,7 @@ def report_html(
         judgement_tables=[*judgement_tables(record), *filter(None, [combination_table(record)])],
         certainty_lines=certainty_lines(record),
         certainty_tables=certainty_tables(record),
-        parameters=parameter_rows(sorted(record["parameters"], key=_effect, reverse=True)),
+        parameters=parameter_rows(sorted(record["parameters"], key=_effect, reverse=True), record.get("certainty")),
         parameter_lines=parameter_lines(record["parameters"]),
         synthetic=synthetic_notes(record),
         warnings=warning_lines(record),
@@ -275,17 +276,10 @@ def _search(settings: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     """Settings of the search; none in a record of before they were kept."""
     if settings is None:
         return []
-    size = f"{settings['generations']} generations of {settings['members']} members"
-    if "difference" in settings:  # the multi-start search
-        size = (
-            f"{settings['starts']} starts of {settings['members']} draws, {settings['generations']} iterations at most"
-        )
-    elif "starts" in settings:  # the staged search
-        size = f"{settings['members']} screened candidates, {settings['generations']} steps"
     polish = f"; {settings['polish']} least-squares refinements" if settings["polish"] else ""
     initial = settings.get("initial", "")
     first = f"; first population {_FIRST.get(initial, initial)}" if initial else ""
-    return [("Search", f"{settings.get('method', 'differential evolution')}, {size}{first}{polish}")]
+    return [("Search", f"{settings.get('method', 'differential evolution')}, {size_in_words(settings)}{first}{polish}")]
 
 
 _FIRST = {

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from commonrail.display.table import Part, Table, table_of
 from commonrail.display.text import MISSING, fixed, listed, number, quantity, significant
 from commonrail.kinds.records import Record
 from commonrail.units import to_text
 
-__all__ = ["certainty_lines", "certainty_tables", "posterior_table"]
+__all__ = ["Difference", "certainty_lines", "certainty_tables", "difference", "interval_text", "posterior_table"]
 
 DIGITS = 5
 MOST_PERCENT = 1000.0  # of a value, above which half an interval or a move is no figure any more
-OPEN = "open"  # interval
+OPEN = "not bounded by the data"  # interval
+JOINT = 0.05  # probability that noise alone moves the most likely values so far from the true ones
 FRICTION = "friction"  # suspect of the test that fits it
 
 
@@ -22,8 +24,9 @@ def certainty_tables(record: Record) -> list[Table]:
     found = record.get("certainty")
     if not found:
         return []
-    units = {p["name"]: p["unit"] for p in record["parameters"]}
-    tables = [_parameters(found, units)]
+    known = {p["name"]: p for p in record["parameters"]}
+    units = {name: p["unit"] for name, p in known.items()}
+    tables = [_parameters(found, known)]
     if found.get("combinations"):
         tables.append(_combinations(found))
     if found.get("posterior"):
@@ -31,12 +34,91 @@ def certainty_tables(record: Record) -> list[Table]:
     return [*tables, _noise(found["noise"])]
 
 
+class Difference(NamedTuple):
+    """Sentence on most likely values that differ from the calibrated ones.
+
+    Attributes
+    ----------
+    sentence : str
+    matters : bool
+        The difference is larger than noise explains, or an interval excludes the calibrated value beside it.
+    """
+
+    sentence: str
+    matters: bool
+
+
+def difference(record: Record) -> Difference | None:
+    """How the most likely values differ from the calibrated ones; None of a record that does not tell.
+
+    The calibrated values lie outside the joint region of 95 % if 2 ln L of the most likely ones is higher by more than
+    that quantile of chi-squared with as many degrees of freedom as parameters (Wilks).
+    """
+    found = record.get("certainty")
+    if not found:
+        return None
+    from scipy.special import chdtri  # slow to import
+
+    best = {p["name"]: number(p.get("best")) for p in record["parameters"]}
+    excluded = [p["name"] for p in found["parameters"] if _excludes(p, best[p["name"]])]
+    gain = number(found.get("gain"))
+    matters = bool(excluded) or (gain is not None and gain > chdtri(len(best), JOINT))
+    if gain is None and not excluded:
+        return None
+    higher = "" if gain is None else f": 2 ln L is higher by {significant(gain, 3)} at its most likely values"
+    if matters and found["starts"] > 1:
+        sentence = f"commonrail certainty has a better fit than this run{higher}."
+    elif matters:
+        sentence = f"The likelihood has a better fit near this run{higher}."
+    else:
+        sentence = f"Calibrated and most likely values differ by no more than noise explains{higher}."
+    level = fixed(found["level"], 0, 100.0)
+    if excluded:
+        sentence += f" There the {level} % interval excludes the calibrated value of {listed(excluded)}."
+    return Difference(
+        f"{sentence} The calibrated values minimise the objective; intervals and verdicts hold about the most likely "
+        "ones.",
+        matters,
+    )
+
+
+def _excludes(p: Record, best: float | None) -> bool:
+    low, high = number(p.get("lower")), number(p.get("upper"))
+    return best is not None and low is not None and high is not None and not low <= best <= high
+
+
+def interval_text(p: Record, known: Record, digits: int = DIGITS) -> str:
+    """Interval of a parameter as far as it lies within the bounds.
+
+    An end beyond a bound says that the data do not bound the parameter on that side: a stiffness has no negative
+    values that could be given for it.
+
+    Parameters
+    ----------
+    p : mapping
+        Parameter of the certainty, with "lower", "upper" and its half width "percent".
+    known : mapping
+        Parameter of the study, with "lower", "upper" and "unit".
+    digits : int
+    """
+    low, high = number(p["lower"]), number(p["upper"])
+    if low is None or high is None:
+        return MISSING
+    below, above = known.get("lower", low) > low, known.get("upper", high) < high
+    if (below and above) or (number(p.get("percent")) or 0.0) > MOST_PERCENT:
+        return OPEN
+    texts = [quantity(end, known["unit"], digits) for end in (low, high)]
+    return f"below {texts[1]}" if below else f"above {texts[0]}" if above else " to ".join(texts)
+
+
 def certainty_lines(record: Record) -> list[str]:
     """Sentences on the search, the tests for lack of fit, what the bench may be off by, and cures."""
     found = record.get("certainty")
     if not found:
         return []
+    differs = difference(record)
     return [
+        *([differs.sentence] if differs else []),
         *_search(found),
         *([f"No parameter is called pinned, because {found['withdrawn']}."] if found["withdrawn"] else []),
         *_stated(found["parameters"]),
@@ -48,13 +130,13 @@ def certainty_lines(record: Record) -> list[str]:
     ]
 
 
-def _parameters(found: Record, units: Record) -> Table:
+def _parameters(found: Record, known: Mapping[str, Record]) -> Table:
     level = fixed(found["level"], 0, 100.0)
     parts: tuple[Part, ...] = (
         Part(("parameter", "what the data say"), lambda p: (p["name"], p["sentence"])),
         Part(
             ("most likely", f"{level} % interval"),
-            lambda p: (quantity(p["value"], units[p["name"]], DIGITS), _interval(p, units[p["name"]])),
+            lambda p: (quantity(p["value"], known[p["name"]]["unit"], DIGITS), interval_text(p, known[p["name"]])),
         ),
     )
     estimators = {p["estimator"] for p in found["parameters"]}
@@ -62,20 +144,12 @@ def _parameters(found: Record, units: Record) -> Table:
         parts = (*parts[:1], Part(("estimator",), lambda p: (p["estimator"],)), *parts[1:])
     note = (
         f"An interval holds the true value in {level} % of the benches that have the noise below and no law that the "
-        "model lacks. Bounds and constraints do not narrow it. A parameter is pinned if half its interval is at most "
-        "10 % of its value."
+        "model lacks. Bounds and constraints do not narrow it; an end beyond a bound is left out. A parameter is "
+        "pinned if half its interval is at most 10 % of its value."
     )
     if len(estimators) == 1:
         note += f" Estimator of all: {min(estimators)}."
     return table_of("Certainty", found["parameters"], parts, note, 2 + (len(estimators) > 1))
-
-
-def _interval(p: Record, unit: str) -> str:
-    if number(p["lower"]) is None or number(p["upper"]) is None:
-        return MISSING
-    if (number(p.get("percent")) or 0.0) > MOST_PERCENT:
-        return OPEN
-    return f"{quantity(p['lower'], unit, DIGITS)} to {quantity(p['upper'], unit, DIGITS)}"
 
 
 def _combinations(found: Record) -> Table:
@@ -104,7 +178,7 @@ def posterior_table(drawn: Record, units: Record) -> Table:
             ("median", f"{level} % interval"),
             lambda p: (
                 MISSING if number(p["median"]) is None else quantity(p["median"], units[p["name"]], DIGITS),
-                _interval(p, units[p["name"]]),
+                interval_text(p, {"unit": units[p["name"]]}),
             ),
         ),
         Part(("R-hat", "effective draws"), lambda p: (fixed(p["r_hat"], 3), fixed(p["effective"], 0))),

@@ -31,6 +31,8 @@ LINE = 16.0  # of a legend [px]
 BETWEEN = 16.0  # panels [px]
 BELOW = 40.0  # the last panel: ticks and title [px]
 RIGHT = 14.0  # of the panels [px]
+TITLE = 30.0  # of the vertical axis, with the spaces about it [px]
+LARGEST_NAME = 0.45  # of a row, of the width of the figure
 SAMPLE = 26.0  # length of a legend's line, with the space behind it [px]
 APART = 14.0  # entries of a legend [px]
 
@@ -88,17 +90,18 @@ def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "
         Class of the element.
     """
     legend, top = _legend(figure, width)
-    ys = [_vertical(panel) for panel in figure.panels]
     xs = _horizontals(figure.panels)
+    height = height or _usual_height(figure, width, top)
+    panes = _panes(figure, height, top)
+    ys = [replace(_vertical(panel), start=pane, end=0.0) for panel, (_, pane) in zip(figure.panels, panes, strict=True)]
     left = _left(figure, ys, width)
     turned = _turned(figure.panels[-1], width - left - RIGHT)
-    sheet = _sheet(figure, (width, (height or _usual_height(figure, width, top)) + turned), (left, top), BELOW + turned)
+    sheet = _Sheet(float(width), height + turned, left, panes)
     parts = [legend]
-    for i, (panel, place) in enumerate(zip(figure.panels, sheet.panes, strict=True)):
+    for i, panel in enumerate(figure.panels):
         axis_x = replace(xs[i], start=0.0, end=sheet.inner)
-        axis_y = replace(ys[i], start=place[1], end=0.0)
         last = i == len(figure.panels) - 1
-        parts.append(_panel(panel, (axis_x, axis_y), place[0], sheet, last or xs[i] != xs[-1]))
+        parts.append(_panel(panel, (axis_x, ys[i]), panes[i][0], sheet, last or xs[i] != xs[-1]))
     middle, bottom = sheet.left + sheet.inner / 2, sheet.height - 6.0
     width, height = round(sheet.width), round(sheet.height)
     parts.append(_text(figure.x_title, middle, bottom, "middle"))
@@ -116,9 +119,9 @@ def _usual_height(figure: Figure, width: int, top: float) -> int:
 
 
 def _left(figure: Figure, ys: Sequence[Axis], width: int) -> float:
-    """Room for the texts of the vertical axes [px]."""
-    texts = [text for axis, panel in zip(ys, figure.panels, strict=True) for text in _row_texts(panel, axis)]
-    return min(max(map(text_width, texts), default=0.0), 0.45 * width) + 30.0
+    """Width of the title and the texts of the vertical axes [px]."""
+    names = [text for axis, panel in zip(ys, figure.panels, strict=True) for _, text in _y_ticks(panel, axis, width)]
+    return max(map(text_width, names), default=0.0) + TITLE
 
 
 def _turned(panel: Panel, width: float) -> float:
@@ -126,32 +129,40 @@ def _turned(panel: Panel, width: float) -> float:
     return upright(panel.categories, width / len(panel.categories)) if panel.categories else 0.0
 
 
-def _sheet(figure: Figure, size: tuple[float, float], corner: tuple[float, float], below: float) -> _Sheet:
-    """Places of the panels, which share the height as they ask for it.
+def _panes(figure: Figure, height: int, top: float) -> tuple[tuple[float, float], ...]:
+    """Top and height of each panel [px]; the panels share the height as they ask for it.
 
     Parameters
     ----------
     figure : Figure
-    size : (float, float)
-        Width and height [px].
-    corner : (float, float)
-        Of the first panel, from the left and the top [px].
-    below : float
-        Room below the last panel [px].
+    height : int
+        Of the figure without upright names of categories [px].
+    top : float
+        Of the first panel [px].
     """
-    (width, height), (left, top) = size, corner
-    room = height - top - below - BETWEEN * (len(figure.panels) - 1)
+    available = height - top - BELOW - BETWEEN * (len(figure.panels) - 1)
     total = sum(panel.share for panel in figure.panels)
     panes = []
     for panel in figure.panels:
-        own = room * panel.share / total
-        panes.append((top, own))
-        top += own + BETWEEN
-    return _Sheet(float(width), float(height), left, tuple(panes))
+        panes.append((top, available * panel.share / total))
+        top += panes[-1][1] + BETWEEN
+    return tuple(panes)
 
 
-def _row_texts(panel: Panel, axis: Axis) -> list[str]:
-    return list(panel.rows) or [text for _, text in axis.ticks(6)]
+def _y_ticks(panel: Panel, y: Axis, width: float) -> list[tuple[float, str]]:
+    """Values and texts of the vertical axis: numbers in full, names of rows cut where they would fill the figure.
+
+    Parameters
+    ----------
+    panel : Panel
+    y : Axis
+        From the bottom to the top of the panel [px].
+    width : float
+        Of the figure [px].
+    """
+    if panel.rows:
+        return [(float(i), cut(name, LARGEST_NAME * width)) for i, name in enumerate(panel.rows)]
+    return y.ticks(max(3, round(y.start / 45.0)))
 
 
 def _horizontals(panels: Sequence[Panel]) -> list[Axis]:
@@ -172,7 +183,8 @@ def _x_values(panel: Panel) -> list[float]:
 def _vertical(panel: Panel) -> Axis:
     if panel.rows:
         return Axis(len(panel.rows) - 0.4, -0.6, 0.0, 1.0)
-    values = [v for series in panel.series for v in series.y if v is not None]
+    scaling = [series for series in panel.series if series.look == panel.scaled_by] or panel.series
+    values = [v for series in scaling for v in series.y if v is not None]
     values += [v for band in panel.bands for v in chain(band.low, band.high) if v is not None]
     values += [v for boxes in panel.boxes for box in boxes.boxes for v in box]
     if not panel.logarithmic:
@@ -187,7 +199,7 @@ def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, lab
     x, y = axes
     height = y.start
     xs = _x_ticks(panel, x, sheet.inner)
-    ys = [(float(i), name) for i, name in enumerate(panel.rows)] or y.ticks(max(3, round(height / 45.0)))
+    ys = _y_ticks(panel, y, sheet.width)
     grid = "".join(f"M{x.at(v):.1f} 0v{height:.1f}" for v, _ in xs if not panel.categories)
     grid += "".join(f"M0 {y.at(v):.1f}h{sheet.inner:.1f}" for v, _ in ys if not panel.rows)
     zero = (
@@ -199,7 +211,7 @@ def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, lab
     fixed = ' data-fixed=""' if panel.categories or panel.rows or y.logarithmic else ""
     view = f"0 0 {round(TENTHS * sheet.inner)} {round(TENTHS * height)}"
     texts = _x_texts(panel, [(x.at(v), text) for v, text in xs], height, sheet.inner) if labelled else []
-    names = [_text(cut(text, sheet.left - 30.0), -6.0, y.at(v) + 4.0, "end") for v, text in ys]
+    names = [_text(text, -6.0, y.at(v) + 4.0, "end") for v, text in ys]
     turned = f'<g transform="translate({12.0 - sheet.left:.1f} {height / 2:.1f}) rotate(-90)">'
     return (
         f'<g class="panel" transform="translate({sheet.left:.1f} {top:.1f})">'

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
+from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.display.chart import MARKERS, Figure, Panel, Series
 from commonrail.display.table import Column, Table, tabulated
 from commonrail.display.text import duration, fixed, listed, quantity, significant
@@ -144,7 +145,7 @@ def _facts(record: Record) -> list[tuple[str, str]]:
     injections = record["evaluations"]["injections"]
     objective = record["objective"]
     return [
-        ("Search", f"{search['method']}, {search['members']} candidates, {search['generations']} steps"),
+        ("Search", f"{search['method']}, {size_in_words(search)}"),
         ("Objective", f"{significant(objective['start'])} to {significant(objective['best'])}"),
         ("Simulations", f"{injections:,} injections"),
         ("Time of the search", duration(record["clock"]["seconds"])),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 
+from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.display.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.display.table import Column, Table, tabulated
 from commonrail.display.text import duration, quantity, significant
@@ -157,7 +158,7 @@ def _facts(record: Record) -> list[tuple[str, str]]:
         ("FMU", f"{fmu['name']}, FMI {fmu['version']}, SHA-256 {fmu['sha256']}"),
         ("Communication step", f"{significant(record['step'], 6)} s"),
         *halved,
-        ("Search", f"{search['method']}, {search['generations']} generations of {search['members']} members"),
+        ("Search", f"{search['method']}, {size_in_words(search)}"),
         ("Objective", f"{significant(objective['start'])} to {significant(objective['best'])}"),
         ("Simulations", f"{counts['simulations']:,}"),
         ("Time of the search", duration(record["clock"]["seconds"])),

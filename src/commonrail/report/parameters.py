@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from commonrail.display.table import Cell, Table
-from commonrail.display.text import MISSING, number, quantity, signed, significant
+from commonrail.display.text import MISSING, fixed, number, quantity, signed, significant
 from commonrail.kinds.records import Record
+from commonrail.report.certainty import interval_text
 
 __all__ = ["ParameterRow", "parameter_rows", "parameter_table"]
 
@@ -17,16 +18,7 @@ MARKS = {
     "F": "fitted or derived",
     "E": "engineering estimate",
 }
-_COLUMNS = (
-    "parameter",
-    "what the data say",
-    "start",
-    "calibrated",
-    "standard error",
-    "change, %",
-    "bounds",
-    "at a bound",
-)
+_LEAST = 1e-6  # of the effect alone: below, an effect with the others is the rounding of the derivatives
 
 
 @dataclass(frozen=True)
@@ -37,12 +29,14 @@ class ParameterRow:
     ----------
     name, meaning, source, verdict : str
     start, best, error, lower, upper : str
-        Values with units; `error` is the standard error of the best.
+        Values with units; `error` is the standard error of the best, empty where there is a most likely value.
+    likely : str
+        Most likely value and its interval, which is not about the best one; empty in a record without them.
     change : str
         Of the best against the start [%].
     mark : str
         Where the start value comes from, in words.
-    effect, pinned : str
+    effect : str
         Change of the residuals for a move of 1 % of the range: alone, and after the others have readjusted.
     pull : str
         Distance of the best from the prior's value in its standard deviations, "+0.8 σ"; empty without a prior.
@@ -58,47 +52,66 @@ class ParameterRow:
     start: str
     best: str
     error: str
+    likely: str
     lower: str
     upper: str
     change: str
     mark: str
     effect: str
-    pinned: str
     pull: str
     best_at: float
     start_at: float
     at_bound: bool
 
 
-def parameter_rows(parameters: Sequence[Record]) -> list[ParameterRow]:
-    """Rows of the table of parameters, in the order of the study."""
-    return [_row(p) for p in parameters]
+def parameter_rows(parameters: Sequence[Record], certainty: Record | None = None) -> list[ParameterRow]:
+    """Rows of the table of parameters, in their order.
+
+    Parameters
+    ----------
+    parameters : sequence of mapping
+    certainty : mapping, optional
+        Of the same result.
+    """
+    likely = {p["name"]: p for p in certainty["parameters"]} if certainty else {}
+    level = fixed(certainty["level"], 0, 100.0) if certainty else ""
+    return [_row(p, likely.get(p["name"]), level) for p in parameters]
 
 
-def parameter_table(parameters: Sequence[Record]) -> Table:
-    """Calibrated parameters for the terminal: what the report sets with bars."""
-    found = parameter_rows(parameters)
-    rows: list[tuple[str, ...]] = [
-        (r.name, r.verdict, r.start, r.best, r.error or MISSING, r.change, f"{r.lower} to {r.upper}", _bound(r))
-        for r in found
-    ]
-    columns: tuple[str, ...] = _COLUMNS
-    if any(r.pull for r in found):
-        columns = (*_COLUMNS, "from its prior")
-        rows = [(*row, r.pull or MISSING) for row, r in zip(rows, found, strict=True)]
-    return Table(
-        "Parameters",
-        columns,
-        tuple(tuple(Cell(text) for text in row) for row in rows),
-        texts=2,
-    )
+def parameter_table(parameters: Sequence[Record], certainty: Record | None = None) -> Table:
+    """Calibrated parameters for the terminal: what the report sets with bars.
+
+    Parameters
+    ----------
+    parameters : sequence of mapping
+    certainty : mapping, optional
+        Of the same result; its table, which follows, has the intervals about the most likely values.
+    """
+    found = parameter_rows(parameters, certainty)
+    columns = {
+        "parameter": [r.name for r in found],
+        "what the data say": [r.verdict for r in found],
+        "start": [r.start for r in found],
+        "calibrated": [r.best for r in found],
+        "standard error": [r.error or MISSING for r in found],
+        "change, %": [r.change for r in found],
+        "bounds": [f"{r.lower} to {r.upper}" for r in found],
+        "at a bound": [_bound(r) for r in found],
+        "from its prior": [r.pull or MISSING for r in found],
+    }
+    if certainty:
+        del columns["standard error"]
+    if not any(r.pull for r in found):
+        del columns["from its prior"]
+    rows = zip(*columns.values(), strict=True)
+    return Table("Parameters", tuple(columns), tuple(tuple(map(Cell, row)) for row in rows), texts=2)
 
 
 def _bound(row: ParameterRow) -> str:
     return "yes" if row.at_bound else "no"
 
 
-def _row(p: Record) -> ParameterRow:
+def _row(p: Record, likely: Record | None, level: str) -> ParameterRow:
     unit, start, best = p["unit"], p["reference"], p["best"]
     return ParameterRow(
         name=p["name"],
@@ -107,18 +120,26 @@ def _row(p: Record) -> ParameterRow:
         verdict=p.get("verdict") or MISSING,
         start=quantity(start, unit),
         best=quantity(best, unit),
-        error=_error(p),
+        error="" if likely else _error(p),
+        likely=f"{quantity(likely['value'], unit)}, {level} %: {interval_text(likely, p, 4)}" if likely else "",
         lower=quantity(p["lower"], unit, 3),
         upper=quantity(p["upper"], unit, 3),
         change=signed(100.0 * (best / start - 1.0) if start else None, 1),
         mark=MARKS.get(p["mark"], str(p["mark"])),
-        effect=significant(p.get("effect"), 2),
-        pinned=significant(p.get("pinned"), 2),
+        effect=_effect(p),
         pull=f"{signed(p['pull'], 1)} σ" if number(p.get("pull")) is not None else "",
         best_at=_percent(p, best),
         start_at=_percent(p, start),
         at_bound=bool(p.get("at_bound")),
     )
+
+
+def _effect(p: Record) -> str:
+    effect, pinned = number(p.get("effect")), number(p.get("pinned"))
+    if effect is None or pinned is None:
+        return MISSING
+    left = significant(pinned, 2) if pinned > _LEAST * effect else "none"
+    return f"{significant(effect, 2)}, {left} with the others"
 
 
 def _error(p: Record) -> str:

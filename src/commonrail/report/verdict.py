@@ -7,8 +7,10 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from commonrail.display.text import listed, number
+from commonrail.files.run_folder import LIKELY
 from commonrail.kinds.bands import too_few_inside
 from commonrail.kinds.records import JUDGED, Record
+from commonrail.report.certainty import difference
 from commonrail.report.record import of_role
 from commonrail.report.rerun import map_line
 
@@ -65,6 +67,7 @@ def verdict(record: Record, run: str) -> Verdict:
     """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
     folder = shlex.quote(run)
     found = [
+        *_better(record, folder),
         *_ending(record, folder),
         *_plausibility(record, folder),
         *_prediction(record),
@@ -80,6 +83,24 @@ def verdict(record: Record, run: str) -> Verdict:
         [point.reason for point in found] or _praise(record),
         steps if level == BAD else [*steps, Step(*map_line(record, run))],
     )
+
+
+def _better(record: Record, folder: str) -> Iterator[_Point]:
+    """Most likely values that fit better than the calibrated ones by more than noise explains."""
+    found = difference(record)
+    if found is None or not found.matters:
+        return
+    if record["certainty"]["starts"] > 1:
+        text = "Compare both fits on all data, and take most-likely.toml as the injector if it is the better one."
+        command = f"commonrail compare {folder} likely={folder}/{LIKELY} --data {folder}/study.toml"
+    else:
+        text, command = _full(folder)
+    yield _Point(CARE, found.sentence, Step(text, command))
+
+
+def _full(folder: str) -> Step:
+    text = "Compute full intervals of the parameters, and search for their most likely values from several starts."
+    return Step(text, f"commonrail certainty {folder}")
 
 
 def _ending(record: Record, folder: str) -> Iterator[_Point]:
@@ -158,11 +179,10 @@ def _parameters(record: Record, folder: str) -> Iterator[_Point]:
     if loose:
         reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
         profiled = record.get("certainty", {}).get("starts", 1) > 1
-        look = Step("Compute full intervals of the parameters.", f"commonrail certainty {folder}")
         plan = Step(
             "Plan the measurements that would pin them down.", f"commonrail next {folder} --points 3 --out plan.csv"
         )
-        yield _Point(CARE, reason, plan if profiled else look)
+        yield _Point(CARE, reason, plan if profiled else _full(folder))
 
 
 def _praise(record: Record) -> list[str]:

@@ -13,7 +13,7 @@ from typing import Any
 from commonrail.calibration.study import Study
 from commonrail.errors import StudyError
 from commonrail.files.atomic import replacing, write_text, writing
-from commonrail.files.run_folder import MEMBER, RESULT, STUDY, TRACES
+from commonrail.files.run_folder import LIKELY, MEMBER, RESULT, STUDY, TRACES
 from commonrail.files.study_file import load_study
 from commonrail.files.sums import SUMS
 from commonrail.notice import quiet
@@ -24,7 +24,7 @@ from commonrail.store.journal import JOURNAL, LOCK, Input
 __all__ = ["copies_of", "copy_apart", "copy_study", "places_apart", "set_in_copy", "set_in_study", "with_generations"]
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
-RESERVED = (STUDY, "calibrated.toml", RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
+RESERVED = (STUDY, "calibrated.toml", LIKELY, RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
 _NAMES_A_FILE = ("file", "fmu", "injector", "type", "study", "logo")  # keys of TOML files
 
 

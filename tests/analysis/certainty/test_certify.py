@@ -66,6 +66,13 @@ def test_a_single_parameter_is_a_combination_too(found: cr.Certainty) -> None:
     assert half == pytest.approx(0.5 * (high[2] - low[2]), rel=1e-6)
 
 
+def test_the_gain_is_the_difference_of_two_likelihoods(study: cr.Study, found: cr.Certainty) -> None:
+    own = found.estimate.likelihood
+    here, there = own.log_posterior(np.array([found.estimate.point, list(TRUTH.values())]))
+    assert found.gain == pytest.approx(2.0 * (here - there), rel=1e-6)
+    assert 0.0 < found.gain < 16.3  # chi-squared of 3 at 99.9 %: the search began at the truth
+
+
 def test_the_record_is_json_and_names_every_estimator(found: cr.Certainty) -> None:
     record = json.loads(json.dumps(found.record(), allow_nan=False))
     assert all(one["estimator"] and one["sentence"] for one in record["parameters"])

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from commonrail.analysis.certainty.estimate import Estimate, estimate
+from commonrail.analysis.certainty.steps import Walls
+from commonrail.analysis.posterior.proposals import Surrogate
 from commonrail.analysis.posterior.sample import Posterior, sample_posterior
+from commonrail.calibration import Parameter, Space
 from commonrail.errors import SimulationError
 from commonrail.kinds.noise import Law, Noise
 from tests.analysis.certainty.linear import TRUTH, design, fitted, likelihood
@@ -67,6 +73,51 @@ def test_chains_that_are_too_short_are_refused() -> None:
     assert not short.converged
     with pytest.raises(SimulationError, match="cannot be used"):
         short.interval()
+
+
+def ordered(sigma: float = SIGMA) -> Estimate:
+    """Fit of seven stiffnesses in the paper's order, by data that ask for the reverse: it touches all constraints."""
+    order = [7, 2, 3, 5, 4, 1, 6]
+    parameters = [Parameter(f"k{i}", 4.0, 0.1, 10.0, "1", mark="E", source="test") for i in range(1, 8)]
+    space = Space(parameters, [" < ".join(f"k{i}" for i in order)])
+    rng = np.random.default_rng(2)
+    a = rng.standard_normal((60, 7))
+    y = a @ (8.0 - np.argsort(order)) + sigma * rng.standard_normal(60)
+    noise = Noise(law=Law.GAUSSIAN, sigma=sigma, correlation="white")  # type: ignore[arg-type]
+    own = likelihood([y], [a], [noise], room=space)
+    return estimate(own, own.space.to_unit(own.space.centre)[None])
+
+
+def test_chains_start_within_an_ordering_that_the_fit_touches() -> None:
+    """Of independent draws about such a corner one in 5040 keeps the order."""
+    fit = ordered()
+    assert np.ptp(fit.point) < 1e-2 * fit.point.max()  # all seven are equal
+    drawn = sample_posterior(fit, most=10_000)
+    flat = drawn.unit.reshape(-1, 7)
+    assert drawn.estimate.likelihood.space.satisfies(drawn.estimate.likelihood.space.from_unit(flat)).all()
+    assert drawn.accepted > 0.02
+
+
+def test_a_start_that_cannot_be_simulated_names_the_constraints() -> None:
+    fit = ordered()
+
+    def failing(points: np.ndarray) -> np.ndarray:
+        return np.full((len(points), fit.likelihood.size), np.nan)
+
+    broken = fit.likelihood.with_space(fit.likelihood.space, failing).with_noises(fit.likelihood.noises)
+    with pytest.raises(SimulationError, match=r"k7 < k2.*480 of 480 simulations failed"):  # 16 walkers, 30 times
+        sample_posterior(replace(fit, likelihood=broken), most=1000)
+
+
+def test_starts_have_the_spread_that_is_asked_for() -> None:
+    """Without walls a filled ellipsoid has the covariance of the distribution, times the square of the factor."""
+    covariance = np.array([[4e-4, 1e-4, 0.0], [1e-4, 1e-4, 0.0], [0.0, 0.0, 1e-6]])
+    surrogate = Surrogate(np.array([0.5, 0.4, 0.6]), covariance)
+    walls = Walls.of(likelihood([np.zeros(60)], [design(60)]).space)
+    drawn = surrogate.spread(walls, 4000, np.random.RandomState(1), 1.5)
+    # a variance of 4000 draws has a relative standard error of at most sqrt(2/4000) = 2.2 %
+    np.testing.assert_allclose(np.diag(np.cov(drawn.T)), 2.25 * np.diag(covariance), rtol=0.09)
+    np.testing.assert_allclose(drawn.mean(axis=0), surrogate.centre, atol=1.5e-3)
 
 
 def test_draws_of_the_first_parameters_leave_the_others_out(found: Posterior) -> None:

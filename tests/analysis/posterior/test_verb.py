@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import commonrail as cr
 from commonrail.files.posterior_file import RefusedDrawsError, read_posterior
 from commonrail.files.scaffold import write_new
 from tests.cli.conftest import run_command
@@ -40,6 +41,19 @@ def test_the_posterior_agrees_with_the_curvature_where_the_model_is_nearly_linea
         assert list(kept["names"]) == [one["name"] for one in local]
         assert "posterior.npz" in (run / "SHA256SUMS").read_text(encoding="utf-8")
     assert "Posterior" in (run / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_better_fit_is_said_first_and_left_as_an_injector(run: Path) -> None:
+    """The search of this run was cut short, so that the most likely values are far from the calibrated ones."""
+    done = run_command("certainty", run, "--local", "--threads", 1, "--json")
+    assert done.status == 0, done.err
+    likely = cr.load_injector(run / "most-likely.toml")
+    for one in done.record["certainty"]["parameters"]:
+        assert likely.values[one["name"]] == pytest.approx(one["value"], rel=1e-12)
+    assert done.record["certainty"]["gain"] > 100.0
+    assert "most-likely.toml" in (run / "SHA256SUMS").read_text(encoding="utf-8")
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert page.index("2 ln L is higher by") < page.index("What to do next") < page.index("<h2>Certainty")
 
 
 def test_no_interval_is_told_of_chains_that_do_not_agree(run: Path) -> None:

@@ -68,6 +68,8 @@ class Certainty(Shown):
         Points simulated.
     within : Within
         The same estimate with the quantities that were fitted as the study states them, see `within`.
+    gain : float
+        2 ln L of the most likely values less that of the values that the search started from, under the same noise.
     """
 
     estimate: Estimate
@@ -84,6 +86,7 @@ class Certainty(Shown):
     combinations: Mapping[str, tuple[float, float]]
     simulated: int
     within: Within
+    gain: float
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, the key "certainty" of a result."""
@@ -181,9 +184,17 @@ def certify(
         verdicts,
         adopted,
         {text: _combined(found, row, level) for text, row in rows.items()},
-        simulated + more,
+        simulated + more + 2,
         within,
+        _gain(found, point),
     )
+
+
+def _gain(found: Estimate, point: Floats) -> float:
+    """2 ln L of the most likely values less that of a point (d,) [SI]; NaN if that cannot be simulated."""
+    own, points = found.likelihood, np.array([found.point, point])
+    costs = own.block_costs(own.innovations(points)).sum(axis=1) + own.priors.costs(points)
+    return float(costs[1] - costs[0])
 
 
 def _tests(within: Within, threads: int | None) -> tuple[list[LackOfFit], float, int]:

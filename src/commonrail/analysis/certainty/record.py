@@ -28,6 +28,7 @@ def certainty_record(found: Certainty) -> dict[str, Any]:
         "agreeing": estimate.agreeing,
         "settled": estimate.settled,
         "adopted": found.adopted,
+        "gain": number(found.gain),
         "simulated": found.simulated,
         "withdrawn": found.withdrawn,
         "parameters": [_parameter(found, i) for i in range(len(estimate.likelihood.names))],

@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.posterior.convergence import effective_size, r_hat
 from commonrail.analysis.posterior.density import PosteriorDensity
 from commonrail.analysis.posterior.proposals import Surrogate, local_surrogate
 from commonrail.arguments import whole
 from commonrail.display.shown import Shown
+from commonrail.display.text import listed
 from commonrail.errors import ConfigurationError, SimulationError
 
 __all__ = ["LARGEST_R_HAT", "LEAST_SIZE", "MOST", "Posterior", "sample_posterior"]
@@ -32,7 +34,7 @@ ENSEMBLES = 4
 OVERDISPERSED = 1.5  # spread of the starts over that of the linear approximation
 _ROUND = 50  # steps
 _DISCARDED = 0.25  # share of the steps after the refinement
-_TRIES = 100
+_TRIES = 30  # each nine tenths as wide as the one before: a twentieth of the first width at last
 
 
 @dataclass(frozen=True, repr=False)
@@ -253,15 +255,22 @@ class _Ensembles:
 
 def _start(density: PosteriorDensity, surrogate: Surrogate, many: int, random: Any) -> Floats:
     """Over-dispersed positions (many, d) of finite density; narrower where few of them have one."""
+    space = density.likelihood.space
+    walls = Walls.of(space)
     found = np.empty((0, len(surrogate.centre)))
     wider = OVERDISPERSED
     for _ in range(_TRIES):
-        unit = surrogate.draw(many, random, wider)
+        unit = surrogate.spread(walls, many, random, wider)
         found = np.vstack([found, unit[np.isfinite(density(unit))]])[:many]
         if len(found) == many:
             return found
         wider *= 0.9
-    raise SimulationError("No start of a chain can be simulated near the best values; check bounds and constraints.")
+    limits = listed([f'"{label}"' for label in dict.fromkeys([*space.rows.labels, *space.products.labels])])
+    raise SimulationError(
+        f"{len(found)} of {many} starts of a chain near the most likely values can be simulated within the bounds"
+        f"{f' and the constraints {limits}' if limits else ''}: {density.likelihood.failed} of "
+        f"{density.likelihood.simulated} simulations failed; correct the bounds or constraints, or fix a parameter."
+    )
 
 
 def _emcee() -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,8 @@ class CovarianceSettings:
     ConfigurationError
         If a number lies outside its range, or is not whole where it counts something.
     """
+
+    size: ClassVar[str] = "{generations} generations of {members} members"  # in words, of a report
 
     # "most" is what a study file may ask for
     members: int = field(default=16, metadata={"most": MOST_MEMBERS})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import ClassVar
 
 from commonrail.arguments import array, chosen, number, settle, whole
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS
@@ -58,6 +59,8 @@ class EvolutionSettings:
     ConfigurationError
         If a number lies outside its range, or is not whole where it counts something.
     """
+
+    size: ClassVar[str] = "{generations} generations of {members} members"  # in words, of a report
 
     # "most" is what a study file may ask for
     members: int = field(default=50, metadata={"most": MOST_MEMBERS})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,10 @@ class MultiStartSettings:
     ConfigurationError
         If a number lies outside its range, or is not whole where it counts something.
     """
+
+    size: ClassVar[str] = (
+        "{starts} starts of {members} draws, {generations} iterations at most"  # in words, of a report
+    )
 
     # "most" is what a study file may ask for
     members: int = field(default=128, metadata={"most": MOST_MEMBERS})

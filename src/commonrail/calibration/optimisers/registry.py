@@ -23,7 +23,7 @@ from commonrail.calibration.space import Space
 if TYPE_CHECKING:
     from commonrail.calibration.study import Method
 
-__all__ = ["REGISTERED", "Registered", "Stage", "registered", "row"]
+__all__ = ["REGISTERED", "Registered", "Stage", "registered", "row", "size_in_words"]
 
 Stage = Callable[[Optimiser | None], Optimiser]
 """Begins an optimiser, given the one before it in the row."""
@@ -38,6 +38,7 @@ class Registered(NamedTuple):
         The `Optimiser`, made of a space, a random generator and settings.
     settings : type
         Its `Settings`. The fields are keys of a study file's table [optimiser]; their metadata may limit them ("most").
+        Its `size`, if it has one, is the template of `size_in_words`.
     checks : mapping of str to callable
         By the key to blame, what raises a ConfigurationError if settings do not suit a space.
     """
@@ -66,6 +67,19 @@ REGISTERED = (
 def registered(settings: object) -> Registered | None:
     """The optimiser that settings belong to; None if they are no optimiser's."""
     return next((entry for entry in REGISTERED if isinstance(settings, entry.settings)), None)
+
+
+def size_in_words(record: Mapping[str, Any]) -> str:
+    """Size of a search in the words of its optimiser, such as "70 generations of 50 members".
+
+    Parameters
+    ----------
+    record : mapping
+        Key "method", which the first optimiser may lack, and the settings by their names.
+    """
+    name = record.get("method", REGISTERED[0].name)
+    entry = next((entry for entry in REGISTERED if entry.name == name), REGISTERED[0])
+    return str(getattr(entry.settings, "size", EvolutionSettings.size).format(**record))
 
 
 def row(method: Method, space: Space, seed: int, same_bits: bool = False, squares: bool = False) -> list[Stage]:

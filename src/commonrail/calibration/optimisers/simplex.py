@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,10 @@ class NelderMeadSettings:
     ConfigurationError
         If a number lies outside its range, or is not whole where it counts something.
     """
+
+    size: ClassVar[str] = (
+        "{starts} simplices from {members} draws, {generations} moves at most"  # in words, of a report
+    )
 
     # "most" is what a study file may ask for
     members: int = field(default=64, metadata={"most": MOST_MEMBERS})

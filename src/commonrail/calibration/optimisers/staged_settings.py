@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from commonrail.arguments import settle, whole
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS
@@ -42,6 +43,8 @@ class StagedSettings:
     ConfigurationError
         If a number lies outside its range, or is not whole.
     """
+
+    size: ClassVar[str] = "{members} screened candidates, {generations} steps"  # in words, of a report
 
     # "most" is what a study file may ask for
     members: int = field(default=400, metadata={"most": MOST_MEMBERS})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,8 @@ class SuccessHistorySettings:
     ConfigurationError
         If a number lies outside its range, or is not whole.
     """
+
+    size: ClassVar[str] = "{generations} generations of {members} members at first"  # in words, of a report
 
     # "most" is what a study file may ask for
     members: int = field(default=96, metadata={"most": MOST_MEMBERS})

@@ -76,12 +76,14 @@ class CurveView(View):
             curves.append(Series(model.text, model.look, time, rate, family=model.family))
             errors.append(Series("", model.look, time, error, family=model.family))
         seen = f" Simulated as the meter “{data['meter']}” shows it." if data.get("meter") else ""
-        caption = f"Rate of injection; below, simulated − {origin_of(data)}.{seen} {shaded(data)}".rstrip()
+        others = len(errors) > 1 and JUDGED in trace
+        cut = " Errors of other models are cut at the range of the calibrated one and its band." if others else ""
+        caption = f"Rate of injection; below, simulated − {origin_of(data)}.{cut}{seen} {shaded(data)}".rstrip()
         about = (np.zeros(len(measured)), measured)
         bands = [(_band(data, time, middle),) if "band" in data else () for middle in about]
         panels = (
             Panel(RATE, tuple(curves), 0.66, bands=bands[0]),
-            Panel(ERROR, tuple(errors), 0.34, zero_line=True, bands=bands[1]),
+            Panel(ERROR, tuple(errors), 0.34, zero_line=True, bands=bands[1], scaled_by=JUDGED),
         )
         return [Figure(_title(data, f"{data['name']} ({data['role']})"), caption, "time, µs", panels)]
 

@@ -163,6 +163,7 @@ const charts = {
   pressure: new Plot(byId("pressure"), { title: "Pressures", unit: "MPa", xUnit: "µs" }),
   current: new Plot(byId("current"), { title: "Coil current", unit: "A", xUnit: "µs" }),
   map: new Plot(byId("map"), { title: "Quantity over energising time", unit: "mm³", xUnit: "µs", x: "energising time, µs" }),
+  residual: new Plot(byId("residual"), { title: "Residual of the quantity", unit: "mm³", xUnit: "µs", x: "energising time, µs" }),
 };
 const at = Object.fromEntries(model.channels.map((name, i) => [name, i]));
 const PANELS = {
@@ -171,6 +172,7 @@ const PANELS = {
   current: [["coil", "coil_current", 1, "--c4"]],
 };
 const COLOURS = ["--c1", "--c2", "--c3", "--c4", "--c5"];
+const NEAR = 0.01; // share of a rail pressure within which a measured point is drawn beside the curve at it
 let shown = null; // last course
 let fanned = null; // last fan: mass injected of its members, and the state that it belongs to
 let mapped = null; // last map
@@ -368,19 +370,62 @@ function isAtData(asked) {
 function drawScores({ state: asked, scores }) {
   scored = { ...scores, data: asked.data };
   if (shown && asked.data !== null && model.data[asked.data].meter) draw({ ...shown, stamp: 0 });
+  fillScores("curve-scores", "J, mm³/ms, at each curve's operating point", model.data, scores.j);
+  fillScores("map-scores", "J of each map at its operating points, errors in tolerances", model.maps, scores.maps.map((one) => one.j));
+  drawResiduals();
+  if (mapped) drawMap({ map: mapped });
+}
+
+// Table of J of some data, as the sliders have the parameters and of the fit.
+function fillScores(id, caption, data, j) {
+  if (!data.length) return;
   const body = byId("scores");
-  if (!body.firstChild) {
-    const table = document.createElement("table");
-    table.innerHTML = "<caption class='soft'>J, mm³/ms, at each curve's own operating point</caption><thead><tr><th scope='col'>bench data</th><th scope='col'>role</th><th scope='col'>J now</th><th scope='col'></th></tr></thead><tbody></tbody>";
+  let table = byId(id);
+  if (!table) {
+    table = Object.assign(document.createElement("table"), { id });
+    table.innerHTML = "<caption class='soft'></caption><thead><tr><th scope='col'>bench data</th><th scope='col'>role</th><th scope='col'>J now</th><th scope='col'></th></tr></thead><tbody></tbody>";
+    table.caption.textContent = caption;
     table.tHead.rows[0].cells[3].textContent = model.reference.label;
-    for (const d of model.data) {
+    for (const d of data) {
       const row = table.tBodies[0].insertRow();
       for (const text of [d.name, d.role, "", d.reference === null ? "–" : d.reference.toFixed(2)]) row.insertCell().textContent = text;
     }
     body.append(table);
   }
-  const rows = body.querySelector("tbody").rows;
-  scores.j.forEach((j, i) => { rows[i].cells[2].textContent = j === null ? "–" : j.toFixed(2); });
+  j.forEach((one, i) => { table.tBodies[0].rows[i].cells[2].textContent = one === null ? "–" : one.toFixed(2); });
+}
+
+// Points of the maps nearest to one of the drawn rail pressures and within a share of it, at their energising times: what
+// `value` makes of a row and its simulated value.
+function pointsAt(rail, share, value) {
+  const points = model.maps.flatMap((m, k) => m.rows.map((row, i) => [row, scored ? scored.maps[k].values[i] : null]))
+    .filter(([row]) => nearestRail(pointOfRow(row).rail) === rail && Math.abs(pointOfRow(row).rail - rail) <= share * rail)
+    .map(([row, simulated]) => [pointOfRow(row).pulses[0][1] * MICRO, value(row, simulated)])
+    .filter(([, y]) => y !== null).sort((one, other) => one[0] - other[0]);
+  return { x: points.map(([x]) => x), y: points.map(([, y]) => y), dots: true, size: 5 };
+}
+
+function nearestRail(rail) {
+  return model.map.pressures.reduce((best, one) => (Math.abs(one - rail) < Math.abs(best - rail) ? one : best));
+}
+
+// The middle one of three points about a dead time.
+function pointOfRow(row) {
+  return row.points[row.points.length >> 1];
+}
+
+function drawResiduals() {
+  if (!model.maps.length) return;
+  const series = model.map.pressures.map((rail, i) => ({
+    name: `${+(rail * 1e-6).toPrecision(3)} MPa`, colour: COLOURS[i % COLOURS.length],
+    ...pointsAt(rail, Infinity, (row, simulated) => (row.dead || simulated === null ? null : (simulated - row.target) * 1e9)),
+  }));
+  keysOf("residual", `Simulated − ${originOfMaps()}, mm³, at the points of the maps`, series);
+  charts.residual.show(series, [0, model.map.times[model.map.times.length - 1] * MICRO]);
+}
+
+function originOfMaps() {
+  return model.maps.every((m) => m.origin === model.maps[0].origin) ? model.maps[0].origin : "bench data";
 }
 
 function drawMap({ map }) {
@@ -391,6 +436,10 @@ function drawMap({ map }) {
   }));
   if (shown && shown.state.point.pulses.length === 1) {
     series.push({ x: [shown.state.point.pulses[0][1] * MICRO], y: [(shown.course.figures.injected / shown.state.density) * 1e9], colour: "--ink", dots: true, size: 7 });
+  }
+  if (model.maps.length) {
+    map.pressures.forEach((rail, i) => series.push({ ...pointsAt(rail, NEAR, (row) => row.quantity * 1e9), colour: COLOURS[i % COLOURS.length], still: true }));
+    series.push({ name: `points: ${originOfMaps()}`, x: [], y: [], colour: "--soft" });
   }
   keysOf("map", "Quantity, mm³, over energising time", series);
   charts.map.show(series, [0, x[x.length - 1]]);
@@ -536,7 +585,7 @@ function build() {
 // --- Changes, address, presets -------------------------------------------------------------------------------------
 
 // J as often as a person can read it; the map takes as long as sixty courses, and leaves the processor to the curves.
-const scores = model.data.length ? new Client(drawScores, { spacing: 60 }) : null;
+const scores = model.data.length || model.maps.length ? new Client(drawScores, { spacing: 60 }) : null;
 const maps = model.map ? new Client(drawMap, { spacing: 700, delay: 150 }) : null;
 let spread = null; // worker of the fan, once it is asked for
 let addressing = 0;
@@ -693,6 +742,7 @@ byId("data-bar").hidden = !model.data.length;
 byId("fanned").hidden = !model.fan;
 byId("count-bar").hidden = model.traced;
 byId("map").hidden = !model.map;
+byId("residual").hidden = !model.maps.length;
 byId("preset").addEventListener("change", () => take(stateOf(model.presets[+byId("preset").value])));
 byId("data").addEventListener("change", () => {
   const chosen = byId("data").value;

@@ -6,6 +6,14 @@ function unpacked(filter) {
   return filter && { ...filter, response: numbersOf(filter.response) };
 }
 
+// Energising time at which a small quantity is reached, by lines between three of them, no flatter than one that
+// reaches it within `flattest`.
+function crossing({ points, quantity }, [low, middle, high], flattest) {
+  const [before, here, after] = points.map((point) => point.pulses[0][1]), later = middle < quantity;
+  const slope = later ? (high - middle) / (after - here) : (middle - low) / (here - before);
+  return here + (quantity - middle) / Math.max(slope, quantity / flattest);
+}
+
 class Bench {
   constructor(model, module) {
     this.model = model;
@@ -101,6 +109,28 @@ class Bench {
     const density = d.density[temperature] ?? d.density[0];
     const rate = d.meter ? this.metered(d, density) : this.sampled(d, density);
     return { rate, j: rate.reduce((sum, y, i) => sum + Math.abs(y - d.rate[i]), 0) * 1e6 };
+  }
+
+  // Values of the rows of a map, and its J: the sum of 2 (sqrt(1 + r^2) - 1) of the errors r over their tolerances. A
+  // value is a quantity [m3] or, of a dead time that is judged as one, a time [s]; null where a simulation fails.
+  quantities(m, temperature) {
+    const values = m.rows.map((row) => this.valueOf(m, row, temperature));
+    const j = values.reduce((sum, value, i) => {
+      const r = value === null ? NaN : (value - m.rows[i].target) / m.rows[i].tolerance;
+      return sum + 2 * (Math.sqrt(1 + r * r) - 1);
+    }, 0);
+    return { values, j: Number.isFinite(j) ? j : null };
+  }
+
+  valueOf(m, row, temperature) {
+    const densities = m.densities[row.density], density = densities[temperature] ?? densities[0];
+    const found = row.points.map((point) => {
+      // to its end: a SAC that is still emptying when a shorter run ends would count as an injection that goes on
+      const { figures, status } = this.run({ ...point, courses: [null, null, null, null] }, 0, true);
+      return status === "ok" ? m.gain * (figures.injected / density) + m.offset : NaN;
+    });
+    if (!found.every(Number.isFinite)) return null;
+    return row.timed ? crossing(row, found, m.flattest) : found[0];
   }
 
   metered(d, density) {

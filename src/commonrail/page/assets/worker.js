@@ -3,7 +3,7 @@
 
 let bench = null;
 
-// J of every data set at its own operating point, and the compared rate of the one that is shown.
+// J of every data set at its own operating points, values of the maps, and the compared rate of the curve that is shown.
 function scores(state) {
   bench.setParameters(state.values, state.temperature);
   const found = bench.data.map((d) => {
@@ -11,7 +11,8 @@ function scores(state) {
     const { status } = bench.run({ ...d.point, duration, courses: d.courses }, 0, true);
     return status === "failed" || status === "not closed" ? null : bench.compare(d, state.temperature);
   });
-  return { j: found.map((one) => one && one.j), rate: state.data === null ? null : found[state.data] && found[state.data].rate };
+  const maps = bench.model.maps.map((m) => bench.quantities(m, state.temperature));
+  return { maps, j: found.map((one) => one && one.j), rate: state.data === null ? null : found[state.data] && found[state.data].rate };
 }
 
 // Mass injected up to every so many steps, for each member of the fan.
