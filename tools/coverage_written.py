@@ -76,11 +76,11 @@ def _solenoid() -> Bed:
 
 
 def _virtual() -> Bed:
-    """The injector, point and parameters of `tools/coverage.py`."""
+    """The injector, point and parameters of `tools/coverage.py`, at the default step of a study."""
     injector = cr.load_injector("virtual-lino-2016")
     injector = replace(injector, variant=injector.variant._replace(drive=Drive.REGULATED))
     truth = {"nozzle.discharge_maximum": 0.8, "control_chamber.a_hole_diameter": 0.262e-3, "plunger_needle.k7": 6e7}
-    return Bed(injector, cr.OperatingPoint(160e6, 700e-6, horizon=1.56e-3), truth, truth, 0.3, 3e-6, 1.5e-6)
+    return Bed(injector, cr.OperatingPoint(160e6, 700e-6, horizon=1.56e-3), truth, truth, 0.3, 3e-6, 1e-6)
 
 
 BEDS = {"cri2-16": _solenoid, "virtual-lino-2016": _virtual}
