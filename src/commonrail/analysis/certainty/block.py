@@ -14,7 +14,7 @@ from commonrail.analysis.certainty.laws import LAWS, DensityLaw, sample_count, s
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import NOISE, Correlation, Law, Noise
 
-__all__ = ["Block", "FittedNoise", "block_of", "fit_noise", "row_weights"]
+__all__ = ["Block", "FittedNoise", "block_of", "fit_noise", "places_of", "row_weights"]
 
 Floats = NDArray[np.float64]
 
@@ -166,7 +166,7 @@ def block_of(data: DataSet, start: int) -> Block:
         data.bounds is not None,
         np.where(data.judged, zero, 0.0),
         np.where(data.judged, _plain(data, np.ones(len(zero))) - zero, 0.0),
-        _places(data),
+        places_of(data),
     )
 
 
@@ -186,7 +186,8 @@ def _plain(data: DataSet, values: Floats) -> Floats:
     return np.asarray(data.residuals(values[None])[0] / np.sqrt(row_weights(data)))
 
 
-def _places(data: DataSet) -> Floats:
+def places_of(data: DataSet) -> Floats:
+    """Time [s] and rail pressure [Pa] of each value (n, 2); the time of a quantity is its first energising time."""
     if data.bounds is not None:
         middle = 0.5 * (data.bounds[1:] + data.bounds[:-1])
         return np.column_stack([middle, np.full(len(middle), data.points[0].initial_pressures()[0])])
