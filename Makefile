@@ -57,6 +57,7 @@ line-coverage: $(VENV)/.dev ## run the physics as plain Python and measure what 
 
 coverage: $(VENV)/.dev ## fit 400 virtual benches of each kind and count the stated intervals that hold the truth (an hour)
 	$(BIN)/python -m tools.coverage
+	$(BIN)/python -m tools.coverage_written
 
 lint: style ## format, lint, types, direction of imports
 	$(BIN)/mypy

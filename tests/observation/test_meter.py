@@ -28,6 +28,7 @@ def test_quantities_are_read_with_their_units() -> None:
         (("bench", {"gain": -1.0}), "greater than zero"),
         (("bench", {"cutoff": 0.0}), "greater than zero"),
         (("bench", {"density": 830.0, "temperature": 313.0}), "keep one of them"),
+        (("bench", {"echo_share": 0.7, "second_echo_share": 0.3}), "leaves nothing of the direct signal"),
         (("bench", {}, "bessel"), "law of the meter"),
         (("bench", {}, "cascade", 9), "order of the meter"),
         (("bench", {}, "cascade", 0), "order of the meter"),

@@ -72,6 +72,23 @@ def test_delay_and_low_pass_conserve_the_volume(values: dict[str, float], law: s
     assert volume == pytest.approx(STEP * np.sum(hump()), rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"echo_share": 0.06, "echo_delay": 0.35e-3, "echo_lag": 0.14e-3},
+        {"echo_share": 0.0955, "echo_delay": 302.5e-6, "second_echo_share": 0.0324, "second_echo_delay": 3e-3},
+        {"echo_share": -0.05, "echo_delay": 41.3e-6, "echo_lag": 20e-6},
+        {"second_echo_share": 0.3, "second_echo_delay": 0.5e-3, "delay": 12.7e-6, "cutoff": 30e3},
+    ],
+)
+def test_echoes_conserve_the_volume(values: dict[str, float]) -> None:
+    """The echo's own delay and 40 of its time constants lie behind the injection: e^-40 is lost."""
+    rate = np.concatenate([hump(), np.zeros(9000 - STEPS)])
+    bounds = 3e-6 * np.arange(3001)
+    volume = np.sum(shown(rate, bounds, **values)[0] * np.diff(bounds))
+    assert volume == pytest.approx(STEP * np.sum(hump()), rel=1e-9)
+
+
 def test_gain_and_offset_are_linear() -> None:
     neutral = shown(hump())
     np.testing.assert_allclose(shown(hump(), gain=1.03, offset=-2e-3), 1.03 * neutral - 2e-3, rtol=1e-14)
@@ -87,7 +104,7 @@ def test_the_echo_of_a_step_follows_after_the_tube_and_its_lag(echo: str, lag: f
     values = {f"{echo}_share": share, f"{echo}_delay": late, f"{echo}_lag": lag}
     since = np.maximum(BOUNDS - late, 0.0)
     risen = since + (lag * np.expm1(-since / lag) if lag else 0.0)  # integral of 1 − exp(−t/lag)
-    expected = 1.0 + share * np.diff(risen) / np.diff(BOUNDS)
+    expected = 1.0 - share + share * np.diff(risen) / np.diff(BOUNDS)
     assert shown(np.ones(STEPS), **values)[0] == pytest.approx(expected, rel=1e-9)
 
 

@@ -343,6 +343,11 @@ class DataSet(ABC):
         if not weight > 0.0:
             raise ConfigurationError(f"The weight of {self.name} must be greater than zero, not {weight:g}.")
         instance(self.noise, Noise, "noise of the data")
+        if self.noise.relative and self.sigma_unit == "1":
+            raise ConfigurationError(
+                f"The noise of {self.name} has a relative part, which only curves have; state it as the relative part "
+                "of the tolerance."
+            )
         settle(self, role=chosen(self.role, Role, "role of the data"), weight=weight)
         if self.meter is not None:
             self._check_meter(instance(self.meter, Meter, "meter of the data"))

@@ -54,7 +54,8 @@ class Noise:
     correlation : Correlation
     sigma : float or None
         Standard deviation of one value under every law, in the unit of the kind's residuals [SI]: m³/s for a curve,
-        multiples of the tolerance for a map. None: estimated from the residuals.
+        multiples of the tolerance for a map. None: estimated from the residuals. With `relative`, its part at a rate
+        of zero.
     freedom : float
         Degrees of freedom of `sigma`, such as repeats − 1 of the strokes that it was estimated from; infinite where it
         is exactly known.
@@ -71,6 +72,9 @@ class Noise:
     uncertain : mapping of str to float
         Standard deviations [SI] of what is not fitted and not exactly known: delay, gain, offset, quantity_offset and
         cutoff of the meter, fuel_temperature, or an injector's parameter by its dotted name.
+    relative : float
+        Share of the rate that the standard deviation of a curve grows by: it is sigma + relative · rate. Shots scatter
+        in proportion to the rate. Where no sigma is stated, the residuals tell whether it grows.
 
     Raises
     ------
@@ -87,6 +91,7 @@ class Noise:
     pressure_length: float = math.inf
     uncertain: Mapping[str, Quantity] = field(default_factory=dict)
     freedom: float = math.inf
+    relative: float = 0.0
 
     def __post_init__(self) -> None:
         settle(
@@ -99,11 +104,17 @@ class Noise:
         for what, value in stated:
             if value is not None and not value > 0.0:
                 raise ConfigurationError(f"The {what} of the noise must be greater than zero, not {value:g}.")
-        for what, value in (("discrepancy", self.discrepancy), ("length", self.length)):
+        others = ("discrepancy", self.discrepancy), ("length", self.length), ("relative part", self.relative)
+        for what, value in others:
             if not 0.0 <= value < math.inf:
                 raise ConfigurationError(f"The {what} of the noise must be zero or greater, not {value:g}.")
         if self.sigma is None and self.freedom < math.inf:
             raise ConfigurationError("The freedom of the noise is that of its sigma, which is missing; add it.")
+        if self.sigma is None and self.relative:
+            raise ConfigurationError(
+                "The relative part of the noise has no sigma at a rate of zero beside it; state both, as in "
+                'sigma = "0.02 mm3/ms + 1 %", or neither, and the residuals tell.'
+            )
         if self.sigma is not None and self.shots:
             raise ConfigurationError("The noise has a sigma and repeated shots to estimate it from; keep one of them.")
 

@@ -45,7 +45,7 @@ class NoiseModel(FileModel):
         InputError, ConfigurationError
             If a number has another unit or makes no sense; the message names the key.
         """
-        sigma = None if self.sigma is None else _read(self.sigma, unit, at / "sigma")
+        sigma, relative = (None, 0.0) if self.sigma is None else _deviation(self.sigma, unit, at / "sigma")
         discrepancy = _read(self.discrepancy, unit, at / "discrepancy") if self.discrepancy else 0.0
         with located(at):
             return Noise(
@@ -58,7 +58,23 @@ class NoiseModel(FileModel):
                 self.pressure_length,
                 self.uncertain,
                 self.freedom,
+                relative,
             )
+
+
+def _deviation(item: str | float | int, unit: str, at: Place) -> tuple[float, float]:
+    """Standard deviation at a rate of zero and the share of the rate that is added, as in "0.02 mm3/ms + 1 %"."""
+    first, plus, second = item.rpartition(" + ") if isinstance(item, str) else (item, "", "")
+    if not plus:
+        return _read(item, unit, at), 0.0
+    if unit == "1":
+        raise at.error(
+            f'"{item}" has two parts, and a sigma here is a multiple of the tolerance; state one number, and the part '
+            'that grows with the value as the key "relative" of the data set'
+        )
+    if "%" not in second:
+        raise at.error(f'the second part of "{item}" must be percent of the rate, as in "0.02 mm3/ms + 1 %"')
+    return _read(first, unit, at), _read(second, "1", at)
 
 
 def _read(item: str | float | int, unit: str, at: Place) -> float:

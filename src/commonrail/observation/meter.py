@@ -41,8 +41,8 @@ class Meter:
     Raises
     ------
     ConfigurationError
-        If a quantity is unknown or outside its domain, both density and temperature are given, a late cut-off is given
-        with a law that delays, or the name is no name.
+        If a quantity is unknown or outside its domain, both density and temperature are given, the shares of the echoes
+        leave nothing of the direct signal, a late cut-off is given with a law that delays, or the name is no name.
     """
 
     name: str
@@ -71,6 +71,12 @@ class Meter:
         values = {key: self._read(key, value) for key, value in given.items()}
         if {"density", "temperature"} <= set(values):
             raise ConfigurationError(f"The meter {self.name} has a density and a temperature; keep one of them.")
+        echoes = values.get("echo_share", 0.0) + values.get("second_echo_share", 0.0)
+        if echoes >= 1.0:
+            raise ConfigurationError(
+                f"The shares of the echoes of the meter {self.name} add up to {echoes:g}, which leaves nothing of the "
+                "direct signal; they must add up to less than 1."
+            )
         law = chosen(self.law, LowPass, f"law of the meter {self.name}")
         if "late_cutoff" in values and law is not LowPass.ZERO_PHASE:
             raise ConfigurationError(

@@ -125,8 +125,9 @@ def _vertex(signal: Floats, k: int) -> float:
 
 
 def _with_echoes(given: Given, direct: Floats, step: float) -> tuple[Floats, Floats]:
-    """The direct signal, and it with its echoes."""
-    total = direct
+    """The direct signal, and it with its echoes, which take their shares from it: an echo makes no fuel."""
+    left = 1.0 - np.sum([given[f"{echo}_share"] for echo in _ECHOES], axis=0)
+    total = left[:, None] * direct
     for echo in _ECHOES:
         share = given[f"{echo}_share"]
         if share.any():

@@ -121,6 +121,7 @@ def certainty_lines(record: Record) -> list[str]:
         *([differs.sentence] if differs else []),
         *_search(found),
         *([f"No parameter is called pinned, because {found['withdrawn']}."] if found["withdrawn"] else []),
+        *_grown(found.get("noise", [])),
         *_stated(found["parameters"]),
         *_fitted(found),
         *_sensitivity(found),
@@ -198,7 +199,7 @@ def _noise(noise: Sequence[Record]) -> Table:
         Part(
             ("standard deviation", "values", "share of −2 ln L, %", "parameters it pays for"),
             lambda n: (
-                f"{significant(n['sigma'], 3)} {n['unit']}",
+                _deviation(n),
                 str(n["values"]),
                 fixed(n["share"], 0, 100.0),
                 fixed(n["parameters"], 1),
@@ -207,6 +208,21 @@ def _noise(noise: Sequence[Record]) -> Table:
     )
     note = "Each data set counts by its own noise; the weights of the objective play no part in the likelihood."
     return table_of("Noise of the data", noise, parts, note, 2)
+
+
+def _deviation(n: Record) -> str:
+    """Standard deviation of a value, with the share of the rate that it grows by."""
+    relative = n.get("relative") or 0.0
+    grown = f" + {significant(100.0 * relative, 3)} % of the rate" if relative else ""
+    return f"{significant(n['sigma'], 3)} {n['unit']}{grown}"
+
+
+def _grown(noise: Sequence[Record]) -> list[str]:
+    return [
+        f"The residuals of {n['name']} grow with the rate; their standard deviation was taken as {_deviation(n)}."
+        for n in noise
+        if n.get("relative") and not n["stated"]
+    ]
 
 
 def _law(n: Record) -> str:

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.autoregression import Autoregression, estimate
+from commonrail.analysis.certainty.growth import EVEN, Growth, growth_of
 from commonrail.analysis.certainty.laws import LAWS, DensityLaw, sample_count, scale_of, unequal
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import NOISE, Correlation, Law, Noise
 
-__all__ = ["Block", "FittedNoise", "block_of", "fit_noise", "row_weights"]
+__all__ = ["Block", "FittedNoise", "block_of", "fit_noise", "places_of", "row_weights"]
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +41,8 @@ class FittedNoise:
     autoregression : Autoregression
     known : bool
         The scale is stated, or that of repeated measurements: it does not come from the residuals.
+    growth : Growth
+        Standard deviations of the values relative to each other.
     """
 
     law: Law
@@ -47,6 +50,7 @@ class FittedNoise:
     freedom: float
     autoregression: Autoregression = WHITE
     known: bool = False
+    growth: Growth = EVEN
 
     @property
     def density(self) -> DensityLaw:
@@ -60,12 +64,17 @@ class FittedNoise:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of a value, correlation included."""
-        return self.value_scale * self.density.deviation
+        """Standard deviation of a value, correlation included; at a rate of zero where it grows with the rate."""
+        return self.value_scale * self.density.deviation * self.growth.least
+
+    @property
+    def relative(self) -> float:
+        """Share of the rate that `sigma` grows by."""
+        return self.sigma * self.growth.slope
 
     def whiten(self, errors: Floats) -> Floats:
         """Standardised innovations (…, n) of residuals (…, n)."""
-        return self.autoregression.whiten(errors) / self.scale
+        return self.autoregression.whiten(errors / self.growth.shape) / self.scale
 
 
 @dataclass(frozen=True)
@@ -157,7 +166,7 @@ def block_of(data: DataSet, start: int) -> Block:
         data.bounds is not None,
         np.where(data.judged, zero, 0.0),
         np.where(data.judged, _plain(data, np.ones(len(zero))) - zero, 0.0),
-        _places(data),
+        places_of(data),
     )
 
 
@@ -177,7 +186,8 @@ def _plain(data: DataSet, values: Floats) -> Floats:
     return np.asarray(data.residuals(values[None])[0] / np.sqrt(row_weights(data)))
 
 
-def _places(data: DataSet) -> Floats:
+def places_of(data: DataSet) -> Floats:
+    """Time [s] and rail pressure [Pa] of each value (n, 2); the time of a quantity is its first energising time."""
     if data.bounds is not None:
         middle = 0.5 * (data.bounds[1:] + data.bounds[:-1])
         return np.column_stack([middle, np.full(len(middle), data.points[0].initial_pressures()[0])])
@@ -187,7 +197,13 @@ def _places(data: DataSet) -> Floats:
 
 
 def fit_noise(
-    block: Block, errors: Floats, used: float, off: Floats | None = None, *, correlated: bool = True
+    block: Block,
+    errors: Floats,
+    used: float,
+    off: Floats | None = None,
+    *,
+    correlated: bool = True,
+    rate: Floats | None = None,
 ) -> FittedNoise:
     """Noise of a block from its residuals at the best values.
 
@@ -200,24 +216,47 @@ def fit_noise(
     off : (d, n), optional
         Courses that the fitted values may be off by, see `autoregression.estimate`.
     correlated : bool
-        Estimate the autocorrelation where the noise model has one, and look for outliers.
+        Estimate the autocorrelation where the noise model has one, and look for outliers and for growth with the rate.
+    rate : (n,), optional
+        Rates that the noise may grow with, in the unit of the residuals; the simulated ones by default. They have no
+        noise: weights by measured ones would favour values that are too low.
     """
     if block.shots is not None:
         return block.shots
     off = np.zeros((0, len(errors))) if off is None else off
+    growth = _growth(block, errors, rate, off) if correlated else EVEN
+    errors, off = errors / growth.shape, off / growth.shape
     law = _law(block, errors, off, correlated)
     free = correlated and block.ordered and block.noise.correlation is not Correlation.WHITE
     regression = _regression(errors, off, law) if free else WHITE
     sigma = block.noise.sigma
     if sigma is not None:
         floor = block.noise.discrepancy if not block.noise.length else 0.0
+        sigma = sigma / growth.least if correlated else _typical(block, errors)
         whole = math.hypot(sigma, floor)
         freedom = block.noise.freedom * (whole / sigma) ** 4  # Satterthwaite: the discrepancy is exactly known
         scale = whole * regression.innovation_share / LAWS[law].deviation
-        return FittedNoise(law, scale, freedom, regression, known=True)
+        return FittedNoise(law, scale, freedom, regression, known=True, growth=growth)
     freedom = max(sample_count(errors) - used, 1.0)
     scale = scale_of(law, regression.whiten(errors), freedom)
-    return FittedNoise(law, max(scale, np.finfo(float).tiny ** 0.25), freedom, regression)
+    return FittedNoise(law, max(scale, np.finfo(float).tiny ** 0.25), freedom, regression, growth=growth)
+
+
+def _growth(block: Block, errors: Floats, rate: Floats | None, off: Floats) -> Growth:
+    """Growth of the noise with the rate: as stated, or as the innovations show it."""
+    if not block.ordered:
+        return EVEN
+    rate = errors - block.at_zero if rate is None else rate
+    if block.noise.sigma is not None:
+        return Growth.of(rate, block.noise.relative / block.noise.sigma)
+    white = block.noise.correlation is Correlation.WHITE
+    return growth_of((WHITE if white else _regression(errors, off, Law.STUDENT)).whiten(errors), rate)
+
+
+def _typical(block: Block, errors: Floats) -> float:
+    """Stated standard deviation at the mean rate, for a search whose first rates may be far from the true ones."""
+    mean = float(np.mean(np.maximum(errors - block.at_zero, 0.0))) if block.noise.relative else 0.0
+    return (block.noise.sigma or 0.0) + block.noise.relative * mean
 
 
 def _law(block: Block, errors: Floats, off: Floats, correlated: bool) -> Law:

@@ -106,6 +106,7 @@ def _noise(estimate: Estimate) -> list[dict[str, Any]]:
             "law": noise.law.value,
             "order": noise.autoregression.order,
             "sigma": noise.sigma,
+            "relative": noise.relative,
             "innovation": noise.scale * noise.density.deviation,
             "unit": block.unit,
             "stated": noise.known,

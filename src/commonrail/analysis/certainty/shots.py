@@ -45,12 +45,16 @@ def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block,
                 f"{', '.join(blocks[i].name for i in members)} cannot be compared."
             )
         apart = _deviations([blocks[i].at_zero for i in members])
+        mean = -np.mean([blocks[i].at_zero for i in members], axis=0)
         used = sample_count(apart)  # the mean shot
         noise = fit_noise(
-            replace(blocks[members[0]], noise=replace(blocks[members[0]].noise, shots="")), apart.reshape(-1), used
+            replace(blocks[members[0]], noise=replace(blocks[members[0]].noise, shots="")),
+            apart.reshape(-1),
+            used,
+            rate=np.tile(mean, len(members)),
         )
         for i in members:
-            found[i] = replace(blocks[i], shots=noise)
+            found[i] = replace(blocks[i], shots=replace(noise, growth=noise.growth.at(mean)))
     return tuple(found)
 
 

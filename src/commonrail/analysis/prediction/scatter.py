@@ -38,17 +38,25 @@ class Scatter(NamedTuple):
         that were held out, each over the deviation predicted for it. 1 where too few could be held out.
     left_out : int
         Number of those values.
+    least : float
+        Share of the factor at a rate of zero; less than 1 where the noise grows with the rate.
+    slope : float
+        Rise over that for one SI unit of the rate.
     """
 
     factor: float
     freedom: float
     calibration: float = 1.0
     left_out: int = 0
+    least: float = 1.0
+    slope: float = 0.0
 
     def deviations(self, data: DataSet, values: Floats) -> Floats:
         """Standard deviations (n,) about predicted values (n,)."""
         stated = data.discrepancy(values)
-        return self.factor * (np.ones(len(values)) if stated is None else stated)
+        if stated is not None:
+            return self.factor * stated
+        return self.factor * self.least * (1.0 + self.slope * np.maximum(np.nan_to_num(values), 0.0))
 
 
 class LeftOut(NamedTuple):
@@ -195,13 +203,18 @@ def _of_set(found: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatte
     noise, block = found.likelihood.noises[index], found.likelihood.blocks[index]
     extra = block.noise.discrepancy if block.noise.length else 0.0
     tail = TAILS.get(noise.law, np.inf)
-    one = Scatter(float(np.hypot(noise.value_scale, extra)) / data.residual_scale, min(noise.freedom, tail))
+    one = Scatter(
+        float(np.hypot(noise.value_scale, extra)) / data.residual_scale,
+        min(noise.freedom, tail),
+        least=noise.growth.least,
+        slope=noise.growth.slope * data.residual_scale,
+    )
     if not (noise.known or block.shots is not None):
         return one, one
-    errors = found.errors[block.rows]
+    errors = found.errors[block.rows] / noise.growth.shape
     freedom = max(sample_count(errors) - float(found.covariance.used[index]), 1.0)
     level = scale_of(noise.law, errors, freedom) / data.residual_scale
-    return one, one if level <= one.factor else Scatter(level, min(freedom, tail))
+    return one, one if level <= one.factor else one._replace(factor=level, freedom=min(freedom, tail))
 
 
 def _keep_larger(scatter: dict[str, Scatter], kind: str, one: Scatter) -> None:

@@ -64,7 +64,8 @@ function directOf(meter, rates, step) {
 }
 
 function withEchoes(meter, direct, step) {
-  const total = Float64Array.from(direct), cumulated = summed(direct);
+  const left = 1 - meter.echoes.reduce((sum, echo) => sum + echo.share, 0); // an echo takes its share from the direct signal
+  const total = direct.map((y) => left * y), cumulated = summed(direct);
   for (const echo of meter.echoes) {
     const late = direct.map((_, k) => cumulatedAt(cumulated, k + 1 - echo.delay / step) - cumulatedAt(cumulated, k - echo.delay / step));
     lagged(late, echo.lag > 0 ? step / echo.lag : Infinity).forEach((y, k) => { total[k] += echo.share * y; });
