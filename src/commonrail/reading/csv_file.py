@@ -24,14 +24,13 @@ from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.formulas import restored, restored_note
 from commonrail.reading.guarded_file import LARGEST_FILE
 from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
+from commonrail.reading.table_limits import LONGEST_NAME, check_columns
 from commonrail.reading.text_file import read_lines
 from commonrail.units import compatible
 
 __all__ = ["MOST_ROWS", "CsvFile"]
 
 MOST_ROWS = 1_000_000  # one second at 1 MHz
-MOST_COLUMNS = 1000
-LONGEST_NAME = 200
 LONGEST_NUMBER = 100  # [characters]
 MOST_COMMENTS = 1000  # that are kept
 
@@ -132,8 +131,7 @@ class CsvFile:
 
 def _check_header(path: Path, names: list[str]) -> None:
     """Refuse a header with too many columns or a name that nobody would write."""
-    if len(names) > MOST_COLUMNS:
-        raise InputError(f"{path}: the header has {len(names)} columns, and at most {MOST_COLUMNS} are read.")
+    check_columns(str(path), len(names))
     for number, name in enumerate(names, start=1):
         if len(name) > LONGEST_NAME or not name.isprintable():
             raise InputError(

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from commonrail.reading.file_form import PLAIN, FileForm
-from commonrail.reading.guarded_file import read_plain
 from commonrail.reading.parquet_table import read_parquet
 from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
 
@@ -35,7 +33,7 @@ class ParquetFile:
 
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
         self.path = path
-        self._table = read_parquet(path, BytesIO(read_plain(path)))
+        self._table = read_parquet(path)
         named = [name_and_unit(name) for name in self._table.header]
         self.names = [name for name, _ in named]
         self._units = [unit for _, unit in named]
@@ -48,20 +46,17 @@ class ParquetFile:
         """Content of columns; see `Sheet.take`."""
         places = [find_column(self.path, self.names, column.name) for column in columns]
         numbers, texts = {}, {}
+        rows = np.arange(1, self._table.rows + 1)
         for column, i in zip(columns, places, strict=True):
-            content = self._table.table.column(i)
             if not column.unit:
-                texts[column.name] = ["" if text is None else str(text) for text in content.to_pylist()]
+                texts[column.name] = self._table.columns[i].cells(rows - 1)
                 continue
-            try:
-                values = content.cast("double").to_numpy(zero_copy_only=False).astype(np.float64)
-            except (ValueError, NotImplementedError) as error:  # those of pyarrow are ones
-                raise cell_place(self.path, 1, column.name, "row").error("the column holds no numbers") from error
+            if (values := self._table.numbers(i)) is None:
+                raise cell_place(self.path, 1, column.name, "row").error("the column holds no numbers")
             wrong = np.flatnonzero(~np.isfinite(values) if column.required else np.isinf(values))
             if len(wrong):
                 at = cell_place(self.path, int(wrong[0]) + 1, column.name, "row")
                 raise at.error("there is no finite number, and one is expected")
             numbers[column.name] = values
-        rows = np.arange(1, self._table.table.num_rows + 1)
         given = {column.name: self._units[i] for column, i in zip(columns, places, strict=True)}
         return Table(self.path, numbers, texts, given, rows, row="row")
