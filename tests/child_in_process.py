@@ -13,10 +13,12 @@ from commonrail.reading import child, guarded_child
 __all__ = ["read_in_process"]
 
 
-def _run(args: list[str], data: bytes, stream: IO[bytes]) -> str:
-    reader, options, *_ = args
-    child.write(stream, import_module(f"commonrail.reading.child_{reader}").read, data, json.loads(options))
-    return ""
+def _run(args: list[str], data: bytes, stream: IO[bytes]) -> int:
+    reader, options, memory, _ = args
+    child.write(
+        stream, import_module(f"commonrail.reading.child_{reader}").read, data, json.loads(options), int(memory)
+    )
+    return 0
 
 
 def read_in_process(monkeypatch: pytest.MonkeyPatch) -> None:

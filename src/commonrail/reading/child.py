@@ -36,11 +36,11 @@ def main(reader: str, options: str, memory: str, seconds: str) -> None:
     with suppress(ImportError):  # POSIX alone; elsewhere the parent limits the elapsed time
         _limit(int(memory), int(seconds))
     with output:
-        write(output, module.read, sys.stdin.buffer.read(), json.loads(options))
+        write(output, module.read, sys.stdin.buffer.read(), json.loads(options), int(memory))
     os._exit(0)  # a fault of a library at its end does no harm
 
 
-def write(stream: IO[bytes], read: Callable[..., dict[str, Any]], data: bytes, options: Any) -> None:
+def write(stream: IO[bytes], read: Callable[..., dict[str, Any]], data: bytes, options: Any, most: int) -> None:
     """Write the content of a file, array by array.
 
     Parameters
@@ -51,10 +51,17 @@ def write(stream: IO[bytes], read: Callable[..., dict[str, Any]], data: bytes, o
         description.
     data : bytes
     options : dict
+    most : int
+        Bytes of all arrays.
     """
+    left = most
     with ZipFile(stream, "w") as archive:
 
         def save(name: str, array: NDArray[Any]) -> None:
+            nonlocal left
+            left -= array.nbytes
+            if left < 0:
+                raise MemoryError
             with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
                 np.lib.format.write_array(part, array, allow_pickle=False)
 
@@ -72,8 +79,7 @@ def _limit(memory: int, seconds: int) -> None:
 
     used = resource.getrusage(resource.RUSAGE_SELF)
     spent = int(used.ru_utime + used.ru_stime) + 1
-    for what, most in (("DATA", memory), ("FSIZE", memory), ("CPU", spent + seconds)):
+    for what, most in (("DATA", memory), ("CPU", spent + seconds)):
         kind = getattr(resource, f"RLIMIT_{what}")
         hard = resource.getrlimit(kind)[1]
-        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(kind, (most, hard if what == "CPU" else most))
+        resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))

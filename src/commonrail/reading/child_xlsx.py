@@ -11,7 +11,7 @@ from openpyxl import load_workbook
 
 from commonrail.errors import InputError, nearest
 from commonrail.reading.child import Save
-from commonrail.reading.table_limits import Shape
+from commonrail.reading.table_limits import MOST_COLUMNS, Shape
 
 MOST_ROWS = 1_048_576  # of a sheet, by the format
 MOST_TEXT = 20_000_000  # characters of all cells
@@ -51,6 +51,8 @@ def _cells(path: Path, sheet: Any) -> tuple[list[list[str | float]], list[int]]:
     for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
         if number > MOST_ROWS:
             raise InputError(f"{path}: the sheet has more than the {MOST_ROWS} rows that a sheet can have.")
+        if row[MOST_COLUMNS:].count(None) == len(row[MOST_COLUMNS:]):
+            row = row[:MOST_COLUMNS]  # cells that have a format and nothing else may reach to column XFD
         width = next((n for n in range(len(row), 0, -1) if _cell(row[n - 1]) != ""), 0)
         if width:
             shape.add(width, number)

@@ -1,8 +1,7 @@
 """The one way to libraries that read foreign formats: a child process with limits of memory and processor time.
 
 A file built on purpose, or damaged, can make a library take memory or time without end, or end the process that runs
-it. `child` runs in a process that may take what `memory_limit` and `time_limit` allow; its arrays come back through a
-temporary file, without pickle.
+it. `child` limits its process; its arrays come back through a temporary file, without pickle.
 """
 
 from __future__ import annotations
@@ -25,14 +24,16 @@ from commonrail.errors import InputError
 from commonrail.reading.child import NAME
 from commonrail.reading.guarded_file import LARGEST_FILE
 
-__all__ = ["Content", "memory_limit", "read_apart", "time_limit"]
+__all__ = ["Content", "read_apart"]
 
-MEMORY = 1_000_000_000  # [bytes] of the whole child, asammdf, the largest library, takes 0.2 GB of them
-MEMORY_PER_BYTE = 4  # of the file: its bytes, the unpacked values (twice as many in honest records) and their copies
-TIME = 5.0  # [s] of the processor, without the import of the library
-TIME_PER_BYTE = 1e-6  # [s]: openpyxl, the slowest, reads 10 MB with two million cells in about as many seconds
+# Limits of a child: processor time beyond the import of the library, and memory of the whole child, of which asammdf
+# takes 0.2 GB. The parts that grow with the file: 4 bytes for each (its bytes, values twice as many, a copy), and 1 s
+# for each MB, in which openpyxl, the slowest, reads 200,000 cells.
+MEMORY, MEMORY_PER_BYTE = 1_000_000_000, 4  # [bytes]
+TIME, TIME_PER_BYTE = 5.0, 1e-6  # [s]
 WAIT = 10.0  # elapsed time in multiples of the processor time, for a busy machine
 
+TIME_OVER = -getattr(signal, "SIGXCPU", 24)  # exit status of a process that the limit ended
 _ROOT = str(Path(__file__).resolve().parents[2])
 _PROGRAM = "import sys; sys.path.append(sys.argv[1]); from commonrail.reading.child import main; main(*sys.argv[2:])"
 # One thread: more take memory for themselves and finish no sooner. Arrow's default allocator reserves memory ahead.
@@ -44,16 +45,6 @@ class Content(NamedTuple):
 
     about: dict[str, Any]
     arrays: dict[str, NDArray[Any]]
-
-
-def memory_limit(size: int) -> int:
-    """Bytes that a child may take for a file of a size [bytes]."""
-    return MEMORY + MEMORY_PER_BYTE * size
-
-
-def time_limit(size: int) -> float:
-    """Processor time [s] that a child may take for a file of a size [bytes]."""
-    return TIME + TIME_PER_BYTE * size
 
 
 def read_apart(reader: str, path: Path, data: bytes, **options: Any) -> Content:
@@ -75,21 +66,25 @@ def read_apart(reader: str, path: Path, data: bytes, **options: Any) -> Content:
         If the reader refuses the file, a limit is hit, or the library ends the child.
     """
     read = _cached if len(data) <= LARGEST_FILE else _content
+    memory, seconds = MEMORY + MEMORY_PER_BYTE * len(data), math.ceil(TIME + TIME_PER_BYTE * len(data))
     try:
-        about, arrays = read(reader, data, json.dumps(options), memory_limit(len(data)), time_limit(len(data)))
+        about, arrays = read(reader, data, json.dumps(options), memory, seconds)
         return Content(about, dict(arrays))
     except InputError as error:
         raise InputError(f"{path}{str(error).removeprefix(NAME)}") from None
 
 
-def _content(reader: str, data: bytes, options: str, memory: int, seconds: float) -> Content:
+def _content(reader: str, data: bytes, options: str, memory: int, seconds: int) -> Content:
     with tempfile.TemporaryFile() as stream:
-        status = _run([reader, options, str(memory), str(math.ceil(seconds))], data, stream)
+        status = _run([reader, options, str(memory), str(seconds)], data, stream)
         stream.seek(0)
-        if status == "time":
-            raise _beyond(f"{seconds:.0f} s of processor time", len(data))
+        if status == TIME_OVER:
+            raise _beyond(f"{seconds} s of processor time", len(data))
         if status:
-            raise InputError(f"{NAME}: the library that reads it {status}; the file is damaged, export it again.")
+            raise InputError(
+                f"{NAME}: the process that reads it ended with status {status}; the file is damaged, or its library or "
+                "the folder of temporary files cannot be used."
+            )
         with np.load(stream, allow_pickle=False) as parts:
             about = json.loads(parts["about.json"])
             if "refused" in about:
@@ -103,24 +98,16 @@ def _content(reader: str, data: bytes, options: str, memory: int, seconds: float
 _cached = lru_cache(maxsize=2)(_content)  # several blocks of a study read one file, and a run the copy of its data
 
 
-def _run(args: list[str], data: bytes, stream: IO[bytes]) -> str:
-    """Run the child; returns "time" for the limit of time, else how it ended, empty if it ended well."""
+def _run(args: list[str], data: bytes, stream: IO[bytes]) -> int:
+    """Run the child; returns its exit status."""
     command = [sys.executable, "-P", "-c", _PROGRAM, _ROOT, *args]
+    wait, env = WAIT * (TIME + float(args[-1])), os.environ | _SETTINGS
     try:
-        done = subprocess.run(
-            command,
-            input=data,
-            stdout=stream,
-            stderr=subprocess.DEVNULL,
-            timeout=WAIT * (TIME + float(args[-1])),
-            check=False,
-            env=os.environ | _SETTINGS,
-        )
+        silent = subprocess.DEVNULL  # a library that a file ends has much to say
+        done = subprocess.run(command, input=data, stdout=stream, stderr=silent, timeout=wait, env=env, check=False)
     except subprocess.TimeoutExpired:
-        return "time"
-    if done.returncode in (-getattr(signal, "SIGXCPU", 0), -getattr(signal, "SIGKILL", 0)) and done.returncode:
-        return "time"
-    return f"ended with status {done.returncode}" if done.returncode else ""
+        return TIME_OVER
+    return done.returncode
 
 
 def _beyond(limit: str, size: int) -> InputError:

@@ -51,7 +51,7 @@ class MatFile:
                 f'{path}: MAT files of version 7.3 need h5py; install commonrail[mat], or save it with "-v7" in MATLAB.'
             )
         about, arrays = read_apart("mat", path, data)
-        self.arrays = {name: arrays[str(i)] for i, name in enumerate(about["names"])}
+        self.arrays: dict[str, NDArray[Any]] = {name: arrays[str(i)] for i, name in enumerate(about["names"])}
         self._texts: dict[str, str] = about["texts"]
         self._columns = dict(_columns(self.arrays))
         self.names = list(self._columns)
