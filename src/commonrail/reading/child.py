@@ -33,7 +33,7 @@ def main(reader: str, options: str, memory: str, seconds: str) -> None:
     output = os.fdopen(os.dup(1), "w+b")
     os.dup2(2, 1)  # what libraries print must not come between the arrays
     module = importlib.import_module(f"commonrail.reading.child_{reader}")
-    with suppress(ImportError):  # POSIX alone; elsewhere the parent limits the elapsed time
+    with suppress(ImportError, ValueError):  # beyond POSIX, or what a system does not limit: the parent limits the time
         _limit(int(memory), int(seconds))
     with output:
         write(output, module.read, sys.stdin.buffer.read(), json.loads(options), int(memory))
@@ -79,7 +79,7 @@ def _limit(memory: int, seconds: int) -> None:
 
     used = resource.getrusage(resource.RUSAGE_SELF)
     spent = int(used.ru_utime + used.ru_stime) + 1
-    for what, most in (("DATA", memory), ("CPU", spent + seconds)):
+    for what, most in (("CPU", spent + seconds), ("DATA", memory)):
         kind = getattr(resource, f"RLIMIT_{what}")
         hard = resource.getrlimit(kind)[1]
         resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))

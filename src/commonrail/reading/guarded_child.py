@@ -7,7 +7,6 @@ it. `child` limits its process; its arrays come back through a temporary file, w
 from __future__ import annotations
 
 import json
-import math
 import os
 import signal
 import subprocess
@@ -66,7 +65,7 @@ def read_apart(reader: str, path: Path, data: bytes, **options: Any) -> Content:
         If the reader refuses the file, a limit is hit, or the library ends the child.
     """
     read = _cached if len(data) <= LARGEST_FILE else _content
-    memory, seconds = MEMORY + MEMORY_PER_BYTE * len(data), math.ceil(TIME + TIME_PER_BYTE * len(data))
+    memory, seconds = MEMORY + MEMORY_PER_BYTE * len(data), max(1, int(TIME + TIME_PER_BYTE * len(data)))
     try:
         about, arrays = read(reader, data, json.dumps(options), memory, seconds)
         return Content(about, dict(arrays))
