@@ -43,7 +43,7 @@ def main() -> int:
         return _run_part(options)
     command = [sys.executable, "-m", "tools.fuzz", str(options.inputs), "--seed", str(options.seed)]
     command += ["--first", str(options.first), "--keep", str(options.keep)]
-    subprocess.run([*command, "--bombs"], check=True)
+    bombs = subprocess.run([*command, "--bombs"], check=False).returncode
     parts = [
         subprocess.Popen([*command, "--part", str(i)], stdout=subprocess.PIPE, text=True) for i in range(PROCESSES)
     ]
@@ -57,7 +57,7 @@ def main() -> int:
     )
     if crashed:
         print(f"{crashed} of {PROCESSES} processes died; their last inputs are in {options.keep}")
-    return int(failed > 0 or crashed > 0 or done != options.inputs)
+    return int(failed > 0 or crashed > 0 or done != options.inputs or bombs != 0)
 
 
 def _options() -> argparse.Namespace:

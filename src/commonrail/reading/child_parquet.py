@@ -49,8 +49,6 @@ def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
 
 def _saved(path: Path, header: str, i: int, column: Any, save: Save) -> list[str] | None:
     """Save a column; returns its texts, if it holds texts."""
-    if types.is_decimal(column.type):
-        column = column.cast("double")
     if column.null_count:
         save(f"n{i}", column.is_null().to_numpy())
     if types.is_integer(column.type) or types.is_floating(column.type):

@@ -26,7 +26,7 @@ from commonrail.reading.guarded_file import LARGEST_FILE
 from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
 from commonrail.reading.table_limits import LONGEST_NAME, check_columns
 from commonrail.reading.text_file import read_lines
-from commonrail.units import compatible
+from commonrail.units import fits
 
 __all__ = ["MOST_ROWS", "CsvFile"]
 
@@ -198,16 +198,9 @@ def _units_row(first: tuple[int, list[str]] | None, places: Sequence[int]) -> li
     if first is None:
         return None
     row = [cell.strip().removeprefix("[").removesuffix("]").strip() for cell in first[1]]
-    if any(_is_number(cell) for cell in row) or not any(_is_unit(row[place]) for place in places):
+    if any(_is_number(cell) for cell in row) or not any(row[i] and fits(row[i], row[i]) for i in places):
         return None
     return row
-
-
-def _is_unit(text: str) -> bool:
-    try:
-        return bool(text) and compatible(text, text)
-    except InputError:
-        return False
 
 
 def _is_number(text: str) -> bool:

@@ -11,7 +11,6 @@ import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 from commonrail.errors import InputError
@@ -25,6 +24,7 @@ LONGEST_NUMBER = 100  # [characters]
 MOST_COMMENTS = 1000  # that are kept
 
 _MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+_LINE = re.compile(r"[^\n]+")
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 _HUNDREDS = re.compile(r"[1-9]\d\d")
@@ -74,8 +74,8 @@ def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None)
         from commonrail.reading.workbook import read_sheet
 
         return read_sheet(path, sheet)
-    data = read_plain(path)
-    return _parsed(path, data, _encoding(path, data, encoding))
+    text, found = _decoded(path, read_plain(path), encoding)
+    return _parsed(path, text.replace("\r\n", "\n").replace("\r", "\n"), found)
 
 
 def numbers_of(cells: Sequence[str | float]) -> list[float] | None:
@@ -85,37 +85,38 @@ def numbers_of(cells: Sequence[str | float]) -> list[float] | None:
     return [cell if isinstance(cell, float) else math.nan for cell in cells]
 
 
-def _encoding(path: Path, data: bytes, encoding: str | None) -> str:
-    """Encoding of a text, once all of it is found to be in it."""
+def _decoded(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
     mark = next((name for start, name in _MARKS.items() if data.startswith(start)), None)
     zeros = (data[1:200:2].count(0), data[0:200:2].count(0))
     if encoding is None and mark is None and max(zeros) > 20:
         mark = "utf-16-le" if zeros[0] > zeros[1] else "utf-16-be"
     for name in [encoding] if encoding else [mark] if mark else ["utf-8", "cp1252"]:
         try:
-            data.decode(str(name))
+            return data.decode(str(name)), str(name)
         except UnicodeDecodeError:
             continue
         except LookupError as error:
             raise InputError(f'{path}: there is no encoding "{name}"; write utf-8, utf-16 or cp1252.') from error
-        return str(name)
     raise InputError(f"{path}: this is no text in {encoding or mark or 'UTF-8 or cp1252'}; name its encoding.")
 
 
-def _lines(data: bytes, encoding: str) -> Iterator[tuple[int, str]]:
+def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Lines that are not empty with their numbers, one by one: a file may have as many lines as bytes."""
-    text = TextIOWrapper(BytesIO(data), encoding)
-    return ((n, line) for n, line in enumerate(text, start=1) if line.strip())
+    number, last = 1, 0
+    for found in _LINE.finditer(text):
+        number, last = number + text.count("\n", last, found.start()), found.start()
+        if found[0].strip():
+            yield number, found[0]
 
 
-def _parsed(path: Path, data: bytes, encoding: str) -> Grid:
-    comments, separator = _scanned(path, _lines(data, encoding))
+def _parsed(path: Path, text: str, encoding: str) -> Grid:
+    comments, separator = _scanned(path, _lines(text))
     cells: list[list[str]] = []
     lines: list[int] = []
     shape = Shape(path)
-    for n, line in _lines(data, encoding):
+    for n, line in _lines(text):
         if not line.lstrip().startswith("#"):
-            row = [cell.strip() for cell in next(csv.reader([line.rstrip("\r\n")], delimiter=separator))]
+            row = [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
             shape.add(len(row), n)
             cells.append(row)
             lines.append(n)
@@ -136,26 +137,22 @@ def _parsed(path: Path, data: bytes, encoding: str) -> Grid:
 def _scanned(path: Path, lines: Iterator[tuple[int, str]]) -> tuple[tuple[str, ...], str]:
     """Comments, and the separator: the one that stands in more than half of the other lines."""
     comments: list[str] = []
-    counts = dict.fromkeys((";", "\t"), 0)
-    total = 0
+    total = semicolons = tabs = 0
     for n, line in lines:
         if len(line) > LONGEST_LINE:
             raise InputError(
-                f"{path}, line {n}: the line has {len(line.rstrip())} characters, more than the {LONGEST_LINE} that "
-                "are read; keep only the columns that are needed."
+                f"{path}, line {n}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
+                "read; keep only the columns that are needed."
             )
         if line.lstrip().startswith("#"):
             comments += [line.strip()[1:].strip()] if len(comments) < MOST_COMMENTS else []
-            continue
-        if "\0" in line:
-            total = 0
-            break
-        total += 1
-        for sign in counts:
-            counts[sign] += sign in line
+        elif "\0" in line:
+            raise InputError(f"{path}, line {n}: this is no row of text.")
+        else:
+            total, semicolons, tabs = total + 1, semicolons + (";" in line), tabs + ("\t" in line)
     if not total:
         raise InputError(f"{path}: the file has no rows of text.")
-    return tuple(comments), next((sign for sign, count in counts.items() if count * 2 > total), ",")
+    return tuple(comments), ";" if semicolons * 2 > total else "\t" if tabs * 2 > total else ","
 
 
 def _like_thousands(cells: list[str]) -> bool:

@@ -25,11 +25,11 @@ from commonrail.reading.guarded_file import LARGEST_FILE
 
 __all__ = ["Content", "read_apart"]
 
-# Limits of a child: processor time beyond the import of the library, and memory of the whole child, of which asammdf
-# takes 0.2 GB. The parts that grow with the file: 4 bytes for each (its bytes, values twice as many, a copy), and 1 s
-# for each MB, in which openpyxl, the slowest, reads 200,000 cells.
+# Limits of a child: memory of the whole process, of which asammdf takes 0.2 GB, and processor time besides the import
+# of the library. Each byte of the file adds 4 (itself, values twice as long, a copy) and 3 us: openpyxl, the slowest,
+# reads 24 MB with the two million cells that are allowed in 14 s, and such cells may be packed into 6 MB.
 MEMORY, MEMORY_PER_BYTE = 1_000_000_000, 4  # [bytes]
-TIME, TIME_PER_BYTE = 5.0, 1e-6  # [s]
+TIME, TIME_PER_BYTE = 5.0, 3e-6  # [s]
 WAIT = 10.0  # elapsed time in multiples of the processor time, for a busy machine
 
 TIME_OVER = -getattr(signal, "SIGXCPU", 24)  # exit status of a process that the limit ended
@@ -91,6 +91,8 @@ def _content(reader: str, data: bytes, options: str, memory: int, seconds: int) 
             if "limit" in about:
                 raise _beyond(f"{memory / 1e6:.0f} MB of memory", len(data))
             arrays = {name: parts[name] for name in parts.files if name != "about.json"}
+    for array in arrays.values():
+        array.setflags(write=False)  # what is cached is handed out again
     return Content(about, arrays)
 
 
@@ -111,10 +113,6 @@ def _run(args: list[str], data: bytes, stream: IO[bytes]) -> int:
 
 def _beyond(limit: str, size: int) -> InputError:
     return InputError(
-        f"{NAME}: to read it takes more than the {limit} that a file of {_shown(size)} may take; save only what is "
+        f"{NAME}: to read it takes more than the {limit} that a file of {size} bytes may take; save only what is "
         "needed, or export the columns to a CSV file."
     )
-
-
-def _shown(size: int) -> str:
-    return f"{size / 1e6:.0f} MB" if size >= 1e6 else f"{max(size / 1e3, 0.1):.1f} kB"
