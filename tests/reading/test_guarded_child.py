@@ -21,7 +21,7 @@ from commonrail.reading.tables import Column, read_columns
 from tests.child_in_process import read_in_process
 from tests.fuzz import bombs
 
-START = "import sys; sys.path.append(sys.argv[1]); from commonrail.reading import child; "
+START = "import sys; sys.path.insert(0, sys.argv[1]); from commonrail.reading import child; "
 LIMIT = START + "child._limit(int(sys.argv[-2]), int(sys.argv[-1])); "
 
 
@@ -52,11 +52,23 @@ def test_a_child_that_a_fault_ends_is_one_sentence(monkeypatch: pytest.MonkeyPat
         read_apart("mdf", Path("a.mf4"), b"a fault")
 
 
+def test_the_child_is_of_the_same_package_from_every_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "commonrail").mkdir()
+    (tmp_path / "commonrail" / "__init__.py").write_text("raise ImportError", encoding="utf-8")
+    (tmp_path / "numpy.py").write_text("raise ImportError", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "commonrail"))
+    with pytest.raises(InputError, match="this is no MAT file of version 5 or later"):
+        read_apart("mat", Path("a.mat"), b"from another folder")
+
+
 def test_a_limit_of_the_process_holds_for_its_child(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever limits the program limits the child too, which may only take less."""
     resource = pytest.importorskip("resource", reason="no limits of POSIX")
     kind, wanted = resource.RLIMIT_DATA, guarded_child.MEMORY // 2
-    script = f"import resource; resource.setrlimit({kind}, ({wanted}, {wanted})); " + START.replace("sys.argv[1]", "''")
+    script = f"import resource; resource.setrlimit({kind}, ({wanted}, {wanted})); " + START.replace(
+        "sys.argv[1]", repr(guarded_child._ROOT)
+    )
     script += f"child._limit({2 * wanted}, 5); print(resource.getrlimit({kind})[0])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert int(done.stdout) == wanted

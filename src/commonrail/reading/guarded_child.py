@@ -34,7 +34,11 @@ WAIT = 10.0  # elapsed time in multiples of the processor time, for a busy machi
 
 TIME_OVER = -getattr(signal, "SIGXCPU", 24)  # exit status of a process that the limit ended
 _ROOT = str(Path(__file__).resolve().parents[2])
-_PROGRAM = "import sys; sys.path.append(sys.argv[1]); from commonrail.reading.child import main; main(*sys.argv[2:])"
+# The package of the parent, also where another one is installed; its folder must not hide modules of Python.
+_PROGRAM = (
+    "import sys; sys.path.insert(0, sys.argv[1]); import commonrail; del sys.path[0]; "
+    "from commonrail.reading.child import main; main(*sys.argv[2:])"
+)
 # One thread: more take memory for themselves and finish no sooner. Arrow's default allocator reserves memory ahead.
 _SETTINGS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
 

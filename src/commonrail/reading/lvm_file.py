@@ -29,7 +29,17 @@ _UNITS = {"Volts": "V"}  # LabVIEW's own word where nobody has stated a unit
 _SECONDS = ("", "s", "sec", "second", "seconds")
 _FINEST = 1e-3  # of a step: rounding of times that moves no sample by what a fit could see
 _X_TITLE = "X_Value"
-_TAGS = "Separator Decimal_Separator Channels Samples X_Dimension X_Unit_Label Y_Unit_Label X0 Delta_X".split()
+_TAGS = [
+    "Separator",
+    "Decimal_Separator",
+    "Channels",
+    "Samples",
+    "X_Dimension",
+    "X_Unit_Label",
+    "Y_Unit_Label",
+    "X0",
+    "Delta_X",
+]
 
 Rows = Iterator[tuple[int, list[str]]]
 
