@@ -166,13 +166,6 @@ def _refuse_thousands(path: Path, cells: Sequence[Sequence[str]], lines: Sequenc
 
     Numbers written with three decimals would have them in all cells, and others no zero at the end. A row is the axis
     of a matrix if its first cell, the corner, is no number; cells of other rows are of different quantities.
-
-    Parameters
-    ----------
-    path : Path
-    cells : rows of cells
-    lines : lines of the rows
-        For the message.
     """
     thousands: dict[str, tuple[int, str]] = {}  # the first of each row that is an axis, and of each column
     whole: dict[str, str] = {}

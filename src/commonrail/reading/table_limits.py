@@ -56,13 +56,7 @@ class Shape:
         self._rows = self._cells = self._widest = 0
 
     def add(self, width: int, number: int) -> None:
-        """Count a row of `width` cells, the one of that number in the file.
-
-        Raises
-        ------
-        InputError
-            If it has too many cells, or all rows together have.
-        """
+        """Count a row of `width` cells, the one of that number; InputError if it has too many, or all rows have."""
         check_columns(f"{self._path}, {self._word} {number}", width)
         self._rows, self._cells, self._widest = self._rows + 1, self._cells + width, max(self._widest, width)
         if self._cells > MOST_CELLS or self._rows * self._widest > LARGEST_RECTANGLE:
