@@ -1,7 +1,9 @@
 """Feed spoilt files to every reader: python -m tools.fuzz 100000 [--seed 1] [--first 0] [--keep DIR].
 
 Each input must be read or refused with one sentence that names a file, within 5 s and 1 GB. Inputs after which
-something else happened are kept in a folder, with a note beside them. Exit status 1 if there is any.
+something else happened are kept in a folder, with a note beside them. Exit status 1 if there is any. Before them come
+the files of `tests/fuzz/bombs.py`, small ones that are built to take memory or time without end; what they took is
+printed. A child that reads a foreign format has the same memory, and its time besides that of its start.
 """
 
 from __future__ import annotations
@@ -35,10 +37,13 @@ def main() -> int:
     """Run the inputs in processes and add up."""
     options = _options()
     options.keep.mkdir(parents=True, exist_ok=True)
+    if options.bombs:
+        return _run_bombs(options.keep)
     if options.part is not None:
         return _run_part(options)
     command = [sys.executable, "-m", "tools.fuzz", str(options.inputs), "--seed", str(options.seed)]
     command += ["--first", str(options.first), "--keep", str(options.keep)]
+    bombs = subprocess.run([*command, "--bombs"], check=False).returncode
     parts = [
         subprocess.Popen([*command, "--part", str(i)], stdout=subprocess.PIPE, text=True) for i in range(PROCESSES)
     ]
@@ -52,7 +57,7 @@ def main() -> int:
     )
     if crashed:
         print(f"{crashed} of {PROCESSES} processes died; their last inputs are in {options.keep}")
-    return int(failed > 0 or crashed > 0 or done != options.inputs)
+    return int(failed > 0 or crashed > 0 or done != options.inputs or bombs != 0)
 
 
 def _options() -> argparse.Namespace:
@@ -61,6 +66,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--first", type=int, default=0, help="number of the first input: to continue an earlier trial")
     parser.add_argument("--keep", type=Path, default=Path("fuzz-findings"), help="folder for inputs that fail")
+    parser.add_argument("--bombs", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--part", type=int, help=argparse.SUPPRESS)
     return parser.parse_args()
 
@@ -71,6 +77,39 @@ def _result(part: subprocess.Popen[str]) -> list[float]:
     for line in lines[:-1]:
         print(line)
     return [float(word) for word in lines[-1].split()] if lines else [0.0] * 5
+
+
+def _run_bombs(keep: Path) -> int:
+    """Read each bomb in a process of its own, whose peak memory and time, with its children's, are printed."""
+    from tests.fuzz.bombs import BOMBS, read
+    from tests.fuzz.targets import Broken, check_reader
+
+    failed = 0
+    for name, build in BOMBS.items():
+        with tempfile.TemporaryDirectory() as place:
+            (Path(place) / name).write_bytes(build())
+            child = os.fork()
+            if child == 0:
+                _limit_memory()
+                signal.signal(signal.SIGPROF, _ring)
+                signal.setitimer(signal.ITIMER_PROF, LONGEST)
+                try:
+                    end = check_reader(read, Path(place)) or "read"
+                    status = 0
+                except (Broken, TooLong) as error:
+                    end, status = f"FAILED: {error}", 1
+                own, inner = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+                print(
+                    f"{name}: {own.ru_maxrss / 1e3:.0f} + {inner.ru_maxrss / 1e3:.0f} MB, "
+                    f"{own.ru_utime + own.ru_stime:.1f} + {inner.ru_utime + inner.ru_stime:.1f} s, "
+                    f"{end.replace(place, '')[:150]}",
+                    flush=True,
+                )
+                os._exit(status)
+            if os.waitpid(child, 0)[1]:
+                failed += 1
+                _keep(Path(place), keep / name, Broken(name))
+    return int(failed > 0)
 
 
 def _run_part(options: argparse.Namespace) -> int:

@@ -148,6 +148,14 @@ def compatible(a: str, b: str) -> bool:
     return _known(a, "").kind == _known(b, "").kind
 
 
+def fits(unit: str, kind: str) -> bool:
+    """Tell whether a text is a unit of the same kind of quantity as another; False for an unknown unit."""
+    try:
+        return compatible(unit, kind)
+    except InputError:
+        return False
+
+
 def to_text(value: float, unit: str, digits: int = 6) -> str:
     """Write an SI value for a person to read, with the prefix that suits its size.
 

@@ -15,7 +15,7 @@ from commonrail.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.files.study_file import load_study
 from commonrail.kinds import DataSet, QuantityData, RateData
 from commonrail.notice import quiet
-from commonrail.reading import mdf_child, mdf_file
+from tests.child_in_process import read_in_process
 
 STUDY = """
 format = "commonrail-study/1"
@@ -43,7 +43,7 @@ Load = Callable[..., list[DataSet]]
 @pytest.fixture(autouse=True)
 def _in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Read records in this process, which is faster than in one of their own."""
-    monkeypatch.setattr(mdf_file, "_read_apart", mdf_child.packed)
+    read_in_process(monkeypatch)
 
 
 @pytest.fixture

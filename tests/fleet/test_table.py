@@ -11,8 +11,8 @@ import pytest
 from commonrail.errors import InputError
 from commonrail.fleet.supply import check_name
 from commonrail.fleet.table import Table, find_column, read_table
-from commonrail.reading import parquet_table as parquet_table_module
 from commonrail.reading.sheet import name_and_unit
+from tests.child_in_process import read_in_process
 
 HEADER = ["injector", "data", "quantity [mm3]"]
 ROWS = [("B", "x", 1.5), ("A", "x", 0.1), ("B", "y", 2.0), ("A", "x", 1e-20)]
@@ -126,15 +126,6 @@ TOO_MUCH = {
 }
 
 
-def too_full(path: Path, limit: int, others: dict[str, object]) -> None:
-    """Assert that a table is refused where so many bytes may be in it, and other parts of its reader are replaced."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name, part in {"LARGEST_CONTENT": limit, **others}.items():
-            patch.setattr(parquet_table_module, name, part)
-        with pytest.raises(InputError, match="GB uncompressed, and at most"):
-            read_table(path)
-
-
 @pytest.mark.parametrize("kind", TOO_MUCH)
 def test_a_parquet_table_beyond_a_limit_is_refused(kind: str, tmp_path: Path) -> None:
     pyarrow = pytest.importorskip("pyarrow")
@@ -146,14 +137,15 @@ def test_a_parquet_table_beyond_a_limit_is_refused(kind: str, tmp_path: Path) ->
         read_table(path)
 
 
-def test_the_size_of_a_parquet_table_is_judged_before_it_is_read(tmp_path: Path) -> None:
+def test_the_size_of_a_parquet_table_is_checked_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("pyarrow.parquet")
-    too_full(parquet_table(tmp_path), 100, {"_content": None})  # its pages have some hundred bytes; to read is a fault
-
-
-def test_what_the_description_of_a_parquet_table_conceals_is_found_while_it_is_read(tmp_path: Path) -> None:
-    pytest.importorskip("pyarrow.parquet")
-    too_full(parquet_table(tmp_path), 10, {"_check_size": lambda *_: None})
+    read_in_process(monkeypatch)
+    monkeypatch.setattr("commonrail.reading.child_parquet.LARGEST_CONTENT", 100)  # its pages have some hundred bytes
+    monkeypatch.setattr("commonrail.reading.child_parquet._saved", None)  # to read is a fault
+    with pytest.raises(InputError, match="GB uncompressed, and at most"):
+        read_table(parquet_table(tmp_path))
 
 
 def test_a_huge_description_of_a_parquet_table_is_not_read(tmp_path: Path) -> None:

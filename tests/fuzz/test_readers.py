@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from commonrail.errors import InputError
+from tests.child_in_process import read_in_process
 from tests.fuzz import targets
 from tests.fuzz.mutation import mutated
 from tests.fuzz.targets import TARGETS, Broken, check, write_input
@@ -25,12 +26,18 @@ EXAMPLES = {
     "report": 20,
     "journal": 50,
     "fleet": 50,
-    "bench file": 100,
+    "bench file": 15,
     "fleet journal": 30,
 }
 
 # No deadline: a first reading compiles and builds; derandomised: the same inputs on every machine.
 FEW = settings(deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+
+
+@pytest.fixture(autouse=True)
+def _in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read workbooks and Parquet in this process, which is faster; a damaged MAT file may end it."""
+    read_in_process(monkeypatch, "mat")
 
 
 def written(folder: Path, files: targets.Files) -> Path:

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
 
 from commonrail.errors import InputError
 from commonrail.files.map_file import write_map_file
-from commonrail.reading import mat5 as mat5_module
-from commonrail.reading import mat_file
+from commonrail.reading import child_mat
 from commonrail.reading.map_table import GivenUnits
 from commonrail.reading.mat_file import MatFile
 from commonrail.reading.mat_map import find_mat_map
 from commonrail.reading.tables import Column, read_columns
+from tests.child_in_process import read_in_process
 from tests.maps.tables import table
 
 TIME = np.arange(0.0, 500.0, 5.0)
@@ -70,15 +70,8 @@ def test_damaged_and_huge_files_are_refused(tmp_path: Path, monkeypatch: pytest.
     with pytest.raises(InputError, match="this is no MAT file that can be read"):
         MatFile(tmp_path / "b.mat")
     savemat(tmp_path / "c.mat", {"zeros": np.zeros(200_000)}, do_compression=True)
-    monkeypatch.setattr(mat5_module, "LARGEST_CONTENT", 1_000_000)
-    with pytest.raises(InputError, match=r"unpacked the file has more than the .* MB that are read"):
-        MatFile(tmp_path / "c.mat")
-    monkeypatch.setattr(mat5_module, "LARGEST_CONTENT", 10_000_000)
-    monkeypatch.setattr(mat5_module, "SMALLEST_LIMIT", 1_000_000)  # the file has 2 kB and zeros of 1.6 MB
-    with pytest.raises(InputError, match=r"more than the 1 MB that are read of one of its size"):
-        MatFile(tmp_path / "c.mat")
-    monkeypatch.setattr(mat5_module, "SMALLEST_LIMIT", 10_000_000)
-    monkeypatch.setattr(mat_file, "MOST_NUMBERS", 1000)
+    read_in_process(monkeypatch)
+    monkeypatch.setattr(child_mat, "MOST_VALUES", 1000)
     with pytest.raises(InputError, match='"zeros" has 200000 numbers, and at most 1000 are read'):
         MatFile(tmp_path / "c.mat")
 
@@ -111,41 +104,47 @@ def test_a_map_that_commonrail_wrote_is_read_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("compressed", [False, True])
-def test_the_own_reader_agrees_with_scipy(tmp_path: Path, compressed: bool) -> None:
+def test_what_is_read_of_a_file_and_what_is_omitted(tmp_path: Path, compressed: bool) -> None:
     content = {
         "double": np.linspace(-1.0, 1.0, 7),
         "matrix": np.arange(6.0).reshape(2, 3),
         "small": np.arange(3, dtype=np.int8),
         "single": np.float32([1.5, 2.5]),
         "large": np.array([2**40], np.int64),
-        "text": "µs",
-        "s": {"a": np.arange(4.0), "inner": {"b": np.array([3.0, 4.0]), "unit": "mm3"}},
+        "double_unit": "µs",
+        "s": {"a": np.arange(4.0), "inner": {"b": np.array([3.0, 4.0]), "b_unit": "mm3"}},
+        "runs": np.array([([1.0, 2.0],), ([5.0, 6.0],)], [("x", object)]),
         "z": np.array([1.0 + 2.0j]),
         "cell": np.array(["a", np.arange(3)], object),
     }
     savemat(tmp_path / "a.mat", content, do_compression=compressed)
-    found = dict(mat5_module.variables_of_mat5((tmp_path / "a.mat").read_bytes()))
-    assert set(found) == {"double", "matrix", "small", "single", "large", "text", "s.a", "s.inner.b", "s.inner.unit"}
-    known = loadmat(tmp_path / "a.mat", squeeze_me=True)
+    file = MatFile(tmp_path / "a.mat")
+    assert set(file.arrays) == {
+        "double",
+        "matrix",
+        "small",
+        "single",
+        "large",
+        "s.a",
+        "s.inner.b",
+        "runs(1).x",
+        "runs(2).x",
+    }
     for name in ("double", "matrix", "small", "single", "large"):
-        np.testing.assert_array_equal(np.squeeze(found[name]), known[name])
-    assert found["text"] == known["text"] == "µs"
-    assert found["s.inner.unit"] == "mm3"
-    np.testing.assert_array_equal(np.ravel(found["s.inner.b"]), [3.0, 4.0])
+        np.testing.assert_array_equal(file.arrays[name], content[name])
+    assert file.unit("double") == "µs"
+    assert file.unit("s.inner.b") == "mm3"
+    np.testing.assert_array_equal(file.arrays["s.inner.b"], [3.0, 4.0])
+    np.testing.assert_array_equal(file.arrays["runs(2).x"], [5.0, 6.0])
 
 
-def test_links_in_circles_and_many_large_variables_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_links_in_circles_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     h5py = pytest.importorskip("h5py", reason="the extra mat is not installed")
     with h5py.File(tmp_path / "a.mat", "w") as file:
         for i in range(20):
             file[f"to_{i}"] = file["/"]
         file["rate"] = [1.0, 2.0]
-    monkeypatch.setattr(mat_file, "MOST_VARIABLES", 1000)
+    read_in_process(monkeypatch)
+    monkeypatch.setattr(child_mat, "MOST_VARIABLES", 1000)
     with pytest.raises(InputError, match="there are more than the 1000 variables that are read"):
         MatFile(tmp_path / "a.mat")
-    with h5py.File(tmp_path / "b.mat", "w") as file:
-        for i in range(3):
-            file.create_dataset(f"x{i}", (100,), "f8", chunks=(100,), compression="gzip")
-    monkeypatch.setattr(mat5_module, "LARGEST_CONTENT", 2000)
-    with pytest.raises(InputError, match=r"unpacked the file has more than the .* MB that are read"):
-        MatFile(tmp_path / "b.mat")

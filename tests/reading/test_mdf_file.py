@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +9,16 @@ import numpy as np
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.reading import mdf_child, mdf_file
 from commonrail.reading.mdf_file import MdfFile
 from commonrail.reading.tables import Column, Table, read_columns
+from tests.child_in_process import read_in_process
 
 asammdf = pytest.importorskip("asammdf", reason="the extra mdf is not installed")
 
 
 @pytest.fixture
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read records in this process: to start another one and asammdf in it takes a second."""
-    monkeypatch.setattr(mdf_file, "_read_apart", mdf_child.packed)
+    read_in_process(monkeypatch)
 
 
 TIME = np.arange(0.0, 1e-3, 1e-5)
@@ -111,26 +109,19 @@ def test_a_damaged_record_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"b\.mf4"):
         read(tmp_path / "b.mf4")
     (tmp_path / "c.mf4").write_bytes(b"no record at all")
-    with pytest.raises(InputError, match=r"this is no MDF record that can be read \(\w"):
+    with pytest.raises(InputError, match=r"c\.mf4: this is no MDF record that can be read \(\w"):
         read(tmp_path / "c.mf4")
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_channel_beyond_the_limit_is_refused_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     long, short = signal(RATE), signal(RATE[:5], "p", "bar", TIME[:5])
     path = written(tmp_path / "a.mf4", ("fast", [long]), ("slow", [short]))
-    monkeypatch.setattr(mdf_child, "MOST_SAMPLES", 50)
-    found, arrays = mdf_child.channels_of(path.read_bytes())
-    assert found[0]["fault"] == "there are 100 samples, and at most 50 are read; cut the record"
-    assert len(arrays[found[1]["values"]]) == 5
-
-
-def test_a_process_that_a_record_ends_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    child = tmp_path / "child.py"
-    child.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n", encoding="utf-8")
-    monkeypatch.setattr(mdf_child, "__file__", str(child))
-    (tmp_path / "a.mf4").write_bytes(b"MDF     ends its reader")
-    with pytest.raises(InputError, match=r"this is no MDF record that can be read \(asammdf ended on it\)"):
-        read(tmp_path / "a.mf4")
+    monkeypatch.setattr("commonrail.reading.child_mdf.MOST_SAMPLES", 50)
+    with pytest.raises(InputError, match='channel "ROI": there are 100 samples, and at most 50 are read; cut the'):
+        read(path)
+    pressure = read_columns(path, [Column("time", "s", increasing=True), Column("p", "Pa")])
+    assert len(pressure.columns["p"]) == 5
 
 
 @pytest.mark.usefixtures("in_process")
@@ -139,25 +130,6 @@ def test_a_sample_that_is_no_number_has_its_place(tmp_path: Path) -> None:
     values[7] = np.nan
     with pytest.raises(InputError, match='sample 8, column "ROI": the value is not a finite number'):
         read(written(tmp_path / "a.mf4", ("g", [signal(values)])))
-
-
-def test_a_compressed_block_that_holds_more_than_it_says_is_refused(tmp_path: Path) -> None:
-    packed = zlib.compress(bytes(1_000_000))
-    head = b"##DZ" + bytes(4) + (48 + len(packed)).to_bytes(8, "little") + bytes(8)
-    block = head + b"DT" + bytes(6) + (100).to_bytes(8, "little") + len(packed).to_bytes(8, "little") + packed
-    path = written(tmp_path / "a.mf4", ("g", [signal(RATE)]))
-    path.write_bytes(path.read_bytes() + block)
-    with pytest.raises(InputError, match="a compressed block holds more than it says"):
-        read(path)
-
-
-def test_blocks_that_say_they_are_huge_are_refused(tmp_path: Path) -> None:
-    head = b"##DZ" + bytes(4) + (48).to_bytes(8, "little") + bytes(8)
-    block = head + b"DT" + bytes(6) + (2 * 10**9).to_bytes(8, "little") + (0).to_bytes(8, "little")
-    path = written(tmp_path / "a.mf4", ("g", [signal(RATE)]))
-    path.write_bytes(path.read_bytes() + block)
-    with pytest.raises(InputError, match="unpacked the record has 2000 MB or more"):
-        read(path)
 
 
 @pytest.mark.usefixtures("in_process")

@@ -134,7 +134,10 @@ def test_row_limit(table_file: Write) -> None:
 
 
 HEADERS = {
-    "many columns": (GOOD.replace("rate [mm3/ms]", "rate [mm3/ms]" + ",x" * 999), "the header has 1001 columns"),
+    "many columns": (
+        GOOD.replace("rate [mm3/ms]", "rate [mm3/ms]" + ",x" * 999),
+        "there are 1001 columns, and at most 1000",
+    ),
     "long name": (GOOD.replace("rate", "rate" * 51), "the name of column 2 is longer than 200 characters"),
     "control character": (GOOD.replace("rate", "ra\x1bte"), "the name of column 2 .* not printed"),
     "line end": (GOOD.replace("rate [mm3/ms]", '"rate\n [mm3/ms]"'), "the name of column 2 .* not printed"),

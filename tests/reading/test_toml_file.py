@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -70,3 +72,12 @@ def test_hostile_text_is_one_sentence(fault: str) -> None:
 def test_what_a_text_may_hold() -> None:
     text = 'a = "tab\\t, line\\n, µ, <b>, \u2028, 🙂"\n"b c" = -9223372036854775807'
     assert parse_toml(text, "f") == {"a": "tab\t, line\n, µ, <b>, \u2028, 🙂", "b c": -(2**63) + 1}
+
+
+def test_lines_of_spaces_take_time_in_proportion() -> None:
+    """A process may take 20 s of the processor: a pattern that tries every split takes 70, one that does not 0.5."""
+    resource = pytest.importorskip("resource", reason="no limits of POSIX")
+    limit = f"import resource; resource.setrlimit({resource.RLIMIT_CPU}, (20, 20))"
+    parse = "from commonrail.reading.toml_file import parse_toml; print(parse_toml((' ' * 9998 + '#\\n') * 30, 'a'))"
+    done = subprocess.run([sys.executable, "-c", f"{limit}; {parse}"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "{}\n")

@@ -11,7 +11,7 @@ import numpy as np
 
 from commonrail.reading import sheet
 from commonrail.reading.csv_file import CsvFile
-from commonrail.reading.parquet_table import read_parquet
+from commonrail.reading.parquet_file import LARGEST_FLEET, ParquetFile
 from commonrail.reading.table_limits import MOST_ROWS, Groups, Indices
 
 __all__ = ["Table", "find_column", "names_of", "read_table"]
@@ -48,7 +48,7 @@ def read_table(path: Path) -> Table:
     InputError
         If the file cannot be read, or is Parquet and pyarrow is not installed.
     """
-    return read_parquet(path) if path.suffix.lower() in PARQUET else _read_csv(path)
+    return ParquetFile(path, largest=LARGEST_FLEET) if path.suffix.lower() in PARQUET else _read_csv(path)
 
 
 def names_of(table: Table) -> list[str]:

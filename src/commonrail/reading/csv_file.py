@@ -24,14 +24,13 @@ from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.formulas import restored, restored_note
 from commonrail.reading.guarded_file import LARGEST_FILE
 from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
+from commonrail.reading.table_limits import LONGEST_NAME, check_columns
 from commonrail.reading.text_file import read_lines
-from commonrail.units import compatible
+from commonrail.units import fits
 
 __all__ = ["MOST_ROWS", "CsvFile"]
 
 MOST_ROWS = 1_000_000  # one second at 1 MHz
-MOST_COLUMNS = 1000
-LONGEST_NAME = 200
 LONGEST_NUMBER = 100  # [characters]
 MOST_COMMENTS = 1000  # that are kept
 
@@ -132,8 +131,7 @@ class CsvFile:
 
 def _check_header(path: Path, names: list[str]) -> None:
     """Refuse a header with too many columns or a name that nobody would write."""
-    if len(names) > MOST_COLUMNS:
-        raise InputError(f"{path}: the header has {len(names)} columns, and at most {MOST_COLUMNS} are read.")
+    check_columns(str(path), len(names))
     for number, name in enumerate(names, start=1):
         if len(name) > LONGEST_NAME or not name.isprintable():
             raise InputError(
@@ -200,16 +198,9 @@ def _units_row(first: tuple[int, list[str]] | None, places: Sequence[int]) -> li
     if first is None:
         return None
     row = [cell.strip().removeprefix("[").removesuffix("]").strip() for cell in first[1]]
-    if any(_is_number(cell) for cell in row) or not any(_is_unit(row[place]) for place in places):
+    if any(_is_number(cell) for cell in row) or not any(row[i] and fits(row[i], row[i]) for i in places):
         return None
     return row
-
-
-def _is_unit(text: str) -> bool:
-    try:
-        return bool(text) and compatible(text, text)
-    except InputError:
-        return False
 
 
 def _is_number(text: str) -> bool:

@@ -9,21 +9,22 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
 from pathlib import Path
 
 from commonrail.errors import InputError
 from commonrail.reading.guarded_file import read_plain
+from commonrail.reading.table_limits import Shape
 from commonrail.reading.text_file import LONGEST_LINE
 
-__all__ = ["MOST_CELLS", "Grid", "numbers_of", "read_grid"]
+__all__ = ["Grid", "numbers_of", "read_grid"]
 
-MOST_CELLS = 2_000_000
 LONGEST_NUMBER = 100  # [characters]
+MOST_COMMENTS = 1000  # that are kept
 
 _MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+_LINE = re.compile(r"[^\n]+")
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 _HUNDREDS = re.compile(r"[1-9]\d\d")
@@ -74,7 +75,7 @@ def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None)
 
         return read_sheet(path, sheet)
     text, found = _decoded(path, read_plain(path), encoding)
-    return _parsed(path, text, found)
+    return _parsed(path, text.replace("\r\n", "\n").replace("\r", "\n"), found)
 
 
 def numbers_of(cells: Sequence[str | float]) -> list[float] | None:
@@ -99,22 +100,26 @@ def _decoded(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
     raise InputError(f"{path}: this is no text in {encoding or mark or 'UTF-8 or cp1252'}; name its encoding.")
 
 
+def _lines(text: str) -> Iterator[tuple[int, str]]:
+    """Lines that are not empty with their numbers, one by one: a file may have as many lines as bytes."""
+    number, last = 1, 0
+    for found in _LINE.finditer(text):
+        number, last = number + text.count("\n", last, found.start()), found.start()
+        if found[0].strip():
+            yield number, found[0]
+
+
 def _parsed(path: Path, text: str, encoding: str) -> Grid:
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), start=1) if line.strip()]
-    comments = tuple(line.strip()[1:].strip() for _, line in lines if line.lstrip().startswith("#"))
-    lines = [(n, line) for n, line in lines if not line.lstrip().startswith("#")]
-    if not lines or any("\0" in line for _, line in lines):
-        raise InputError(f"{path}: the file has no rows of text.")
-    for n, line in lines:
-        if len(line) > LONGEST_LINE:
-            raise InputError(
-                f"{path}, line {n}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
-                "read; keep only the columns that are needed."
-            )
-    separator = next((s for s in (";", "\t") if sum(s in line for _, line in lines) * 2 > len(lines)), ",")
-    cells = [[c.strip() for c in next(csv.reader([line], delimiter=separator))] for _, line in lines]
-    if sum(map(len, cells)) > MOST_CELLS:
-        raise InputError(f"{path}: the table has more than the {MOST_CELLS} cells that are read.")
+    comments, separator = _scanned(path, _lines(text))
+    cells: list[list[str]] = []
+    lines: list[int] = []
+    shape = Shape(path)
+    for n, line in _lines(text):
+        if not line.lstrip().startswith("#"):
+            row = [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+            shape.add(len(row), n)
+            cells.append(row)
+            lines.append(n)
     flat = [cell for row in cells for cell in row if cell]
     comma = separator != "," and any(_COMMA.fullmatch(c) for c in flat)
     if comma and any("." in c and _POINT.fullmatch(c) for c in flat):
@@ -123,10 +128,31 @@ def _parsed(path: Path, text: str, encoding: str) -> Grid:
     names = {";": "semicolons", "\t": "tabs", ",": "commas"}
     sign = "decimal comma" if comma else "decimal point"
     if not comma and separator == ";" and _like_thousands(flat):
-        _refuse_thousands(path, cells, [n for n, _ in lines])
+        _refuse_thousands(path, cells, lines)
         sign += " (three digits follow each, as in thousands: write 1200, not 1.200, if that is meant)"
     said = (f"encoding {encoding}", f"separated by {names[separator]}", sign)
-    return Grid(path, tuple(tuple(map(number, row)) for row in cells), tuple(n for n, _ in lines), said, comments)
+    return Grid(path, tuple(tuple(map(number, row)) for row in cells), tuple(lines), said, comments)
+
+
+def _scanned(path: Path, lines: Iterator[tuple[int, str]]) -> tuple[tuple[str, ...], str]:
+    """Comments, and the separator: the one that stands in more than half of the other lines."""
+    comments: list[str] = []
+    total = semicolons = tabs = 0
+    for n, line in lines:
+        if len(line) > LONGEST_LINE:
+            raise InputError(
+                f"{path}, line {n}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
+                "read; keep only the columns that are needed."
+            )
+        if line.lstrip().startswith("#"):
+            comments += [line.strip()[1:].strip()] if len(comments) < MOST_COMMENTS else []
+        elif "\0" in line:
+            raise InputError(f"{path}, line {n}: this is no row of text.")
+        else:
+            total, semicolons, tabs = total + 1, semicolons + (";" in line), tabs + ("\t" in line)
+    if not total:
+        raise InputError(f"{path}: the file has no rows of text.")
+    return tuple(comments), ";" if semicolons * 2 > total else "\t" if tabs * 2 > total else ","
 
 
 def _like_thousands(cells: list[str]) -> bool:
@@ -140,25 +166,22 @@ def _refuse_thousands(path: Path, cells: Sequence[Sequence[str]], lines: Sequenc
 
     Numbers written with three decimals would have them in all cells, and others no zero at the end. A row is the axis
     of a matrix if its first cell, the corner, is no number; cells of other rows are of different quantities.
-
-    Parameters
-    ----------
-    path : Path
-    cells : rows of cells
-    lines : lines of the rows
-        For the message.
     """
-    columns = zip_longest(*cells, fillvalue="")
-    axes = [row for row in cells if row and not _POINT.fullmatch(row[0])]
-    for group in (*axes, *columns):
-        thousands = [cell for cell in group if _THOUSANDS.fullmatch(cell) and cell.endswith("0")]
-        whole = [cell for cell in group if _HUNDREDS.fullmatch(cell)]
-        if thousands and whole:
-            row = next(i for i, row in enumerate(cells) if thousands[0] in row)
+    thousands: dict[str, tuple[int, str]] = {}  # the first of each row that is an axis, and of each column
+    whole: dict[str, str] = {}
+    for line, row in zip(lines, cells, strict=True):
+        is_axis = not _POINT.fullmatch(row[0])
+        for i, cell in enumerate(row):
+            for group in (f"row {line}", f"column {i}") if is_axis else (f"column {i}",):
+                if _HUNDREDS.fullmatch(cell):
+                    whole.setdefault(group, cell)
+                elif cell.endswith("0") and _THOUSANDS.fullmatch(cell):
+                    thousands.setdefault(group, (line, cell))
+    for group, (line, cell) in thousands.items():
+        if other := whole.get(group):
             raise InputError(
-                f'{path}, line {lines[row]}: "{thousands[0]}" stands beside "{whole[0]}", so that its point seems to '
-                f"separate thousands; write {thousands[0].replace('.', '')}, or {float(whole[0]):.3f} if decimals are "
-                "meant."
+                f'{path}, line {line}: "{cell}" stands beside "{other}", so that its point seems to separate '
+                f"thousands; write {cell.replace('.', '')}, or {float(other):.3f} if decimals are meant."
             )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from commonrail.errors import InputError
 from commonrail.reading.grid import Grid
 from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
-from commonrail.units import compatible
+from commonrail.units import fits
 
 __all__ = ["GridSheet"]
 
@@ -81,7 +81,8 @@ def _header(grid: Grid) -> tuple[int, int]:
     rows = grid.rows[: MOST_ABOVE + 2]
     start = next((i for i, row in enumerate(rows) if _mostly(row, float)), len(rows))
     header = start - 1
-    if header > 0 and _mostly(rows[header - 1], str) and all(_is_unit(str(cell)) for cell in rows[header] if cell):
+    units = [str(cell).strip("[] ") for cell in rows[header] if cell] if header > 0 else []
+    if header > 0 and _mostly(rows[header - 1], str) and all(fits(unit, unit) for unit in units):
         header -= 1
     if header < 0 or not _mostly(rows[header], str):
         raise InputError(f"{grid.path}: the table has no header row with the names of columns above its numbers.")
@@ -91,14 +92,6 @@ def _header(grid: Grid) -> tuple[int, int]:
 def _mostly(row: Sequence[str | float], kind: type) -> bool:
     filled = [cell for cell in row if cell != ""]
     return bool(filled) and 2 * sum(isinstance(cell, kind) for cell in filled) > len(filled)
-
-
-def _is_unit(text: str) -> bool:
-    unit = text.strip("[] ")
-    try:
-        return compatible(unit, unit)
-    except InputError:
-        return False
 
 
 def _at(row: Sequence[str | float], column: int) -> str | float:

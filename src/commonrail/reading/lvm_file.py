@@ -6,6 +6,7 @@ specification, so that times are X0 + n Delta_X; the columns of x, which have si
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from commonrail.reading.channel_sheet import Channel, ChannelSheet
 from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.guarded_file import LARGEST_FILE
 from commonrail.reading.place import Place
+from commonrail.reading.table_limits import MOST_VALUES, check_columns
 from commonrail.reading.text_file import read_lines
 
 __all__ = ["LvmFile"]
@@ -27,6 +29,17 @@ _UNITS = {"Volts": "V"}  # LabVIEW's own word where nobody has stated a unit
 _SECONDS = ("", "s", "sec", "second", "seconds")
 _FINEST = 1e-3  # of a step: rounding of times that moves no sample by what a fit could see
 _X_TITLE = "X_Value"
+_TAGS = [
+    "Separator",
+    "Decimal_Separator",
+    "Channels",
+    "Samples",
+    "X_Dimension",
+    "X_Unit_Label",
+    "Y_Unit_Label",
+    "X0",
+    "Delta_X",
+]
 
 Rows = Iterator[tuple[int, list[str]]]
 
@@ -64,12 +77,12 @@ class LvmFile(ChannelSheet):
 
 
 def _header(path: Path, rows: Rows) -> dict[str, list[str]]:
-    """Tags of a header with the cells behind them, up to its end."""
+    """Tags of a header that are used with the cells behind them, up to its end."""
     found: dict[str, list[str]] = {}
     for _, (tag, *cells) in rows:
         if tag == _END:
             return found
-        if tag:
+        if tag in _TAGS:
             found[tag] = [cell.strip() for cell in cells]
     raise InputError(f'{path}: the file ends before the header does, which ends with "{_END}" twice.')
 
@@ -88,6 +101,7 @@ def _channels(path: Path, rows: Rows, segment: dict[str, list[str]], decimal: st
             f"{path}: the header has {_first(segment, 'Channels') or 'no number of'} channels, and {len(places)} have "
             "a name above their numbers."
         )
+    check_columns(str(path), len(places))
     columns = _numbers(path, rows, places, decimal)
     found = []
     for place, column in zip(places, columns, strict=True):
@@ -126,15 +140,21 @@ def _raster(own: dict[str, str], decimal: str, at: Place) -> tuple[float, float]
     return start, step
 
 
-def _numbers(path: Path, rows: Rows, places: Sequence[int], decimal: str) -> list[list[float]]:
+def _numbers(path: Path, rows: Rows, places: Sequence[int], decimal: str) -> list[array[float]]:
     """Samples of each channel; a shorter one has blank cells below its last."""
-    columns: list[list[float]] = [[] for _ in places]
+    columns = [array("d") for _ in places]
+    wanted = list(zip(places, columns, strict=True))
+    count = 0
     for line, row in rows:
         if row[0] == "Channels":
             raise InputError(f"{path}, line {line}: a second segment begins here; write each into a file of its own.")
-        for place, column in zip(places, columns, strict=True):
-            cell = row[place].strip() if place < len(row) else ""
-            if cell:
+        count += len(row)
+        if count > MOST_VALUES:
+            raise InputError(f"{path}: the file has more than the {MOST_VALUES} cells that are read; cut the record.")
+        for place, column in wanted:
+            if place >= len(row):
+                break  # the rest of the row is blank
+            if cell := row[place].strip():
                 column.append(_number(cell, decimal))
     return columns
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from commonrail.errors import InputError
 from commonrail.reading.grid import Grid, numbers_of
-from commonrail.units import compatible, convert
+from commonrail.units import compatible, convert, fits
 
 __all__ = ["BAND", "KINDS", "FoundMap", "GivenUnits", "find_map", "kind_of", "unit_in"]
 
@@ -118,13 +118,7 @@ def unit_in(text: str) -> list[str]:
 
 def kind_of(unit: str) -> str:
     """Kind of a map's quantity that a unit measures, empty if none."""
-    for kind, wanted in KINDS.items():
-        try:
-            if any(compatible(_plain(unit), one) for one in wanted):
-                return kind
-        except InputError:
-            return ""
-    return ""
+    return next((kind for kind, wanted in KINDS.items() if any(fits(_plain(unit), one) for one in wanted)), "")
 
 
 def _plain(unit: str) -> str:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from commonrail.errors import InputError
 from commonrail.reading.place import Place
-from commonrail.units import compatible, convert
+from commonrail.units import convert, fits
 
 __all__ = ["ColumnPattern", "NamedPoint"]
 
@@ -84,11 +83,8 @@ def _unit(behind: str, kind: str, stated: str, at: Place) -> str:
     """Unit of a number: the longest one with which the text behind it begins, else what is stated."""
     text = behind.lstrip(" ")
     for end in range(min(len(text), 12), 0, -1):
-        try:
-            if text[:end].isalpha() and compatible(text[:end], kind):
-                return text[:end]
-        except InputError:
-            continue
+        if text[:end].isalpha() and fits(text[:end], kind):
+            return text[:end]
     if stated:
         return stated
     raise at.error(

@@ -23,7 +23,8 @@ DEEPEST = 20
 LARGEST_INTEGER = 2**63 - 1  # all that TOML promises
 
 # The reader copies a dotted key once for each of its parts, and each level of tables takes a kilobyte.
-_DEEP_KEY = re.compile(rf"""\s*\[*\s*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')\s*\.\s*){{{DEEPEST}}}""")
+# Repetitions that give nothing back (++): otherwise a line of spaces is split in every possible way.
+_DEEP_KEY = re.compile(rf"""\s*+\[*+\s*+(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')\s*+\.\s*+){{{DEEPEST}}}""")
 
 # What moves a terminal's cursor or turns the direction of writing; tab and line end may stand in a text.
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")

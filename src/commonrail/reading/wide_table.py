@@ -20,7 +20,7 @@ from commonrail.errors import InputError
 from commonrail.reading.grid import Grid, numbers_of
 from commonrail.reading.map_table import kind_of, unit_in
 from commonrail.reading.sheet import Table
-from commonrail.units import compatible, convert
+from commonrail.units import compatible, convert, fits
 
 __all__ = ["WideTable", "find_traces"]
 
@@ -144,7 +144,7 @@ def _one(grid: Grid, what: str, texts: Sequence[str], kinds: str, stated: dict[s
     found = []
     for text in texts:
         for unit in _units_of(text):
-            if any(_fits(unit, kind) for kind in kinds.split()) and unit not in found:
+            if any(fits(unit, kind) for kind in kinds.split()) and unit not in found:
                 found.append(unit)
     if stated.get(what):
         return stated[what]
@@ -157,10 +157,3 @@ def _one(grid: Grid, what: str, texts: Sequence[str], kinds: str, stated: dict[s
 def _units_of(text: str) -> list[str]:
     inside = [part.partition("]")[0] for part in text.split("[")[1:]]
     return [unit.strip().replace("µ", "u").replace("³", "3") for unit in (inside or [text])]
-
-
-def _fits(unit: str, kind: str) -> bool:
-    try:
-        return compatible(unit, kind)
-    except InputError:
-        return False
