@@ -116,6 +116,7 @@ def _study(file: Path) -> Study:
             judgement=Judgement(model.judgement.seeds, tuple(model.judgement.leave_out)),
             loss_scale=1.0 if model.loss_scale is None else model.loss_scale,
             author=model.author,
+            fixed=tuple(item.name for item in model.fixed),
             logo="" if model.logo is None else read_logo(reach.path(file.parent, model.logo, at / "logo"), at / "logo"),
         )
 
