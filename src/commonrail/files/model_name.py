@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from commonrail.calibration.labels import check_labels
-from commonrail.choices import Body, Boundary, Drive
+from commonrail.choices import Actuation, Body, Boundary, Drive
 from commonrail.errors import InputError, nearest
 from commonrail.files.injector_file import injector_catalogue, load_injector, load_meters
 from commonrail.files.stopped import note_stopped
@@ -173,6 +173,8 @@ def _varied(variant: Variant, words: str) -> Variant:
         field, member = _WORDS[word]
         if changes.setdefault(field, member) is not member:
             raise InputError(f'"{changes[field].value}" and "{word}" contradict each other; keep one')
+    if variant.actuation is Actuation.DIRECT and changes.get("body") is Body.FLEXIBLE:
+        raise InputError('a direct-acting injector has a rigid body; omit "flexible"')
     return Variant(**{**variant._asdict(), **changes})
 
 

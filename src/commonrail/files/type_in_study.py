@@ -8,6 +8,7 @@ from commonrail.calibration.injector_type import InjectorType, TypeParameter
 from commonrail.files.study_models import FixedModel, ParameterModel, PriorModel, StudyModel
 from commonrail.files.type_file import load_type
 from commonrail.injector.definition import Injector, Source, parameter_quantities
+from commonrail.injector.reads import unread_parameters
 from commonrail.reading.place import Place
 from commonrail.reading.reach import Reach
 
@@ -63,8 +64,10 @@ def with_type(model: StudyModel, injector: Injector, known: InjectorType | None,
     by_name = known.by_name
     named = [_completed(item, by_name[item.name]) if item.name in by_name else item for item in free]
     own = {item.name for item in free}
+    unread = unread_parameters(injector.variant)
+    offered = {name: p for name, p in offered.items() if name not in unread}
     values = [_fixed(p.name, p.value, Source(p.mark, p.source)) for name, p in offered.items() if name not in own]
-    values += [_fixed(v.name, v.value, v.of_type(known.name)) for v in known.fixed_for(injector, fixed | own)]
+    values += [_fixed(v.name, v.value, v.of_type(known.name)) for v in known.fixed_for(injector, fixed | own | unread)]
     return model.model_copy(update={"parameter": named, "fixed": [*model.fixed, *values]})
 
 
