@@ -145,6 +145,10 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
             (*SIMULATE, "--engine", "reference", "--precision", "f32"),
             "--precision f32: the reference engine computes in f64 only",
         ),
+        (
+            (*SIMULATE, "--engine", "reference", "--time-step", "1us"),
+            "--time-step: the reference engine chooses its steps",
+        ),
     ],
 )
 def test_bad_input_ends_with_2_and_one_sentence(command: Command, arguments: tuple[str, ...], words: str) -> None:

@@ -72,7 +72,7 @@ def simulate(
             help="Engine: lanes and cuda (NVIDIA GPU) are fast with a fixed step, reference is slow with error control."
         ),
     ] = Engine.LANES,
-    time_step: Annotated[str, typer.Option(help="Time step of lanes and cuda, e.g. 1us.")] = "1us",
+    time_step: Annotated[str | None, typer.Option(help="Time step of lanes and cuda, e.g. 1us. [default: 1us]")] = None,
     precision: Annotated[
         Precision,
         typer.Option(
@@ -112,6 +112,8 @@ def simulate(
 
     if engine is Engine.REFERENCE and precision is not Precision.F64:
         raise InputError("--precision f32: the reference engine computes in f64 only; omit --precision or --engine.")
+    if engine is Engine.REFERENCE and time_step is not None:
+        raise InputError("--time-step: the reference engine chooses its steps by its errors; omit it or --engine.")
     check_file(out, "--out")
     check_file(plot, "--plot")
     check_distinct(out, plot)
@@ -124,7 +126,7 @@ def simulate(
         parse(return_pressure, "Pa", "--return-pressure"),
         horizon=None if horizon is None else parse(horizon, "s", "--horizon"),
     )
-    step = parse(time_step, "s", "--time-step")
+    step = parse(time_step or "1us", "s", "--time-step")
     chosen = with_overrides(injection.with_body(named.injector, variant), set_ or [])
     begin = time.perf_counter()
     solution = injection.solve(chosen, point, injection.Settings(engine, step, precision))

@@ -24,7 +24,7 @@ CALIBRATED = "calibrated.toml"
 
 _FIELDS: dict[str, type[Enum]] = {"body": Body, "boundary": Boundary, "drive": Drive}
 _WORDS: dict[str, tuple[str, Enum]] = {
-    str(member.value): (field, member) for field, kind in _FIELDS.items() for member in kind
+    str(member.value).replace(" ", "-"): (field, member) for field, kind in _FIELDS.items() for member in kind
 }
 
 
@@ -167,7 +167,7 @@ def _meters(source: str) -> tuple[Meter, ...]:
 
 def _varied(variant: Variant, words: str) -> Variant:
     changes: dict[str, Enum] = {}
-    for word in (part.strip().replace("-", " ") for part in words.split(",")):
+    for word in (part.strip().replace(" ", "-") for part in words.split(",")):
         if word not in _WORDS:
             raise InputError(f'"{word}" is no variant{nearest(word, _WORDS)}; choose from {", ".join(_WORDS)}')
         field, member = _WORDS[word]
