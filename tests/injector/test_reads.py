@@ -1,4 +1,4 @@
-"""What a variant reads, by its laws as plain Python: an input or parameter changes the result or is declared unread."""
+"""Inputs and parameters of each variant, by its laws as plain Python: one changes the result or is declared unread."""
 
 from __future__ import annotations
 
