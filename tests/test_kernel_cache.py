@@ -197,3 +197,28 @@ def test_one_process_has_the_turn_and_who_cannot_wait_goes_on(tmp_path: Path, mo
             pass
     with closing(sqlite3.connect(path, isolation_level=None, timeout=0.0)) as other:
         other.execute("BEGIN EXCLUSIVE")
+
+
+def test_a_folder_in_the_place_of_a_kernel_is_moved_out_of_the_way(
+    tmp_path: Path, answer: Callable[[], Answer]
+) -> None:
+    """It stayed, and the kernel was compiled at every start."""
+    assert answer()[:2] == (42.0, 0)
+    path = kept(tmp_path)
+    path.unlink()
+    (path / "inside").mkdir(parents=True)
+    value, hits, notes = answer()
+    assert (value, hits) == (42.0, 0)
+    assert "Is a directory" in notes  # the words of the operating system
+    assert answer() == (42.0, 1, "")
+
+
+def test_a_file_too_large_for_a_kernel_is_not_read(tmp_path: Path, answer: Callable[[], Answer]) -> None:
+    """A sparse file of 60 GB was read into the memory, and the lack of it was put down to the simulation's horizon."""
+    assert answer()[:2] == (42.0, 0)
+    with kept(tmp_path).open("r+b") as file:
+        file.truncate(60_000_000_000)
+    value, hits, notes = answer()
+    assert (value, hits) == (42.0, 0)
+    assert "has 60000 MB, and a compiled simulation has at most" in notes
+    assert answer() == (42.0, 1, "")

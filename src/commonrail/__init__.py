@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from commonrail.calibration.comparison import Comparison, compare
     from commonrail.calibration.conditions import Condition
     from commonrail.calibration.goal import Loss
-    from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
+    from commonrail.calibration.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
     from commonrail.calibration.judgement import Judgement, LeaveOut
     from commonrail.calibration.objective import Objective
     from commonrail.calibration.optimisers import (
@@ -145,7 +145,7 @@ _HOMES = {
     "calibration.comparison": "Comparison compare",
     "calibration.conditions": "Condition",
     "calibration.goal": "Loss",
-    "calibration.injector_type": "InjectorType TypeParameter TypePart",
+    "calibration.injector_type": "FixedValue InjectorType TypeParameter TypePart",
     "calibration.judgement": "Judgement LeaveOut",
     "calibration.objective": "Objective",
     "calibration.optimisers": "Counts DifferentialEvolution EvolutionSettings InitialSampling StagedSettings Treatment",
@@ -240,6 +240,7 @@ __all__ = [
     "FeatureTarget",
     "Features",
     "Finding",
+    "FixedValue",
     "FmuData",
     "FmuFit",
     "FmuInputs",

@@ -35,6 +35,7 @@ __all__ = [
 
 LONGEST_WAIT = 120.0  # for another process that compiles the same kernel [s]
 ENDING = ".kernel"
+LARGEST = 100_000_000  # of a file that is read [bytes]; the largest that was kept has 0.5 MB, a sparse one any size
 _HEADER = b"commonrail kernel 2\n"
 _DIGEST = hashlib.sha256().digest_size  # [bytes]
 # A link is not followed and a pipe not waited for; flags that a system lacks are 0.
@@ -48,7 +49,10 @@ def read(path: Path) -> tuple[bytes | None, str]:
     try:
         handle = os.open(path, os.O_RDONLY | _GUARDED)
         with open(handle, "rb") as file:
-            fault = _objection(os.fstat(handle), stat.S_ISREG, "a file")
+            about = os.fstat(handle)
+            fault = _objection(about, stat.S_ISREG, "a file")
+            if not fault and about.st_size > LARGEST:
+                fault = f"has {about.st_size / 1e6:.0f} MB, and a compiled simulation has at most {LARGEST / 1e6:.0f}"
             content = b"" if fault else file.read()
     except FileNotFoundError:
         return None, ""
@@ -73,6 +77,8 @@ def write(path: Path, payload: bytes) -> None:
     try:
         with open(handle, "wb") as file:
             file.write(_sealed(path.name, payload))
+        if path.is_dir() and not path.is_symlink():  # a file cannot replace it: it would be in the way for ever
+            os.rename(path, tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}-"))
         os.replace(name, path)
     except OSError:
         os.unlink(name)

@@ -186,7 +186,7 @@ def test_an_error_ends_a_plain_command_line_as_it_ends_typers() -> None:
     directly, by_name = run("main()", *words), run("import typer; main()", *words)
     assert directly.returncode == by_name.returncode == 2
     assert directly.stderr == by_name.stderr
-    assert directly.stderr.startswith("commonrail: There is no injector")
+    assert directly.stderr.startswith("commonrail: no-such-injector: there is no such file")
 
 
 @pytest.mark.process

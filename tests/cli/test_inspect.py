@@ -90,3 +90,20 @@ def test_a_point_that_may_separate_thousands_is_named(
     rows = (f"{pressure};{time};{cell}" for pressure in (40, 80) for time in (300, 500, 700))
     file.write_text("\n".join(("p [MPa];ET [us];Q [mm3]", *rows)), encoding="utf-8")
     assert ("write 1200, not 1.200" in command("inspect", file).out) == ambiguous
+
+
+@pytest.mark.parametrize("name", ["punycode", "idna", "unicode_escape", "undefined", "rot13"])
+def test_an_encoding_that_no_file_has_is_refused(command: Command, tmp_path: Path, name: str) -> None:
+    data = tmp_path / "bench.csv"
+    data.write_text(MATRIX, encoding="utf-8")
+    done = command("inspect", data, "--encoding", name)
+    assert done.status == 2
+    assert f'--encoding: "{name}" is no encoding of texts; write utf-8, utf-16 or cp1252' in " ".join(done.err.split())
+
+
+def test_a_size_of_thousands_of_digits_in_a_dcm_is_refused(command: Command, tmp_path: Path) -> None:
+    data = tmp_path / "big.dcm"
+    data.write_text(f"KONSERVIERUNG_FORMAT 2.0\nKENNFELD A {'9' * 5000} 2\nEND\n", encoding="ascii")
+    done = command("inspect", data)
+    assert done.status == 2
+    assert "line 2: a size has 5000 digits" in done.err

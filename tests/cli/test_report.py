@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import stat
 from pathlib import Path
@@ -56,3 +57,18 @@ def test_the_browser_gets_the_page_and_its_pdf_is_kept(
 def test_a_real_browser_prints_a_pdf(command: Command, rate_run: Path) -> None:
     done = command("report", rate_run, "--pdf", "--json")
     assert Path(done.record["pdf"]).read_bytes().startswith(b"%PDF-")
+
+
+@pytest.mark.parametrize("other", ["seed", "title", ""])
+def test_a_result_of_another_study_than_the_one_beside_it_is_refused(
+    command: Command, rate_run: Path, other: str
+) -> None:
+    """Result and checksums of another run that were copied into the folder were reported as its own."""
+    record = json.loads((rate_run / "result.json").read_text(encoding="utf-8"))
+    study = {"title": record["title"], "seed": record["seed"]}
+    study |= {other: {"title": "another study", "seed": 12345}[other]} if other else {}
+    text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in study.items())
+    (rate_run / "study.toml").write_text(text, encoding="utf-8")
+    done = command("report", rate_run)
+    assert done.status == (2 if other else 0)
+    assert ("result.json is not the result of study.toml beside it" in " ".join(done.err.split())) == bool(other)

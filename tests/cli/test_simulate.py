@@ -126,7 +126,12 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("simulate", "nothing", *POINT), 'no injector "nothing"'),
+        (("simulate", "nothing", *POINT), "nothing: there is no such file, run folder or injector of the catalogue"),
+        (
+            ("simulate", "direct-acting-kr", *POINT, "--variant", "flexible"),
+            "a direct-acting injector has a rigid body",
+        ),
+        ((*SIMULATE, "--set", "rail.volume=20cm3"), 'does not read it; take a model with rail_boundary = "volume"'),
         (("simulate", "nothing.toml", *POINT), "nothing.toml"),
         ((*SIMULATE, "--cylinder-pressure", "5"), "--cylinder-pressure: "),
         ((*SIMULATE, "--return-pressure", "0MPa"), "The return pressure must lie between"),
@@ -139,6 +144,10 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
         (
             (*SIMULATE, "--engine", "reference", "--precision", "f32"),
             "--precision f32: the reference engine computes in f64 only",
+        ),
+        (
+            (*SIMULATE, "--engine", "reference", "--time-step", "1us"),
+            "--time-step: the reference engine chooses its steps",
         ),
     ],
 )
@@ -222,7 +231,7 @@ def test_a_meter_shows_its_rate_beside_the_true_one(command: Command, tmp_path: 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--meter", "bench"), "is no file; name a study or a calibrated.toml with --study"),
+        (("--meter", "bench"), "has no meters; name a study or a calibrated.toml with --study"),
         (("--study", "STUDY"), "name one of its meters with --meter"),
         (("--study", "STUDY", "--meter", "bank"), 'there is no meter "bank"; it has bench'),
     ],

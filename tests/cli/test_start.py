@@ -5,10 +5,13 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import warnings
 
+import numpy as np
 import pytest
 
 from commonrail.cli import start
+from commonrail.cli.command import leave_out_warnings
 from commonrail.cli.guard import guarded
 
 # Ctrl-C arrives when a module is looked for, which no sleeping and no clock could hit as surely.
@@ -49,3 +52,45 @@ def test_a_verb_meets_an_interrupt_as_an_exception():
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+LATE = """
+import os, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from commonrail.cli.start import main
+try:
+    main()
+finally:
+    os.kill(os.getpid(), signal.SIGINT)
+"""
+
+
+def test_an_interrupt_after_the_verb_has_ended_does_not_kill_the_process():
+    words = [sys.executable, "-c", LATE, "catalogue", "injectors", "--json"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "cri2-16" in done.stdout
+
+
+def test_an_interrupt_between_the_verb_and_the_end_has_its_status(monkeypatch):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    ended = []
+    monkeypatch.setattr("commonrail.cli.command.main", interrupted)
+    monkeypatch.setattr(start, "_end", lambda number, frame: ended.append(number))
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        start.main()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert ended == [signal.SIGINT]
+
+
+def test_warnings_of_numpy_are_left_out_of_the_terminal(monkeypatch):
+    monkeypatch.setattr(sys, "warnoptions", [])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        leave_out_warnings()
+        np.array([1e308]) * np.array([10.0])
+    assert not caught

@@ -226,6 +226,18 @@ def test_fixed_parameters_are_refused_while_steps_are_taken_and_inputs_are_not(o
     assert one.set([references["boundary.rail_pressure"]], [150e6]) == OK
 
 
+def test_an_input_that_the_model_does_not_read_is_refused(one, references):
+    drive = references["boundary.rail_pressure"] + 3  # of an injector with a PWM; no such variable is declared
+    assert "boundary.drive" not in references
+    assert one.set([drive], [14.0]) == ERROR
+
+
+def test_a_communication_step_without_end_is_refused(one, references):
+    assert one.begin() == OK
+    assert one.step(0.0, 1e9) == ERROR
+    assert one.step(0.0, STEP) == OK
+
+
 def test_out_of_the_box_it_simulates_its_default_experiment(fmu, fmu3):
     for path in (fmu, fmu3):
         found = fmpy.simulate_fmu(str(path))

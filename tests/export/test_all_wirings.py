@@ -21,6 +21,7 @@ from commonrail.engine.solution import Solution
 from commonrail.export.fmu import write_fmu
 from commonrail.export.library import write_library
 from commonrail.export.objects import target_named
+from commonrail.export.variables import AT_REST
 from commonrail.files.injector_file import load_injector
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.variants import Variant
@@ -183,9 +184,9 @@ def test_fmus_of_every_wiring_have_the_bits_of_the_lanes(variant: Variant, own: 
         step_size=1e-6,
         output_interval=1e-6,
         start_values={
-            "boundary.rail_pressure": rail,
+            AT_REST if variant.boundary is Boundary.VOLUME else "boundary.rail_pressure": rail,
             "boundary.cylinder_pressure": cylinder,
-            "boundary.return_pressure": low,
+            **({"boundary.return_pressure": low} if variant.actuation is Actuation.SERVO else {}),
             **({"energising[1].duration": ENERGISED} if point.drive is None else {"boundary.drive": DRIVEN}),
         },
         output=[*expected],

@@ -11,6 +11,7 @@ import pytest
 from commonrail.choices import Body, Boundary, Drive
 from commonrail.errors import InputError
 from commonrail.files.injector_file import injector_catalogue, load_injector
+from commonrail.files.injector_writer import dump_injector
 from commonrail.injector.definition import Source, parameter_quantities
 from commonrail.injector.variants import Variant
 
@@ -263,3 +264,26 @@ def test_fault_is_named(injector_file: Edit, fault: str) -> None:
     assert ".toml" in text
     assert text.endswith(".")
     assert "\n" not in text
+
+
+BOUNDARY = (
+    'rail_boundary = "ideal" # ideal: the rail pressure at the inlet is given; volume: a rail behind a throttle, [rail]'
+)
+RAIL = '\n[rail]\nvolume = { value = "20 cm3", mark = "E", source = "drawing" }\n'
+
+
+def test_a_table_that_the_default_variant_does_not_read_is_refused(injector_file: Callable[..., Path]) -> None:
+    """The file has to say whether its rail is a volume: a table of the rail without that word was ignored."""
+    with_rail = ("[feed_pipe]", f"{RAIL.lstrip()}\n[feed_pipe]")
+    with pytest.raises(InputError, match=r"rail\.volume: .*rail_boundary.*does not state rail_boundary; add it"):
+        load_injector(injector_file(with_rail, (BOUNDARY, "")))
+    assert load_injector(injector_file(with_rail)).values["rail.volume"] == pytest.approx(20e-6)  # stated: "ideal"
+
+
+def test_a_flexible_direct_acting_injector_is_refused(tmp_path: Path) -> None:
+    dumped = tmp_path / "direct.toml"
+    dump_injector(load_injector("direct-acting-kr"), dumped)
+    text = dumped.read_text(encoding="utf-8")
+    dumped.write_text(text.replace('variant = "rigid"', 'variant = "flexible"'), encoding="utf-8")
+    with pytest.raises(InputError, match="a direct-acting injector has a rigid body"):
+        load_injector(dumped)

@@ -101,3 +101,14 @@ def test_labels_that_cannot_stand_beside_each_other_are_refused(
 ) -> None:
     with pytest.raises(kind, match=words):
         read_model_names(texts)
+
+
+def test_a_flexible_body_of_a_direct_acting_injector_is_refused() -> None:
+    with pytest.raises(InputError, match='has a rigid body; omit "flexible"'):
+        read_model_name("direct-acting-kr@flexible")
+
+
+@pytest.mark.parametrize("drive", list(Drive))
+def test_every_drive_is_a_word_of_a_variant(drive: Drive) -> None:
+    word = drive.value.replace(" ", "-")
+    assert read_model_name(f"{NAME}@{word}").injector.variant.drive is drive

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import commonrail as cr
 from commonrail.errors import OutputError
 from commonrail.fleet.begun import check_entries
 from commonrail.fleet.fleet_file import load_fleet
@@ -17,7 +18,7 @@ from commonrail.fleet.results import result_columns, write_results
 from commonrail.fleet.run import FleetRun, run_fleet
 from commonrail.fleet.summary import fleet_record, spread_of
 from commonrail.report.fleet import fleet_warnings
-from tests.fleet.conftest import COUNT, results
+from tests.fleet.conftest import COUNT, results, small_fleet
 
 CLOCK = {"seconds": 2.0, "first": 1.0, "calibrated_now": 5, "workers": 1}
 
@@ -139,3 +140,13 @@ def test_a_journal_of_an_early_version_has_no_warnings(fleet_file: Path, whole: 
     check_entries(fleet, {e.name: e for e in early}, whole.folder)
     assert fleet_record(fleet, early, "finished", CLOCK)["warnings"] == []
     assert result_columns(fleet, early)["warnings"] == [0] * COUNT
+
+
+def test_a_type_of_a_fleet_has_the_fixed_values_of_its_template(tmp_path: Path) -> None:
+    file = small_fleet(tmp_path / "fleet")
+    template = next(path for path in file.parent.glob("*.toml") if "[[parameter]]" in path.read_text(encoding="utf-8"))
+    fixed = '[[fixed]]\nname = "valve.lift"\nvalue = "45 um"\nmark = "M"\nsource = "gauge"\n\n'
+    text = template.read_text(encoding="utf-8").replace("[[parameter]]", fixed + "[[parameter]]", 1)
+    template.write_text(text, encoding="utf-8")
+    run_fleet(load_fleet(file), tmp_path / "run", workers=1)
+    assert cr.type_from_fleet(tmp_path / "run", "t").fixed == (cr.FixedValue("valve.lift", 45e-6, "M", "gauge"),)

@@ -298,3 +298,9 @@ def test_a_sweep_without_a_sound_simulation_is_refused() -> None:
     base = SINGLE._replace(conditions=CONDITIONS._replace(time_step=50e-6))
     with pytest.raises(cr.SimulationError, match=r"sweep could be simulated\. The time step is too long"):
         sweep(INJECTOR, [Variable("rail_pressure", "Pa", np.array([160e6]))], base)
+
+
+def test_a_parameter_that_the_variant_does_not_read_is_refused() -> None:
+    volume = Variable("rail.volume", "m3", np.array([10e-6, 20e-6]))  # of an ideal rail: both would give the same
+    with pytest.raises(cr.ConfigurationError, match=r"does not read rail\.volume: .*@volume"):
+        sweep(INJECTOR, [volume], SINGLE)

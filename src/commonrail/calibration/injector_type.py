@@ -13,7 +13,7 @@ from commonrail.calibration.prior import Prior
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.injector.definition import Injector, Source, parameter_quantities
 
-__all__ = ["InjectorType", "TypeParameter", "TypePart"]
+__all__ = ["FixedValue", "InjectorType", "TypeParameter", "TypePart"]
 
 ROUNDING = 1e-9  # relative, by which a spread may lie below its part
 
@@ -79,6 +79,49 @@ class TypeParameter:
         return Prior(self.value, self.spread, self.source)
 
 
+@dataclass(frozen=True)
+class FixedValue:
+    """A value that the studies of a type's parts fixed, in place of their injectors'.
+
+    Parameters
+    ----------
+    name : str
+        Part and field, such as ``valve.lift``.
+    value : float
+        SI.
+    mark : {"M", "C", "F", "E"}
+        Mark of the value for the parts that the type was learnt from.
+    source : str
+
+    Raises
+    ------
+    ConfigurationError
+        If the parameter is unknown, or the value lies outside its domain.
+    """
+
+    name: str
+    value: float
+    mark: Mark = "E"
+    source: str = "no source stated"
+
+    def __post_init__(self) -> None:
+        known = parameter_quantities()
+        if self.name not in known:
+            raise ConfigurationError(f"A type has no parameter {self.name}{nearest(self.name, known)}.")
+        if not (isfinite(self.value) and known[self.name].domain.admits(self.value)):
+            raise ConfigurationError(f"{self.name}: a fixed value must be {known[self.name].domain.value}.")
+
+    def of_type(self, name: str) -> Source:
+        """Source of the value on another part: what was measured on the type's parts is derived there.
+
+        Parameters
+        ----------
+        name : str
+            Of the type.
+        """
+        return Source("F" if self.mark == "M" else self.mark, f'type "{name}": {self.source}')
+
+
 class TypePart(NamedTuple):
     """A part that a type was learnt from, or a fleet of them.
 
@@ -113,6 +156,8 @@ class InjectorType:
         Injector whose other values the parts had; None if it is not known.
     synthetic : str
         What about the parts is not measured; empty if nothing.
+    fixed : sequence of FixedValue
+        Values that the parts had in place of their injectors', and with which the parameters were fitted.
 
     Raises
     ------
@@ -126,15 +171,17 @@ class InjectorType:
     parts: tuple[TypePart, ...] = ()
     injector: Injector | None = None
     synthetic: str = field(default="", kw_only=True)
+    fixed: tuple[FixedValue, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         for what in ("name", "title", "synthetic"):
             plain_text(getattr(self, what), f"{what} of a type")
         settle(self, parameters=instances(self.parameters, TypeParameter, "parameters of a type"))
         settle(self, parts=instances(self.parts, TypePart, "parts of a type"))
-        names = [parameter.name for parameter in self.parameters]
-        if not names:
+        settle(self, fixed=instances(self.fixed, FixedValue, "fixed values of a type"))
+        if not self.parameters:
             raise ConfigurationError(f"{self.name}: a type needs at least one parameter.")
+        names = [p.name for p in self.parameters] + [value.name for value in self.fixed]
         for i, name in enumerate(names):
             if name in names[:i]:
                 raise ConfigurationError(f"{self.name}: {name} is given a second time; keep one of both.")
@@ -154,8 +201,34 @@ class InjectorType:
         keep : collection of str
             More names of values that are its own.
         """
-        measured = {name for name, source in injector.sources.items() if source.mark == "M"}
-        return tuple(p for p in self.parameters if p.name not in measured and p.name not in keep)
+        own = self._measured(injector).union(keep)
+        return tuple(p for p in self.parameters if p.name not in own)
+
+    def fixed_for(self, injector: Injector, keep: Collection[str] = ()) -> tuple[FixedValue, ...]:
+        """Fixed values that an injector takes from the type: all but those that were measured on it.
+
+        Parameters
+        ----------
+        injector : Injector
+            Its values with the mark M are its own.
+        keep : collection of str
+            More names of values that are its own.
+        """
+        own = self._measured(injector).union(keep)
+        return tuple(value for value in self.fixed if value.name not in own)
+
+    def _measured(self, injector: Injector) -> set[str]:
+        """Names of values that were measured on an injector, and not on the one that the type's parts started from."""
+        base = self.injector
+
+        def of_base(name: str) -> bool:
+            return (
+                base is not None
+                and base.values.get(name) == injector.values[name]
+                and base.sources.get(name) == injector.sources[name]
+            )
+
+        return {name for name, source in injector.sources.items() if source.mark == "M" and not of_base(name)}
 
     def applied(self, injector: Injector, keep: Collection[str] = ()) -> Injector:
         """The injector with the values of the type, as `given_to` says.
@@ -166,8 +239,8 @@ class InjectorType:
         keep : collection of str
             Names of values that are its own.
         """
-        given = self.given_to(injector, keep)
-        sources = {p.name: Source(p.mark, p.source) for p in given}
-        changed = injector.with_values({p.name: p.value for p in given})
+        given, fixed = self.given_to(injector, keep), self.fixed_for(injector, keep)
+        sources = {p.name: Source(p.mark, p.source) for p in given} | {v.name: v.of_type(self.name) for v in fixed}
+        changed = injector.with_values({p.name: p.value for p in given} | {v.name: v.value for v in fixed})
         synthetic = " ".join(dict.fromkeys(text for text in (injector.synthetic, self.synthetic) if text))
         return replace(changed, sources={**injector.sources, **sources}, synthetic=synthetic)

@@ -100,6 +100,8 @@ class Study(Shown):
         SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
     author, logo : str
         For the report: a name, and a picture as a data URI; both may be empty.
+    fixed : tuple of str
+        Names of the values that the study states in place of the injector's; a type of injector keeps them.
 
     Raises
     ------
@@ -127,6 +129,7 @@ class Study(Shown):
     loss_scale: float = 1.0
     author: str = ""
     logo: str = ""
+    fixed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for what in ("title", "text", "note", "author", "logo"):

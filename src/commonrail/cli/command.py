@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 
 from commonrail.cli import direct
 from commonrail.cli.console import compiling, say, say_of_ending
@@ -16,6 +17,7 @@ __all__ = ["main"]
 def main() -> None:
     """Run the command."""
     _open_standard_streams()
+    leave_out_warnings()
     tell_of_compiling(compiling)
     tell_notes(say)
     end_at_second(say_of_ending)
@@ -23,6 +25,12 @@ def main() -> None:
         from commonrail.cli.app import app
 
         app(prog_name="commonrail")
+
+
+def leave_out_warnings() -> None:
+    """Keep NumPy's warnings, of an overflow or a mean of nothing, off the terminal; `python -W` and its like count."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore", RuntimeWarning)
 
 
 def _open_standard_streams() -> None:

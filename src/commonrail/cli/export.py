@@ -28,7 +28,13 @@ class Form(StrEnum):
 
 def export(
     form: Annotated[Form, typer.Argument(help="C library, or FMU for co-simulation.")],
-    model: Annotated[str, typer.Argument(help="Injector file, name of the catalogue, or run folder of calibrate.")],
+    model: Annotated[
+        str,
+        typer.Argument(
+            help="Injector file, name of the catalogue, or run folder of calibrate; with @VARIANT another variant, "
+            "e.g. cri2-16@ideal,current-trace."
+        ),
+    ],
     *,
     out: Annotated[
         Path | None, typer.Option(help="Folder of the library, or file of the FMU. [default: the model's name]")

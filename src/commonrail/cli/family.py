@@ -70,7 +70,7 @@ def family(
     """
     from commonrail.cli.family_run import print_family, print_type, run_family, type_record
     from commonrail.family.from_results import FLEET
-    from commonrail.files.type_file import dump_type
+    from commonrail.files.type_file import dump_type, names_injector
 
     check_file(out, "--out")
     share = None if part_spread is None else parse(part_spread, "1", "--part-spread")
@@ -94,7 +94,7 @@ def family(
         print_json(type_record(found, out))
     else:
         print_type(found)
-    if found.injector is None:
+    if not names_injector(found):
         say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
     say(f"wrote {out}")
 

@@ -122,6 +122,7 @@ def print_family(outcome: FamilyOutcome, json: bool, out: Path) -> None:
         The type file.
     """
     from commonrail.family.result import TEXTS, parts_data
+    from commonrail.files.type_file import names_injector
     from commonrail.report.tables import tables_of
 
     fit, folder = outcome.fit, outcome.folder
@@ -134,7 +135,7 @@ def print_family(outcome: FamilyOutcome, json: bool, out: Path) -> None:
                 print_table(table)
         print_type(fit.injector_type)
         typer.echo(f"report: {outcome.report}")
-    if fit.injector_type.injector is None:
+    if not names_injector(fit.injector_type):
         say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
     say(f"wrote {out}")
     end_if_stopped(fit.status, folder)
@@ -171,7 +172,8 @@ def type_record(found: InjectorType, out: Path) -> dict[str, Any]:
         for p in found.parameters
     ]
     head = {"schema": 1, "kind": "type", "type": str(out), "name": found.name, "synthetic": found.synthetic}
-    return {**head, "parts": parts, "parameters": values}
+    fixed = [{"name": v.name, "value": v.value, "mark": v.mark, "source": v.source} for v in found.fixed]
+    return {**head, "parts": parts, "parameters": values, "fixed": fixed}
 
 
 def print_type(found: InjectorType) -> None:
@@ -182,4 +184,5 @@ def print_type(found: InjectorType) -> None:
         typer.echo(f"SYNTHETIC: {found.synthetic}")
     units = {name: q.unit for name, q in parameter_quantities().items()}
     rows = [[p.name, to_text(p.value, units[p.name]), to_text(p.spread, units[p.name])] for p in found.parameters]
+    rows += [[v.name, to_text(v.value, units[v.name]), "fixed"] for v in found.fixed]
     print_rows(["parameter", "value", "spread"], rows, found.title, texts=1)

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.choices import Body, Engine, Precision
+from commonrail.choices import Actuation, Body, Engine, Precision
 from commonrail.cli.console import SIMULATING, say
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
-from commonrail.errors import SimulationError
+from commonrail.errors import InputError, SimulationError
 from commonrail.files import atomic
 from commonrail.injector.definition import Injector
 from commonrail.observation.metered import Metered
@@ -56,6 +56,8 @@ def with_body(injector: Injector, body: Body | None) -> Injector:
     """The injector with a flexible or rigid body, unchanged for None."""
     if body is None:
         return injector
+    if injector.variant.actuation is Actuation.DIRECT and body is Body.FLEXIBLE:
+        raise InputError("--variant flexible: a direct-acting injector has a rigid body; omit it.")
     return replace(injector, variant=injector.variant._replace(body=body))
 
 

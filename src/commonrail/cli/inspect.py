@@ -46,7 +46,7 @@ def inspect(
       commonrail inspect map.csv --encoding cp1252 --quantity-unit mm3
     """
     from commonrail.files.survey import survey
-    from commonrail.reading.file_form import FileForm
+    from commonrail.reading.file_form import FileForm, check_encoding
     from commonrail.reading.map_table import GivenUnits
 
     check_file(out, "--out")
@@ -54,7 +54,7 @@ def inspect(
         _show(_dcm(file), json)
         return
     given = GivenUnits(pressure_unit, time_unit, quantity_unit)
-    found = survey(file, FileForm(encoding or "", sheet=sheet or ""), given)
+    found = survey(file, FileForm(check_encoding(encoding, "--encoding") if encoding else "", sheet=sheet or ""), given)
     if found.found is None and (out is not None or any(given.by_kind().values())):
         reason = found.facts.get("reason", f"it is taken for {found.taken_for}.")
         raise InputError(f"{file}: {reason}")

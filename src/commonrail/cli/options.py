@@ -101,6 +101,8 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     ConfigurationError
         If a value lies outside its domain.
     """
+    from commonrail.injector.reads import reader_of, unread_parameters
+
     if not settings:
         return injector
     found = list(map(_setting, settings))
@@ -108,6 +110,11 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
     if len(values) < len(found):
         twice = next(path for i, (path, _) in enumerate(found) if path in dict(found[:i]))
         raise InputError(f"--set {twice}: it is set twice; keep one.")
+    for name in unread_parameters(injector.variant).intersection(values):
+        raise InputError(
+            f"--set {name}: {injector.name} with {injector.variant.label} does not read it; take a model with "
+            f"{reader_of(name)}, or omit it."
+        )
     return injector.with_values(values)
 
 

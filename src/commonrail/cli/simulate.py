@@ -23,13 +23,19 @@ from commonrail.units import parse
 
 if TYPE_CHECKING:
     from commonrail.cli.injection import Run
+    from commonrail.files.model_name import NamedModel
     from commonrail.observation.meter import Meter
 
 __all__ = ["simulate"]
 
 
 def simulate(
-    injector: Annotated[str, typer.Argument(help="Injector file, or a name of the catalogue.")],
+    injector: Annotated[
+        str,
+        typer.Argument(
+            help="Injector file, name of the catalogue or run folder; with @VARIANT another variant: cri2-16@ideal."
+        ),
+    ],
     *,
     rail_pressure: Annotated[str, typer.Option(help="Rail pressure, e.g. 160MPa.")],
     energising_time: Annotated[
@@ -66,7 +72,7 @@ def simulate(
             help="Engine: lanes and cuda (NVIDIA GPU) are fast with a fixed step, reference is slow with error control."
         ),
     ] = Engine.LANES,
-    time_step: Annotated[str, typer.Option(help="Time step of lanes and cuda, e.g. 1us.")] = "1us",
+    time_step: Annotated[str | None, typer.Option(help="Time step of lanes and cuda, e.g. 1us. [default: 1us]")] = None,
     precision: Annotated[
         Precision,
         typer.Option(
@@ -101,15 +107,18 @@ def simulate(
     """
     from commonrail.cli import injection
     from commonrail.engine.operating_point import OperatingPoint
-    from commonrail.files.injector_file import load_injector
+    from commonrail.files.model_name import read_model_name
     from commonrail.observation.metered import metered
 
     if engine is Engine.REFERENCE and precision is not Precision.F64:
         raise InputError("--precision f32: the reference engine computes in f64 only; omit --precision or --engine.")
+    if engine is Engine.REFERENCE and time_step is not None:
+        raise InputError("--time-step: the reference engine chooses its steps by its errors; omit it or --engine.")
     check_file(out, "--out")
     check_file(plot, "--plot")
     check_distinct(out, plot)
-    seen = _meter(injector, meter, study)
+    named = read_model_name(injector)
+    seen = _meter(named, meter, study)
     point = OperatingPoint(
         parse(rail_pressure, "Pa", "--rail-pressure"),
         read_energisings(energising_time, energising or []),
@@ -117,8 +126,8 @@ def simulate(
         parse(return_pressure, "Pa", "--return-pressure"),
         horizon=None if horizon is None else parse(horizon, "s", "--horizon"),
     )
-    step = parse(time_step, "s", "--time-step")
-    chosen = injection.with_body(with_overrides(load_injector(injector), set_ or []), variant)
+    step = parse(time_step or "1us", "s", "--time-step")
+    chosen = with_overrides(injection.with_body(named.injector, variant), set_ or [])
     begin = time.perf_counter()
     solution = injection.solve(chosen, point, injection.Settings(engine, step, precision))
     run = injection.Run(chosen, point, solution, step, time.perf_counter() - begin, precision)
@@ -133,17 +142,26 @@ def simulate(
         say(f"wrote {path}")
 
 
-def _meter(injector: str, name: str | None, study: Path | None) -> Meter | None:
+def _meter(model: NamedModel, name: str | None, study: Path | None) -> Meter | None:
     """Meter that the options name, or None."""
     if name is None:
         if study is not None:
             raise InputError(f"--study {study}: name one of its meters with --meter, or omit --study.")
         return None
-    if study is None and not injector.endswith(".toml"):
-        raise InputError(f"--meter {name}: {injector} is no file; name a study or a calibrated.toml with --study.")
+    if study is None:
+        return _meter_of(model, name)
     from commonrail.files.meter_file import load_meter
 
-    return load_meter(study or Path(injector), name)
+    return load_meter(study, name)
+
+
+def _meter_of(model: NamedModel, name: str) -> Meter:
+    """Meter that a calibration has left beside a model."""
+    for meter in model.meters:
+        if meter.name == name:
+            return meter
+    there = f"has the meters {', '.join(m.name for m in model.meters)}" if model.meters else "has no meters"
+    raise InputError(f"--meter {name}: {model.text} {there}; name a study or a calibrated.toml with --study.")
 
 
 def _write(run: Run, out: Path | None, plot: Path | None) -> list[str]:

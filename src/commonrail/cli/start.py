@@ -19,7 +19,12 @@ def main() -> None:
         signal.signal(signal.SIGINT, _end)
     from commonrail.cli.command import main as run
 
-    run()
+    try:
+        run()
+    except KeyboardInterrupt:  # between the end of a verb and that of the process
+        _end(signal.SIGINT, None)
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done: the end of the process is not interrupted
 
 
 def raise_interrupts() -> None:

@@ -27,6 +27,7 @@ from commonrail.engine.stability import longest_step
 from commonrail.engine.status import Status, which_failed
 from commonrail.engine.statuses import statuses_of
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
+from commonrail.engine.validity import check_inputs
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.variants import Variant
@@ -111,7 +112,7 @@ def simulate(
         If parameters far from any injector's lead to a division by zero or a number beyond all bounds.
     """
     instance(injector, Injector, "injector")
-    instance(point, OperatingPoint, "point")
+    check_inputs(injector, instance(point, OperatingPoint, "point"))
     time_step = check_step(time_step)
     engine = _engine(engine)
     if sample_interval is not None:
@@ -227,6 +228,9 @@ def simulate_batch(
     points = instances(points, OperatingPoint, "points")
     if not points:
         raise ConfigurationError("At least one operating point is needed among the points.")
+    if prepared is None:  # what is prepared may be data of another drive, which a comparison takes as they are
+        for point in points:
+            check_inputs(injector, point)
     names = known_names(names, injector.quantities, "names", "nozzle.hole_diameter")
     candidates = read_candidates(names, values)
     for given, kind, what in ((misfit, Misfit, "misfit"), (prepared, Prepared, "prepared")):

@@ -6,10 +6,33 @@ from commonrail.choices import Boundary
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
+from commonrail.injector.reads import DRIVE, RETURN, reader_of, unread_inputs
 
-__all__ = ["check_point"]
+__all__ = ["check_inputs", "check_point"]
 
 ROUNDING = 1e-9  # of a pressure: a conversion of units must not lie outside a range
+
+
+def check_inputs(injector: Injector, point: OperatingPoint) -> None:
+    """Refuse measured courses that the injector does not read, which would be ignored in silence.
+
+    Raises
+    ------
+    ConfigurationError
+        If the point has a measured drive and the injector another kind of drive, or a course of the return pressure
+        and the injector no return.
+    """
+    unread = unread_inputs(injector.variant)
+    if DRIVE in unread and point.drive is not None:
+        raise ConfigurationError(
+            f"{injector.name} has a {injector.variant.drive.value} drive and does not read the measured drive of the "
+            f"operating point; take {reader_of(DRIVE)}, or omit it."
+        )
+    if RETURN in unread and isinstance(point.return_pressure, Trace):
+        raise ConfigurationError(
+            f"{injector.name} is a {injector.variant.actuation.value} injector, without a return: it does not read the "
+            "measured return pressure of the operating point; give a number."
+        )
 
 
 def check_point(injector: Injector, point: OperatingPoint) -> None:

@@ -87,8 +87,15 @@ def build_description(model: Model, sources: Sequence[str]) -> str:
     return written(root)
 
 
-def terminals() -> str:
-    """Text of ``terminalsAndIcons/terminalsAndIcons.xml``: fuel line and coil."""
+def terminals(listed: Sequence[Variable]) -> str:
+    """Text of ``terminalsAndIcons/terminalsAndIcons.xml``: fuel line and coil.
+
+    Parameters
+    ----------
+    listed : sequence of Variable
+        Of the FMU: a terminal has the variables that are among them.
+    """
+    names = {variable.name for variable in listed}
     root = Xml.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     table = Xml.SubElement(root, "Terminals")
     for name, members, description in (
@@ -97,6 +104,8 @@ def terminals() -> str:
     ):
         terminal = Xml.SubElement(table, "Terminal", name=name, matchingRule="bus", description=description)
         for member, variable in members:
+            if variable not in names:
+                continue
             Xml.SubElement(
                 terminal,
                 "TerminalMemberVariable",

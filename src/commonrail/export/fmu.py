@@ -20,6 +20,9 @@ from commonrail.export.objects import Target, emit
 from commonrail.export.sources import Model, model_of, named, template
 from commonrail.export.variables import CYLINDER, RAIL, RETURN, variables
 from commonrail.injector.definition import Injector
+from commonrail.injector.reads import DRIVE, unread_inputs
+from commonrail.injector.reads import RAIL as RAIL_INPUT
+from commonrail.injector.reads import RETURN as BACK
 from commonrail.notice import ALL_ENTRIES, lasting
 
 __all__ = ["check_fmi", "write_fmu"]
@@ -77,7 +80,7 @@ def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int
     contents["model.png" if fmi == 2 else "terminalsAndIcons/icon.png"] = icon_png()
     if fmi == 3:
         contents["sources/buildDescription.xml"] = build_description(model, to_compile).encode()
-        contents["terminalsAndIcons/terminalsAndIcons.xml"] = terminals().encode()
+        contents["terminalsAndIcons/terminalsAndIcons.xml"] = terminals(listed).encode()
     contents["documentation/index.html"] = documentation_page(model, listed).encode()
     contents["documentation/licenses/notices.txt"] = template("notices.txt").replace("NAME", model.name).encode()
     _pack(out, contents)
@@ -118,6 +121,8 @@ def _write_instance(model: Model, folder: Path, token: str, fmi: int) -> list[Pa
     """Write the sources around the library that make it an FMU."""
     start = {"STEP": DEFAULT_STEP, "RAIL": RAIL, "CYLINDER": CYLINDER, "RETURN": RETURN}
     defines = [f'#define CR_GUID "{token}"', *(f"#define CR_FMU_{name} {value!r}" for name, value in start.items())]
+    unread = unread_inputs(model.injector.variant)
+    defines += [f"#define CR_FMU_READS_{name.upper()} {int(name not in unread)}" for name in (RAIL_INPUT, BACK, DRIVE)]
     header = template("fmu.h").replace("/*START*/", "\n".join(defines) + "\n")
     texts = {
         f"{model.name}_fmu.h": header,

@@ -24,10 +24,11 @@ from commonrail.export.kernel_source import kernel_source
 from commonrail.export.objects import linked_text
 from commonrail.export.texts import entry_texts
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
+from commonrail.injector.reads import COMMAND, DRIVE, RAIL, RETURN, unread_inputs
 from commonrail.injector.variants import Variant
 from commonrail.parts.furniture import Domain
 
-__all__ = ["Model", "bounds_of", "model_of", "named", "template"]
+__all__ = ["Model", "bounds_of", "model_of", "named", "reads_of", "template"]
 
 ENERGISINGS = 16  # that a simulation holds at once
 HEAD = 2048  # bytes before the working rows of a state; the compiler checks that they are enough
@@ -100,6 +101,7 @@ def model_of(injector: Injector) -> Model:
             ("PARAMETERS", size.parameters + 1, "the last one is the temperature of the fuel"),
             ("CHANNELS", size.channels, ", ".join(c.name for c in channels(wired.actuation))),
             ("ENERGISINGS", ENERGISINGS, "planned at once"),
+            *reads_of(wired),
         )
     )
     core = f"#define CR_STAMP UINT64_C(0x{digest[:16]})\n{defines}"
@@ -115,6 +117,18 @@ def model_of(injector: Injector) -> Model:
             f"{name}_kernel.c": kernel_source(linked_text(wired, name)),
         },
     )
+
+
+def reads_of(variant: Variant) -> list[tuple[str, int, str]]:
+    """Definitions that state which inputs of `cr_boundary` the model reads while it is simulated."""
+    unread = unread_inputs(variant)
+    words = {
+        RAIL: "0: the rail is a volume, whose pressure at rest is read alone",
+        RETURN: "0: there is no return",
+        DRIVE: "0: the drive is computed from the energisings; a measured voltage or current is not read",
+        COMMAND: "0: boundary.drive drives the coil; energisings only say where an injection begins",
+    }
+    return [(f"READS_{name.upper()}", int(name not in unread), text) for name, text in words.items()]
 
 
 def template(name: str) -> str:

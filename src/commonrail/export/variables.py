@@ -11,11 +11,13 @@ from commonrail.engine.operating_point import OTHER_PRESSURES, RAIL_PRESSURES
 from commonrail.engine.time_step import DEFAULT_STEP, TIME_STEPS
 from commonrail.export.entries import channels
 from commonrail.export.sources import bounds_of
+from commonrail.injector import reads
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths
 
 __all__ = ["BASE_UNITS", "CYLINDER", "DISPLAY_UNITS", "PLANNED", "RAIL", "RETURN", "Kind", "Variable", "variables"]
 
 PLANNED = 4  # energisings that parameters plan; c/fmu.h
+AT_REST = "at_rest.rail_pressure"  # in place of the input where the rail is a volume
 RAIL, CYLINDER, RETURN = 100e6, 5e6, 0.5e6  # start values of the boundaries [Pa]
 _STEP, _PLAN, _INPUT, _COMMAND, _CHANNEL, _RATE = 1000, 1001, 2000, 2100, 3000, 4000  # references, as in c/fmu.h
 
@@ -105,8 +107,10 @@ def variables(injector: Injector) -> list[Variable]:
 
 
 def _parameters(injector: Injector) -> list[Variable]:
-    found = []
+    found, unread = [], reads.unread_parameters(injector.variant)
     for i, path in enumerate((*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE)):
+        if path in unread:
+            continue
         low, high, low_open, high_open = bounds_of(injector, path)
         limits = _inside(low, high, low_open), _inside(high, low, high_open)
         quantity = injector.quantities[path]
@@ -147,23 +151,27 @@ def _inputs(injector: Injector) -> list[Variable]:
     low, high = injector.fuel.pressure_range
     rail = max(low, RAIL_PRESSURES.low), min(high, RAIL_PRESSURES.high)
     other = max(low, OTHER_PRESSURES.low), min(high, OTHER_PRESSURES.high)
+    what, unit = ("voltage", "V") if injector.variant.drive is Drive.VOLTAGE else ("current", "A")
     given = [
-        ("rail_pressure", RAIL, *rail, "rail pressure"),
-        ("cylinder_pressure", CYLINDER, *other, "pressure in the cylinder"),
-        ("return_pressure", RETURN, *other, "pressure at the end of the return line"),
+        (reads.RAIL, "Pa", RAIL, *rail, "rail pressure"),
+        ("cylinder_pressure", "Pa", CYLINDER, *other, "pressure in the cylinder"),
+        (reads.RETURN, "Pa", RETURN, *other, "pressure at the end of the return line"),
+        (reads.DRIVE, unit, 0.0, -math.inf, math.inf, f"measured coil {what}, which drives the injector"),
     ]
-    unit = {Drive.VOLTAGE: "V", Drive.CURRENT: "A"}.get(injector.variant.drive, "1")
-    drive = "coil voltage or current of an injector that is driven by a trace; else not used"
+    unread = reads.unread_inputs(injector.variant)
     found = [
-        Variable(f"boundary.{name}", _INPUT + i, _INPUT_KIND, "Pa", start, least, most, meaning)
-        for i, (name, start, least, most, meaning) in enumerate(given)
+        Variable(f"boundary.{name}", _INPUT + i, _INPUT_KIND, own, start, least, most, meaning)
+        for i, (name, own, start, least, most, meaning) in enumerate(given)
+        if name not in unread
     ]
-    command = Kind("Boolean", "input", "discrete")
-    return [
-        *found,
-        Variable("boundary.drive", _INPUT + 3, _INPUT_KIND, unit, 0.0, -math.inf, math.inf, drive),
-        Variable("command", _COMMAND, command, "", 0.0, -math.inf, math.inf, "true: the solenoid is energised"),
-    ]
+    if reads.RAIL in unread:
+        meaning = "rail pressure at rest; from then on that of the rail's volume is simulated"
+        found.insert(0, Variable(AT_REST, _INPUT, _FIXED, "Pa", RAIL, *rail, meaning))
+    command = "true: the solenoid is energised"
+    if reads.COMMAND in unread:
+        command = "true: an injection begins, of which the instants are; the coil is driven by boundary.drive"
+    kind = Kind("Boolean", "input", "discrete")
+    return [*found, Variable("command", _COMMAND, kind, "", 0.0, -math.inf, math.inf, command)]
 
 
 def _outputs(injector: Injector) -> list[Variable]:

@@ -19,15 +19,17 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.study import Method, Study
 from commonrail.calibration.time_step import step_for_all
 from commonrail.errors import InputError
+from commonrail.family.fixed import OF_PART
 from commonrail.files.injector_file import load_injector
 from commonrail.files.type_file import load_type
 from commonrail.injector.definition import Injector, Source, parameter_quantities
 from commonrail.kinds import QuantityData
 from commonrail.kinds.maps.reading import QuantitiesModel
 from commonrail.kinds.reading import Context
+from commonrail.notice import note
 from commonrail.reading.place import Place
 from commonrail.reading.reach import Reach
-from commonrail.units import parse
+from commonrail.units import parse, to_text
 
 __all__ = ["FACTORS", "FEWEST_FOR_PRIORS", "FLOW", "Adapted", "adapt", "held_parameters", "part_of", "read_points"]
 
@@ -182,7 +184,15 @@ def part_of(known: InjectorType, injector: Injector | str | Path | None) -> Inje
             raise InputError(f"The type {known.name} names no injector; give the part's own.")
         return known.applied(known.injector)
     own = injector if isinstance(injector, Injector) else load_injector(injector)
-    return known.applied(own, keep=(FLOW,))
+    part = known.applied(own, keep=OF_PART)
+    for value in known.fixed:
+        if value.name not in OF_PART and part.values[value.name] != value.value:
+            unit = parameter_quantities()[value.name].unit
+            note(
+                f"{value.name} stays {to_text(part.values[value.name], unit)}, as measured on {own.name}; the type was "
+                f"learnt with {to_text(value.value, unit)}."
+            )
+    return part
 
 
 def _study(known: InjectorType, part: Injector, points: QuantityData) -> Study:

@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import file_path, number, plain_text, sequence
-from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
+from commonrail.calibration.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
 from commonrail.errors import InputError
+from commonrail.family.fixed import PartValues, fixed_values
 from commonrail.family.spread import FEWEST, over_parts, without_prior
 from commonrail.files.record_file import read_record
 from commonrail.files.run_folder import RESULT, STUDY
 from commonrail.files.stopped import note_stopped
 from commonrail.files.study_file import load_study
 from commonrail.files.sums import check_sum
-from commonrail.injector.definition import Injector, parameter_quantities
+from commonrail.injector.definition import Injector, Source, parameter_quantities
 from commonrail.observation.quantities import is_of_meter
 from commonrail.reading.csv_file import CsvFile
 from commonrail.reading.guarded_file import fingerprint
@@ -42,11 +43,21 @@ class _Run(NamedTuple):
     record: Mapping[str, Any]
     injector: Injector | None
     part: TypePart
+    fixed: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> dict[str, Mapping[str, Any]]:
         """Records of the injector's free parameters by name."""
         return {p["name"]: p for p in self.record["parameters"] if not is_of_meter(p["name"])}
+
+    @property
+    def values(self) -> PartValues:
+        """Values with which the part was fitted; of a study made in Python only the free ones."""
+        best = {name: p["best"] for name, p in self.parameters.items()}
+        fitted = {name: Source("F", f"fitted to {self.record['title']}") for name in best}
+        known = self.injector
+        values, sources = ({}, {}) if known is None else (dict(known.values), dict(known.sources))
+        return PartValues(self.record["title"], values | best, sources | fitted, (*self.fixed, *best))
 
 
 def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: float | None = None) -> InjectorType:
@@ -67,7 +78,8 @@ def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: flo
     InjectorType
         Of the parameters that are free in every run. From several parts: mean and spread over the parts. From one part:
         its values; the spread is sqrt(standard error² + (part_spread × value)²) if `part_spread` is given, else the
-        prior's of its study, else that of a value anywhere within the bounds, range/√12.
+        prior's of its study, else that of a value anywhere within the bounds, range/√12. What a study fixes, or what is
+        free in some runs only, is a fixed value of the type, see `fixed_values`.
 
     Raises
     ------
@@ -94,6 +106,7 @@ def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: flo
         tuple(run.part for run in runs),
         runs[0].injector,
         synthetic=" ".join(dict.fromkeys(run.record["synthetic"] for run in runs if run.record["synthetic"])),
+        fixed=fixed_values([run.values for run in runs], shared),
     )
 
 
@@ -109,7 +122,7 @@ def _read(folder: Path) -> _Run:
     study = load_study(folder / STUDY)
     root = folder.absolute()
     files = {path.relative_to(root).as_posix(): digest for path, digest in study.files.items()}
-    return _Run(folder, record, study.injector, TypePart(record["title"], sources, files | own))
+    return _Run(folder, record, study.injector, TypePart(record["title"], sources, files | own), study.fixed)
 
 
 def _over_runs(name: str, own: Sequence[Mapping[str, Any]], source: str, part_spread: float | None) -> TypeParameter:
@@ -224,7 +237,12 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
     files = {FLEET: fingerprint(folder / FLEET), TABLE: fingerprint(folder / TABLE)}
     part = TypePart(record["title"], source, files, count)
     return InjectorType(
-        name, f"{name}: fleet of {count} injectors", tuple(found), (part,), synthetic=record["synthetic"]
+        name,
+        f"{name}: fleet of {count} injectors",
+        tuple(found),
+        (part,),
+        synthetic=record["synthetic"],
+        fixed=tuple(FixedValue(**one) for one in record.get("fixed", ())),
     )
 
 

@@ -8,7 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
+from commonrail.calibration.study import Study
 from commonrail.family.adapt import FLOW
+from commonrail.family.fixed import PartValues, fixed_values
 from commonrail.family.sharing import OF, Share, Shared
 from commonrail.family.spread import FEWEST, over_parts, without_prior
 from commonrail.family.study import Family
@@ -45,6 +47,7 @@ def learnt_type(family: Family, joint: Mapping[str, float], errors: Mapping[str,
         tuple(_provenance(family, name) for name in family.parts),
         next(iter(family.parts.values())).injector,
         synthetic=" ".join(dict.fromkeys(s.synthetic for s in family.parts.values() if s.synthetic)),
+        fixed=fixed_values([_values(name, study) for name, study in family.parts.items()], names),
     )
 
 
@@ -73,6 +76,10 @@ def _learnt(
     error = errors[name]
     spread = min(math.hypot(widest if error is None else error, shared.spread), widest) or widest
     return joint[name], spread, shared.spread
+
+
+def _values(name: str, study: Study) -> PartValues:
+    return PartValues(name, study.injector.values, study.injector.sources, study.fixed)
 
 
 def _provenance(family: Family, name: str) -> TypePart:

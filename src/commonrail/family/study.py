@@ -169,7 +169,7 @@ def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict
 
 
 def _known(study: Study, known: InjectorType | None) -> Study:
-    """The study with values and spreads of a type as starts and priors, in place of its own."""
+    """The study with values, spreads and fixed values of a type: starts and priors in place of its own."""
     if known is None:
         return study
     free = [
@@ -178,9 +178,15 @@ def _known(study: Study, known: InjectorType | None) -> Study:
         else p
         for p in study.space.parameters
     ]
-    values = {p.name: p.reference for p in free if p.name in known.by_name}
-    injector = study.injector.with_values(values)
-    return replace(study, injector=injector, space=Space(free, study.space.constraints, study.space.products))
+    fixed = known.fixed_for(study.injector, {*study.fixed, *study.space.names})
+    values = {p.name: p.reference for p in free if p.name in known.by_name} | {v.name: v.value for v in fixed}
+    sources = {**study.injector.sources} | {v.name: v.of_type(known.name) for v in fixed}
+    return replace(
+        study,
+        injector=replace(study.injector.with_values(values), sources=sources),
+        space=Space(free, study.space.constraints, study.space.products),
+        fixed=(*study.fixed, *(v.name for v in fixed)),
+    )
 
 
 def _with_spreads(study: Study, spreads: Mapping[str, float]) -> Study:

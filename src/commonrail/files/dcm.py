@@ -117,6 +117,9 @@ def read_dcm(path: Path) -> list[MapTable]:
 def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tuple[int, str]]) -> MapTable:
     if len(words) != 4 or not all(word.isdecimal() for word in words[2:]):
         raise InputError(f"{path}, line {start}: expected {words[0]} NAME NX NY.")
+    if max(map(len, words[2:])) > len(str(MOST_VALUES)):  # Python reads no number of thousands of digits
+        digits = max(map(len, words[2:]))
+        raise InputError(f"{path}, line {start}: a size has {digits} digits, and 1 to {MOST_VALUES} values are read.")
     nx, ny = int(words[2]), int(words[3])
     if not 0 < nx * ny <= MOST_VALUES:
         raise InputError(f"{path}, line {start}: the map has {nx} × {ny} values, and 1 to {MOST_VALUES} are read.")

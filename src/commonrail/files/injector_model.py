@@ -16,6 +16,7 @@ from commonrail.files.fuel_file import FuelModel, load_fuel, parse_fuel
 from commonrail.files.meter_models import MeterHead, MeterTables, meters_of_tables
 from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.injector.reads import reader_of, unread_parameters
 from commonrail.injector.variants import MODELS, Variant
 from commonrail.observation.meter import Meter
 from commonrail.parts.furniture import Q
@@ -125,6 +126,7 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
                 f'an injector with actuation = "{model.actuation.value}" has no such part; its parts are '
                 f"{', '.join(own)}"
             )
+    _refuse_unread(model, own, at)
     _check_knots(given, document.get("nozzle", {}), at / "nozzle")
     for path, item in given.items():
         if words := not_whole(path, item.value):
@@ -138,10 +140,33 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
             name if model.title is None else model.title,
             {path: given[path].value for path in parameter_quantities(model.actuation)},
             fuel,
-            Variant(model.variant, model.rail_boundary, model.drive_kind, actuation=model.actuation),
+            _variant(model),
             {path: item.source for path, item in given.items()},
             synthetic=model.synthetic,
         )
+
+
+_DECIDING = {"rail": "rail_boundary", "drive": "drive_kind", "plunger_needle": "variant"}  # keys that say what is read
+
+
+def _refuse_unread(model: Any, rooms: tuple[str, ...], at: Place) -> None:
+    """Refuse what the variant does not read if the file does not state that variant: it would be ignored in silence."""
+    stated = model.model_fields_set
+    if model.actuation is Actuation.DIRECT and "variant" in stated and model.variant is Body.FLEXIBLE:
+        raise (at / "variant").error("a direct-acting injector has a rigid body; remove this key")
+    unread = unread_parameters(_variant(model))
+    for room, key in _DECIDING.items():
+        if room in rooms and key not in stated:
+            for name in getattr(model, room).values():
+                if f"{room}.{name}" in unread:
+                    reader = reader_of(f"{room}.{name}")
+                    raise (at / room / name).error(
+                        f"this is read with {reader} only, and the file does not state {key}; add it"
+                    )
+
+
+def _variant(model: Any) -> Variant:
+    return Variant(model.variant, model.rail_boundary, model.drive_kind, actuation=model.actuation)
 
 
 def _room(room: str, values: Values, at: Place) -> Values:

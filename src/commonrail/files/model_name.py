@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from commonrail.calibration.labels import check_labels
-from commonrail.choices import Body, Boundary, Drive
+from commonrail.choices import Actuation, Body, Boundary, Drive
 from commonrail.errors import InputError, nearest
 from commonrail.files.injector_file import injector_catalogue, load_injector, load_meters
 from commonrail.files.stopped import note_stopped
@@ -24,7 +24,7 @@ CALIBRATED = "calibrated.toml"
 
 _FIELDS: dict[str, type[Enum]] = {"body": Body, "boundary": Boundary, "drive": Drive}
 _WORDS: dict[str, tuple[str, Enum]] = {
-    str(member.value): (field, member) for field, kind in _FIELDS.items() for member in kind
+    str(member.value).replace(" ", "-"): (field, member) for field, kind in _FIELDS.items() for member in kind
 }
 
 
@@ -167,12 +167,14 @@ def _meters(source: str) -> tuple[Meter, ...]:
 
 def _varied(variant: Variant, words: str) -> Variant:
     changes: dict[str, Enum] = {}
-    for word in (part.strip().replace("-", " ") for part in words.split(",")):
+    for word in (part.strip().replace(" ", "-") for part in words.split(",")):
         if word not in _WORDS:
             raise InputError(f'"{word}" is no variant{nearest(word, _WORDS)}; choose from {", ".join(_WORDS)}')
         field, member = _WORDS[word]
         if changes.setdefault(field, member) is not member:
             raise InputError(f'"{changes[field].value}" and "{word}" contradict each other; keep one')
+    if variant.actuation is Actuation.DIRECT and changes.get("body") is Body.FLEXIBLE:
+        raise InputError('a direct-acting injector has a rigid body; omit "flexible"')
     return Variant(**{**variant._asdict(), **changes})
 
 

@@ -24,6 +24,7 @@ from commonrail.injector.definition import Source
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.records import LABELS, MEAN, MEASURED
 from commonrail.observation.quantities import is_of_meter
+from commonrail.reading.toml_file import read_toml
 
 __all__ = [
     "LIKELY",
@@ -37,6 +38,7 @@ __all__ = [
     "read_fit",
     "read_result",
     "read_run",
+    "refuse_foreign",
     "refuse_used",
     "write_judgement",
     "write_likely",
@@ -174,7 +176,9 @@ def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
         If it is no path.
     """
     folder = file_path(folder, "folder")
-    return read_result(folder), read_traces(folder / TRACES)
+    record = read_result(folder)
+    refuse_foreign(folder, record)
+    return record, read_traces(folder / TRACES)
 
 
 def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
@@ -191,6 +195,7 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     record = read_result(folder)
     note_stopped(folder, record)
     study = load_study(folder / STUDY)
+    refuse_foreign(folder, record)
     try:
         best = {str(p["name"]): float(p["best"]) for p in record["parameters"]}
     except (KeyError, TypeError, ValueError) as error:
@@ -225,6 +230,36 @@ def write_likely(folder: Path, study: Study, values: Mapping[str, float]) -> Pat
     path = folder / LIKELY
     dump_injector(study.injector.with_values(fitted), path, dict.fromkeys(fitted, source.text), meters=meters)
     return path
+
+
+def refuse_foreign(folder: Path, record: Mapping[str, Any]) -> None:
+    """Refuse a result that is not of the study beside it, such as one copied from another run with its checksums.
+
+    Parameters
+    ----------
+    folder : Path
+        Run folder.
+    record : mapping
+        Its result.json.
+
+    Raises
+    ------
+    InputError
+        If title, seed or free parameters are not those of ``study.toml``.
+    """
+    path = folder / STUDY
+    if not path.is_file() or not path.stat().st_size:
+        return  # a study made in Python
+    document = read_toml(path)[0]
+    free = [p.get("name") for p in document.get("parameter", ())]
+    fitted = [p.get("name") for p in record.get("parameters", ())]
+    stated = {key: document[key] for key in ("title", "seed") if key in document}
+    other = [f"{key} {record[key]!r}" for key, value in stated.items() if key in record and record[key] != value]
+    other += [f"no free parameter {name}" for name in free if name not in fitted]
+    if other:
+        raise InputError(
+            f"{folder}: {RESULT} is not the result of {STUDY} beside it, it has {other[0]}; take the files of one run."
+        )
 
 
 def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str, Any]:

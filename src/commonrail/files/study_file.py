@@ -35,6 +35,7 @@ from commonrail.files.study_models import (
 )
 from commonrail.files.type_in_study import read_type, with_type
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
+from commonrail.injector.reads import reader_of, unread_parameters
 from commonrail.kinds import KINDS, DataSet
 from commonrail.kinds.maps.reading import AFTER_ENERGISING
 from commonrail.kinds.reading import Context, DataModel
@@ -116,6 +117,7 @@ def _study(file: Path) -> Study:
             judgement=Judgement(model.judgement.seeds, tuple(model.judgement.leave_out)),
             loss_scale=1.0 if model.loss_scale is None else model.loss_scale,
             author=model.author,
+            fixed=tuple(item.name for item in model.fixed),
             logo="" if model.logo is None else read_logo(reach.path(file.parent, model.logo, at / "logo"), at / "logo"),
         )
 
@@ -157,6 +159,10 @@ def _check_own(name: str, injector: Injector, at: Place) -> None:
         raise (at / "name").error(
             f"{injector.name} is a {injector.variant.actuation.value} injector and has no {name}"
             f"{nearest(name, injector.values)}"
+        )
+    if name in unread_parameters(injector.variant):
+        raise (at / "name").error(
+            f"{injector.name} with {injector.variant.label} does not read {name}; take {reader_of(name)}, or remove it"
         )
 
 

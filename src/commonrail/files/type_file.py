@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field
 
 from commonrail.arguments import file_path, instance
-from commonrail.calibration.injector_type import InjectorType, TypeParameter, TypePart
+from commonrail.calibration.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
 from commonrail.files.atomic import write_text
 from commonrail.files.injector_file import injector_catalogue, load_injector
-from commonrail.files.study_models import MOST_PARAMETERS, InItsUnit, known_parameter
+from commonrail.files.study_models import MOST_PARAMETERS, FixedModel, InItsUnit, known_parameter
 from commonrail.injector.definition import Injector, parameter_quantities
 from commonrail.kinds.reading import Name
 from commonrail.reading.faults import read_model
@@ -21,7 +21,7 @@ from commonrail.reading.reach import Reach
 from commonrail.reading.toml_file import read_toml
 from commonrail.units import to_text
 
-__all__ = ["dump_type", "load_type", "type_text"]
+__all__ = ["dump_type", "load_type", "names_injector", "type_text"]
 
 FORMAT = "commonrail-type/1"
 MOST_PARTS = 1000
@@ -56,6 +56,7 @@ class _TypeModel(FileModel):
     injector: Text | None = None
     part: list[_PartModel] = Field(default=[], max_length=MOST_PARTS)
     parameter: list[_ParameterModel] = Field(min_length=1, max_length=MOST_PARAMETERS)
+    fixed: list[FixedModel] = Field(default=[], max_length=MOST_PARAMETERS)
 
 
 def load_type(path: str | Path, reach: Reach | None = None) -> InjectorType:
@@ -83,6 +84,10 @@ def load_type(path: str | Path, reach: Reach | None = None) -> InjectorType:
     for i, item in enumerate(model.parameter):
         with located((at / "parameter")[i]):
             parameters.append(TypeParameter(**dict(item)))
+    fixed = []
+    for i, stated in enumerate(model.fixed):
+        with located((at / "fixed")[i]):
+            fixed.append(FixedValue(**dict(stated)))
     with located(at):
         return InjectorType(
             model.name,
@@ -91,6 +96,7 @@ def load_type(path: str | Path, reach: Reach | None = None) -> InjectorType:
             tuple(TypePart(part.name, part.source, part.files, part.injectors) for part in model.part),
             _injector(model, reach or Reach(file, model.allow_outside), file, at / "injector"),
             synthetic=model.synthetic,
+            fixed=tuple(fixed),
         )
 
 
@@ -106,7 +112,7 @@ def _injector(model: _TypeModel, reach: Reach, file: Path, at: Place) -> Injecto
 def dump_type(injector_type: InjectorType, path: str | Path) -> None:
     """Write a type, which `load_type` reads back bit by bit.
 
-    Its injector is named if it is of the catalogue; another one is not kept.
+    Its injector is named if all values but those in the file are the catalogue's; another one is not kept.
 
     Parameters
     ----------
@@ -131,12 +137,25 @@ def type_text(injector_type: InjectorType) -> str:
     document = tomlkit.document()
     head = {"format": FORMAT, "name": injector_type.name, "title": injector_type.title}
     head |= {"synthetic": injector_type.synthetic} if injector_type.synthetic else {}
-    if injector_type.injector is not None and injector_type.injector.name in injector_catalogue():
-        head["injector"] = injector_type.injector.name
+    if names_injector(injector_type):
+        head["injector"] = injector_type.injector.name  # type: ignore[union-attr]
     document.update(head)
     document.add("part", _tables([_part(part) for part in injector_type.parts]))
     document.add("parameter", _tables([_parameter(parameter) for parameter in injector_type.parameters]))
+    if injector_type.fixed:
+        document.add("fixed", _tables([_fixed(value) for value in injector_type.fixed]))
     return tomlkit.dumps(document)
+
+
+def names_injector(injector_type: InjectorType) -> bool:
+    """Return whether the file names the type's injector: it is the catalogue's but for the values in the file."""
+    own = injector_type.injector
+    if own is None or own.name not in injector_catalogue():
+        return False
+    base = load_injector(own.name)
+    stated = {*injector_type.by_name, *(value.name for value in injector_type.fixed)}
+    same = all(value == base.values.get(name) for name, value in own.values.items() if name not in stated)
+    return same and own.variant == base.variant
 
 
 def _tables(items: list[dict[str, Any]]) -> Any:
@@ -158,6 +177,12 @@ def _part(part: TypePart) -> dict[str, Any]:
     found: dict[str, Any] = {"name": part.name, "source": part.source}
     found |= {"injectors": part.injectors} if part.injectors != 1 else {}
     return found | ({"files": dict(part.files)} if part.files else {})
+
+
+def _fixed(fixed: FixedValue) -> dict[str, Any]:
+    q = parameter_quantities()[fixed.name]
+    value = float(fixed.value) if q.unit == "1" else f"{float(fixed.value)!r} {q.unit}"
+    return {"name": fixed.name, "value": value, "mark": fixed.mark, "source": fixed.source, "": q.meaning}
 
 
 def _parameter(parameter: TypeParameter) -> dict[str, Any]:

@@ -7,7 +7,8 @@ from typing import Any
 from commonrail.calibration.injector_type import InjectorType, TypeParameter
 from commonrail.files.study_models import FixedModel, ParameterModel, PriorModel, StudyModel
 from commonrail.files.type_file import load_type
-from commonrail.injector.definition import Injector, parameter_quantities
+from commonrail.injector.definition import Injector, Source, parameter_quantities
+from commonrail.injector.reads import unread_parameters
 from commonrail.reading.place import Place
 from commonrail.reading.reach import Reach
 
@@ -35,7 +36,8 @@ def with_type(model: StudyModel, injector: Injector, known: InjectorType | None,
 
     A free parameter of the type has the type's value as start and prior, unless the study states a start, a prior or a
     reference, and the type's bounds, unless the study states its own. A study without free parameters frees all those
-    of the type. What is not free takes the type's value, unless the study fixes it or it was measured on the injector.
+    of the type. What is not free takes the type's value, fixed values included, unless the study fixes it or it was
+    measured on the injector.
 
     Parameters
     ----------
@@ -62,7 +64,10 @@ def with_type(model: StudyModel, injector: Injector, known: InjectorType | None,
     by_name = known.by_name
     named = [_completed(item, by_name[item.name]) if item.name in by_name else item for item in free]
     own = {item.name for item in free}
-    values = [_fixed(p) for name, p in offered.items() if name not in own]
+    unread = unread_parameters(injector.variant)
+    offered = {name: p for name, p in offered.items() if name not in unread}
+    values = [_fixed(p.name, p.value, Source(p.mark, p.source)) for name, p in offered.items() if name not in own]
+    values += [_fixed(v.name, v.value, v.of_type(known.name)) for v in known.fixed_for(injector, fixed | own | unread)]
     return model.model_copy(update={"parameter": named, "fixed": [*model.fixed, *values]})
 
 
@@ -78,9 +83,9 @@ def _completed(item: ParameterModel, known: TypeParameter) -> ParameterModel:
     return item.model_copy(update=changes)
 
 
-def _fixed(known: TypeParameter) -> FixedModel:
-    value = _text(known.value, known.name)
-    return FixedModel.model_validate({"name": known.name, "value": value, "mark": known.mark, "source": known.source})
+def _fixed(name: str, value: float, source: Source) -> FixedModel:
+    stated = {"name": name, "value": _text(value, name), "mark": source.mark, "source": source.text}
+    return FixedModel.model_validate(stated)
 
 
 def _text(value: float, name: str) -> str | float:

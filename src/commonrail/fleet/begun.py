@@ -62,6 +62,13 @@ class _Parameter(_Part):
     prior: _Prior | None = None
 
 
+class _Fixed(_Part):
+    name: str
+    value: float
+    mark: str
+    source: str
+
+
 class _Warning(_Part):
     code: str
     subject: str
@@ -76,8 +83,9 @@ class _Record(_Part):
     simulated: Count
     failed: Count
     data: list[_Data]
+    fixed: list[_Fixed] = []  # early journals have none of these
     parameters: dict[str, _Parameter]
-    warnings: list[_Warning] = []  # early journals have none
+    warnings: list[_Warning] = []
 
 
 def check_entries(fleet: Fleet, entries: Mapping[str, Entry], folder: Path) -> None:

@@ -68,6 +68,7 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
         "J": {key: spread_of([e.record["J"][key] for e in finished]) for key in ("start", "best")},
         "curve": {key: _sorted([e.record["J"][key] for e in finished]) for key in ("start", "best")},
         "data": _data(fleet, finished),
+        "fixed": finished[0].record.get("fixed", []) if finished else [],
         "parameters": [_parameter(name, unit, finished) for name, unit in units_of(fleet).items()] if finished else [],
         **({"population": population_record(finished, list(units_of(fleet)))} if finished else {}),
         "estimator": ESTIMATOR,

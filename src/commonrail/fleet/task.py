@@ -15,6 +15,7 @@ from commonrail.calibration.study import Study
 from commonrail.display.text import number
 from commonrail.errors import CommonrailError
 from commonrail.files.study_file import load_study
+from commonrail.injector.definition import Injector
 from commonrail.kinds import DataSet, Score
 
 __all__ = ["Attempt", "Calibrations", "calibrate_study", "failed"]
@@ -121,9 +122,15 @@ def calibrate_study(study: Study) -> dict[str, Any]:
         "data": [
             _data(d, calibration.scores["start"][i], calibration.scores["best"][i]) for i, d in enumerate(study.data)
         ],
+        "fixed": [_fixed(study.injector, name) for name in study.fixed],
         "parameters": _parameters(calibration, certify_near(study, calibration.best, 1)),
         "warnings": warning_records(calibration.warnings),
     }
+
+
+def _fixed(injector: Injector, name: str) -> dict[str, Any]:
+    mark, source = injector.sources[name]
+    return {"name": name, "value": injector.values[name], "mark": mark, "source": source}
 
 
 def _data(data: DataSet, start: Score, best: Score) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.errors import ConfigurationError, SimulationError, nearest
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
+from commonrail.injector.reads import reader_of, unread_parameters
 from commonrail.maps.base_point import Base
 from commonrail.maps.many_points import simulate_many
 from commonrail.maps.without_number import most_frequent
@@ -238,6 +239,11 @@ def _check_values(injector: Injector, variables: Sequence[Variable]) -> None:
     for name, _, values in variables:
         if name in OPERATING:
             continue
+        if name in unread_parameters(injector.variant):
+            raise ConfigurationError(
+                f"{injector.name} with {injector.variant.label} does not read {name}: all its values would give the "
+                f"same; take a model with {reader_of(name)}."
+            )
         for value in values.tolist():
             if words := not_whole(name, value):
                 raise ConfigurationError(f"{injector.name}: {words}.")

@@ -33,6 +33,9 @@ class FileForm(NamedTuple):
 
 PLAIN = FileForm()
 
+# Encodings of Python for names of hosts and for literals: no file of measurements has them.
+_NOT_OF_FILES = ("idna", "punycode", "raw-unicode-escape", "undefined", "unicode-escape", "unicode_escape")
+
 
 def check_encoding(name: str, at: str) -> str:
     """Return the name of an encoding of texts.
@@ -53,7 +56,7 @@ def _refusal(name: str) -> str:
         found = codecs.lookup(name)
     except (LookupError, ValueError):  # a null character
         return f'there is no encoding "{name}"; write utf-8, utf-16 or cp1252'
-    if not getattr(found, "_is_text_encoding", True):
+    if not getattr(found, "_is_text_encoding", True) or found.name in _NOT_OF_FILES:
         return f'"{name}" is no encoding of texts; write utf-8, utf-16 or cp1252'
     return ""
 

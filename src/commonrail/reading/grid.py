@@ -93,7 +93,7 @@ def _decoded(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
     for name in [encoding] if encoding else [mark] if mark else ["utf-8", "cp1252"]:
         try:
             return data.decode(str(name)), str(name)
-        except UnicodeDecodeError:
+        except UnicodeError:
             continue
         except LookupError as error:
             raise InputError(f'{path}: there is no encoding "{name}"; write utf-8, utf-16 or cp1252.') from error

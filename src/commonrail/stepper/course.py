@@ -12,6 +12,7 @@ from commonrail.arguments import sequence, shown
 from commonrail.choices import Drive
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import MAXIMUM_STEPS, Prepared, make_job, prepare
+from commonrail.engine.validity import check_inputs
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 
@@ -102,6 +103,7 @@ class CoursePlan:
     """
 
     def __init__(self, injector: Injector, point: OperatingPoint, dt: float) -> None:
+        check_inputs(injector, point)
         if injector.variant.drive in _TRACED and point.drive is None:
             point = replace(point, drive=Trace((point.start, point.start + 1.0), (0.0, 0.0)))
         self.prepared: Prepared = prepare(injector, [point], dt)

@@ -19,6 +19,7 @@ from commonrail.engine.status import Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step, step_advice
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.injector.definition import Injector
+from commonrail.injector.reads import COMMAND, RAIL, RETURN, reader_of, unread_inputs
 from commonrail.stepper.course import COLUMNS, CoursePlan, Held, names_of, refuse_pressures, traced_input
 from commonrail.stepper.kept import Kept, refuse_damaged
 from commonrail.stepper.linear import LinearModel, Operation, linearise
@@ -266,7 +267,14 @@ class Stepper:
                 f"{self.injector.name} has a {self._variant.drive.value} drive, which takes no {name}; give "
                 f'command, or set the drive of the injector to "{name} trace".'
             )
-        if name == "rail_pressure" and self._variant.boundary is Boundary.VOLUME:
+        if name == RETURN and name in unread_inputs(self._variant):
+            raise ConfigurationError(f"{self.injector.name} is a direct injector, without a return: omit {name}.")
+        if name == COMMAND and name in unread_inputs(self._variant):
+            raise ConfigurationError(
+                f"{self.injector.name} is driven by a {self._variant.drive.value} and does not read a command; give "
+                f"{traced_input(self.injector)}, or take {reader_of(COMMAND)}."
+            )
+        if name == RAIL and name in unread_inputs(self._variant):
             raise ConfigurationError(
                 f"{self.injector.name} is fed from a rail volume, whose pressure is simulated; set rail_boundary to "
                 '"ideal" to give it.'
@@ -279,6 +287,7 @@ class Stepper:
             self._refuse_foreign(name)
             held.values[COLUMNS[name]] = number(value, _UNITS.get(name, "Pa"), name.replace("_", " "))
         if command is not None:
+            self._refuse_foreign(COMMAND)
             planned = self._plan.inputs(self._steps, 1)[0]
             lasts = planned[4] if planned[4] >= 0.0 > planned[5] else -1.0
             held.command(flag(command, "command"), self.time, float(lasts))

@@ -21,7 +21,7 @@ extern "C" {
 #endif
 
 /*SIZES*/
-/* Boundaries of the injector, held over the steps of a call. */
+/* Boundaries of the injector, held over the steps of a call. CR_READS_… says which of them this model reads. */
 typedef struct cr_boundary {
     double rail_pressure;     /* [Pa]; where the rail is a volume, of its state at rest only */
     double cylinder_pressure; /* [Pa] */

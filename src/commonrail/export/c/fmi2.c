@@ -77,6 +77,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real now, fmi2Real length, fmi2Boolea
     Instance *m = c;
     if (!m || m->kept.phase != STEPPING || !(length > 0.0) || !isfinite(now + length))
         return refuse(m, "No step can be taken now, or its length is not positive.");
+    if (fmu_too_long(m, length)) return refuse(m, TOO_LONG);
     if (!fmu_step(m, now, length)) return fmi2OK;
     say(m, fmi2Discard, m->sentence);
     return fmi2Discard;

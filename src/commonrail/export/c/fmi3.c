@@ -95,6 +95,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 now, fmi3Float64 length, fmi3B
     if (early) *early = fmi3False;
     if (!m || m->kept.phase != STEPPING || !(length > 0.0) || !isfinite(now + length))
         return refuse(m, "No step can be taken now, or its length is not positive.");
+    if (fmu_too_long(m, length)) return refuse(m, TOO_LONG);
     int status = fmu_step(m, now, length);
     if (reached) *reached = m->kept.time;
     if (!status) return fmi3OK;

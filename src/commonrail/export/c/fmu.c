@@ -41,6 +41,12 @@ void fmu_preset(Instance *m) {
     m->observed = 0;
 }
 
+/* 1 if the model reads an input while it is simulated. */
+static int reads(unsigned reference) {
+    static const int read[] = {CR_FMU_READS_RAIL_PRESSURE, 1, CR_FMU_READS_RETURN_PRESSURE, CR_FMU_READS_DRIVE};
+    return read[reference - VR_INPUT];
+}
+
 double *fmu_writable(Instance *m, unsigned reference) {
     Kept *k = &m->kept;
     double *inputs = &k->input.rail_pressure, *to = NULL;
@@ -48,7 +54,8 @@ double *fmu_writable(Instance *m, unsigned reference) {
     if (reference < CR_PARAMETERS) to = k->parameters + reference;
     else if (reference == VR_STEP) to = &k->step;
     else if (reference >= VR_PLAN && reference < VR_PLAN + 2 * PLANNED) to = k->plan + (reference - VR_PLAN);
-    else if (reference >= VR_INPUT && reference < VR_INPUT + 4) to = inputs + (reference - VR_INPUT), fixed = 0;
+    else if (reference >= VR_INPUT && reference < VR_INPUT + 4 && (reads(reference) || reference == VR_INPUT))
+        to = inputs + (reference - VR_INPUT), fixed = !reads(reference); /* a rail's volume: its pressure at rest */
     if (to && fixed && k->phase > INITIALISING) return NULL;
     if (to && k->phase <= INITIALISING) k->dirty = 1;
     return to;
@@ -118,6 +125,8 @@ int fmu_begin(Instance *m) {
     m->observed = 0;
     return failed(m, status);
 }
+
+int fmu_too_long(const Instance *m, double length) { return length > MOST_STEPS * m->kept.step; }
 
 int fmu_step(Instance *m, double now, double length) {
     Kept *k = &m->kept;

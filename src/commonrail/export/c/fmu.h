@@ -21,6 +21,8 @@ enum {
     VR_STATUS
 };
 #define PLANNED 4
+#define MOST_STEPS 1e7 /* inner steps of a communication step: seconds of computing, after which the importer asks again */
+#define TOO_LONG "A communication step takes more than 10 million inner time steps; take several shorter ones."
 
 typedef enum { INSTANTIATED, INITIALISING, STEPPING, TERMINATED } Phase;
 
@@ -50,6 +52,7 @@ void fmu_preset(Instance *m);
 double *fmu_writable(Instance *m, unsigned reference); /* NULL: no such number, or not now */
 int fmu_read(Instance *m, unsigned reference, double *value); /* 0: no such number */
 int fmu_begin(Instance *m); /* a status */
+int fmu_too_long(const Instance *m, double length); /* 1: more than MOST_STEPS inner steps */
 int fmu_step(Instance *m, double now, double length); /* a status */
 
 /* States kept for the importer; the functions return 0 where they fail. */
