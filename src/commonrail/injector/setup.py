@@ -118,7 +118,7 @@ def make_rest(body: Any) -> Callable[[Coefficients, Setting], State]:
             valve=valve.at_rest(c.valve, at.rail - at.low),
             solenoid=solenoid.State(0.0, 0.0),
             drive=drive.State(2.0),
-            return_line=return_line.State(at.low),
+            return_line=return_line.State(at.low, 0.0),
             accumulation=accumulation.State(filled(c.fuel, at.rail, accumulation_volume(c, lifts)), at.rail),
             body=body,
             sac=filled(c.fuel, at.cylinder, sac.volume(c.sac, c.needle_seat.area, lifts.tip)),
