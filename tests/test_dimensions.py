@@ -72,7 +72,6 @@ TUPLES: dict[type, tuple[float, ...]] = {
     rigid_body.State: (2e-5, 0.5),
     feed_pipe.State: (0.02, 0.01),
     drive.State: (1.0,),
-    orifice.Flow: (0.02, 1e-9),
     return_line.State: (60.0, 2e-9),
     drive.Schedule: (1.0, 0.4),
     drive.Rate: (40.0, 30.0, 2e4),

@@ -41,7 +41,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
     viscosity = density * fuel.kinematic_viscosity(f, at.rail)
     low_density = fuel.density(f, at.low)
     feed = feed_pipe.coefficients(p.feed_pipe, density, speed)
-    back = return_line.coefficients(p.return_line, fuel.sound_speed(f, low_density))
+    back = return_line.coefficients(p.return_line, fuel.sound_speed(f, low_density), at.dt)
     return Coefficients(
         fuel=f,
         rail=rail.coefficients(p.rail),
