@@ -98,10 +98,11 @@ GOOD, BAD = check("a", 0.1, 0.2, "%", "why"), check("b", math.nan, 0.2, "%", "wh
 def patch_checks(monkeypatch: pytest.MonkeyPatch, *checks: Any) -> None:
     """Let the verification study find these."""
 
-    def verify(_injector: object, progress: Any, quick: bool, outside: Any) -> list[Any]:
+    def verify(_injector: object, progress: Any, quick: bool, outside: Any, catalogue: Any) -> list[Any]:
         progress("comparing")
         assert quick
         assert len(outside) == 11
+        assert len(catalogue) == 4
         return list(checks)
 
     monkeypatch.setattr("commonrail.analysis.verification.verify", verify)

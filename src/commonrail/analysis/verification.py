@@ -21,7 +21,7 @@ from commonrail.analysis.closed_forms import Check, check
 from commonrail.analysis.outside import Run, against_outside
 from commonrail.analysis.scores import objective_and_scores
 from commonrail.analysis.verification_cases import Course, Task, Volume, comparisons
-from commonrail.choices import Precision
+from commonrail.choices import Actuation, Precision
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.solution import Solution
@@ -31,7 +31,9 @@ INTERVAL = 3e-6  # of a rate meter's samples [s]
 # A batch ends once a valve train is at rest: what a relaxing SAC dribbles after that was 1e-5 mm³ at the most [mm³].
 BATCH = 1e-4
 INJECTS = 1e-12  # more than this is an injection [m³]
-HOLES, SHIFT = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter"), 5e-4  # moved by that share
+HOLES = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter")
+DIRECT_HOLES = ("nozzle.hole_diameter",)  # of an injector without a control chamber
+SHIFT = 5e-4  # the share by which they are moved
 UNITS = {"rate, L1": "%", "volume": "%", "opening": "us", "closing": "us"}  # of the fields of `Course`
 
 
@@ -61,8 +63,8 @@ class Compared(NamedTuple):
     batch : float
         Injected by `simulate_batch`, less that of `simulate` [m³]; NaN where one has failed.
     sensitivity : float
-        Change of the injected volume [%] per 1 % of the Z- or A-hole's diameter, whichever is larger; NaN where the
-        limits are those of a course.
+        Change of the injected volume [%] per 1 % of the Z- or A-hole's diameter, whichever is larger, or of the
+        nozzle's holes; NaN where the limits are those of a course.
     """
 
     double: Difference
@@ -104,9 +106,10 @@ def _sound(*solutions: Solution) -> float:
 def _sensitivity(task: Task) -> float:
     if isinstance(task.limits, Course):
         return math.nan
-    own = np.array([task.injector.values[name] for name in HOLES])
-    shifts = SHIFT * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    volume = simulate_batch(task.injector, [task.point], HOLES, own * (1.0 + shifts), threads=1).injected_volume[:, 0]
+    holes = DIRECT_HOLES if task.injector.variant.actuation is Actuation.DIRECT else HOLES
+    own = np.array([task.injector.values[name] for name in holes])
+    shifts = SHIFT * np.array([sign * row for row in np.eye(len(holes)) for sign in (1.0, -1.0)])
+    volume = simulate_batch(task.injector, [task.point], holes, own * (1.0 + shifts), threads=1).injected_volume[:, 0]
     moved = np.abs(volume[::2] - volume[1::2])
     return float(np.max(moved) / np.sum(volume) / SHIFT * 2.0) if np.sum(volume) > 0.0 else 0.0
 
@@ -133,6 +136,7 @@ def verify(
     processes: int | None = None,
     quick: bool = False,
     outside: Sequence[Run] = (),
+    catalogue: Sequence[Injector] = (),
 ) -> list[Check]:
     """Check the fast engine against the reference and both against what is known otherwise.
 
@@ -148,6 +152,8 @@ def verify(
         Fewer pressures and candidates.
     outside : sequence of Run
         Figures of a program outside the project.
+    catalogue : sequence of Injector
+        Compared with two injections, a long dwell between them; left out if `quick`.
 
     Returns
     -------
@@ -155,7 +161,7 @@ def verify(
         The worst figure of each group of comparisons, batches, scores, figures from outside, closed forms.
     """
     tell = progress or (lambda text: None)
-    tasks = comparisons(injector, quick)
+    tasks = comparisons(injector, quick, catalogue)
     tell(f"comparing the engines: {len(tasks)} simulations by the reference")
     found: list[Compared] = []
     with ProcessPoolExecutor(processes) as pool:

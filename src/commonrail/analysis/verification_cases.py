@@ -7,6 +7,7 @@ on it, hang on its bounces, so that half a step may move them by a microsecond w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
-from commonrail.choices import Body, Boundary, Drive
+from commonrail.choices import Actuation, Body, Boundary, Drive
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import Status
@@ -29,7 +30,10 @@ ENERGISING = 700e-6  # [s], as in the paper
 HORIZON = 1.9e-3  # the needle has closed by then at all of them [s]
 SHORT_TIMES = (150e-6, 180e-6, 200.5e-6, 250e-6, 320e-6)  # energising times [s]
 DWELLS = (50e-6, 300e-6)  # from the end of a pilot to the start of the main injection [s]
+LONG_DWELLS = (600e-6, 900e-6, 1200e-6)  # in which the return line's waves come back to the valve [s]
 PILOT, MAIN = 250e-6, 500e-6  # their energising times [s]
+DIRECT_AT = (20e6,)  # of a direct-acting injector, which is made for lower rail pressures [Pa]
+DIRECT_PILOT, DIRECT_MAIN = 400e-6, 600e-6  # it opens later [s]
 CANDIDATES, BOX, SEED = 50, 0.6, 20160401  # random stiffnesses within ± 60 % at 160 MPa
 INJECTORS, AROUND, DRAWS = 20, 0.3, 1000  # random injectors, every parameter within ± 30 %, out of so many draws
 # Not varied: without a shape of the nozzle and without a free-wheel diode they change nothing.
@@ -102,7 +106,7 @@ class Task(NamedTuple):
     method: str = "explicit"
 
 
-def comparisons(injector: Injector, quick: bool = False) -> list[Task]:
+def comparisons(injector: Injector, quick: bool = False, catalogue: Sequence[Injector] = ()) -> list[Task]:
     """All comparisons of the study.
 
     Parameters
@@ -111,6 +115,8 @@ def comparisons(injector: Injector, quick: bool = False) -> list[Task]:
         Flexible, fed by an ideal rail and driven by PWM.
     quick : bool
         Fewer of each; hot and cold fuel, several injections and random injectors left out.
+    catalogue : sequence of Injector
+        Injectors that are compared with two injections, a long dwell between them.
     """
     tasks = (
         _stiffnesses(injector, quick) + _wirings(injector) + _random_stiffnesses(injector, 4 if quick else CANDIDATES)
@@ -118,7 +124,8 @@ def comparisons(injector: Injector, quick: bool = False) -> list[Task]:
     if quick:
         return tasks + _traces(injector, TWO[1:]) + _short(injector, SHORT_TIMES[1:2], SHORT_AT[1:2])
     tasks += _traces(injector, TWO) + _fuels(injector)
-    return tasks + _short(injector, SHORT_TIMES, SHORT_AT) + _pilots(injector) + _random_injectors(injector)
+    tasks += _short(injector, SHORT_TIMES, SHORT_AT) + _pilots(injector) + _random_injectors(injector)
+    return tasks + [task for each in catalogue for task in _long_dwells(each)]
 
 
 def _stiffnesses(injector: Injector, quick: bool) -> list[Task]:
@@ -193,6 +200,21 @@ def _pilots(injector: Injector) -> list[Task]:
     ]
 
 
+def _long_dwells(injector: Injector) -> list[Task]:
+    """Of any actuation, the current of one that is driven by a trace regulated instead."""
+    direct = injector.variant.actuation is Actuation.DIRECT
+    pressures, times = (DIRECT_AT, (DIRECT_PILOT, DIRECT_MAIN)) if direct else (TWO, (PILOT, MAIN))
+    driven = (
+        _driven(injector, Drive.REGULATED) if injector.variant.drive in (Drive.CURRENT, Drive.VOLTAGE) else injector
+    )
+    group = f"{injector.name}, pilot and main injection, dwells of 600 to 1200 us"
+    return [
+        Task(group, driven, _pair(pressure, dwell, *times), PAIR, method="lsoda" if direct else "explicit")
+        for dwell in LONG_DWELLS
+        for pressure in pressures
+    ]
+
+
 def _random_injectors(injector: Injector) -> list[Task]:
     """The first of the draws that lie in their domains, rest closed and open at all."""
     names = [name for name, value in injector.values.items() if value != 0.0 and not name.startswith(IDLE)]
@@ -232,8 +254,8 @@ def _main(rail_pressure: float | Trace, drive: Trace | None = None) -> Operating
     return OperatingPoint(rail_pressure, ENERGISING, drive=drive, horizon=HORIZON)
 
 
-def _pair(rail_pressure: float, dwell: float) -> OperatingPoint:
-    return OperatingPoint(rail_pressure, (Energising(0.0, PILOT), Energising(PILOT + dwell, MAIN)))
+def _pair(rail_pressure: float, dwell: float, pilot: float = PILOT, main: float = MAIN) -> OperatingPoint:
+    return OperatingPoint(rail_pressure, (Energising(0.0, pilot), Energising(pilot + dwell, main)))
 
 
 def _driven(injector: Injector, drive: Drive) -> Injector:

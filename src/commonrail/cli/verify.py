@@ -34,10 +34,11 @@ def verify(
       commonrail verify --quick
     """
     from commonrail.analysis.verification import verify as run_checks
-    from commonrail.files.injector_file import load_injector
+    from commonrail.files.injector_file import injector_catalogue, load_injector
     from commonrail.files.outside_figures import load_outside
 
-    checks = run_checks(load_injector(injector), progress=say, quick=quick, outside=load_outside())
+    further = [load_injector(name) for name in injector_catalogue()]
+    checks = run_checks(load_injector(injector), progress=say, quick=quick, outside=load_outside(), catalogue=further)
     failed = [check.name for check in checks if not check.passed]
     if json:
         records = [_record(check) for check in checks]

@@ -16,7 +16,7 @@ from commonrail.injector.model import Coefficients
 from commonrail.injector.setup import ambient_density
 from commonrail.injector.variants import Variant
 from commonrail.parts import drive, solenoid, valve
-from commonrail.parts.contents import contents
+from commonrail.parts.contents import Contents, contents
 
 __all__ = [
     "AT",
@@ -32,6 +32,8 @@ __all__ = [
     "past_limit",
 ]
 
+# The pressure behind the valve follows the line within this time: a thirtieth of what a wave takes through a cell [s].
+OUTLET_TIME = 1e-7
 FRICTION_SPEED = 1e-2  # Coulomb friction is full above this speed [m/s]
 
 
@@ -52,10 +54,12 @@ AT: Any = OUTSIDE.load(range(len(OUTSIDE.paths)), 0, 1)  # where each stands in 
 
 
 class Drain(NamedTuple):
-    """Flow out of the control chamber [kg/s] and the pressure behind the valve [Pa]."""
+    """Flow out of the control chamber [kg/s], pressure behind the valve [Pa], flow into the line, rate of `outlet`."""
 
     flow: float
     behind: float
+    line_flow: float
+    outlet_rate: float
 
 
 class Inlet(NamedTuple):
@@ -74,28 +78,31 @@ class Feed(NamedTuple):
 
 
 @physics
-def drain_flow(c: Coefficients, pressure: float, density: float, gap: float, wave: float) -> Drain:
-    """Flow through A-hole and valve into a return line whose arriving wave is known, by Newton's iteration.
+def drain_flow(c: Coefficients, chamber: Contents, gap: float, outlet: float, wave: float) -> Drain:
+    """Flow through A-hole and valve, and into the return line.
+
+    A small volume of liquid at the valve's outlet, which the line's impedance fills within `OUTLET_TIME`, gives the
+    pressure there; it holds the vapour pressure while liquid is missing, as the other volumes do.
 
     Parameters
     ----------
     c : Coefficients
-    pressure, density : float
-        In the control chamber [Pa], [kg/m³].
+    chamber : Contents
+        Of the control chamber.
     gap : float
         (c_d A)² of the valve's gap [m⁴].
+    outlet : float
+        Of `Core` [Pa]; not used where there is no line.
     wave : float
-        [Pa].
+        That arrives in the line; the tank's pressure where there is no line [Pa].
     """
-    behind = wave
-    flow = 0.0
-    for _ in range(4):
-        d = joints.drain_drive(c, pressure, behind, gap)
-        out = jet(d.drive, density, c.control_chamber.a_offset)
-        line = density * d.line_gain
-        flow = (out.mass_flow * out.root + line * (behind - wave)) / (out.root + c.return_line.impedance * line)
-        behind = max(wave + c.return_line.impedance * flow, c.fuel.vapour_pressure)
-    return Drain(flow, behind)
+    z = c.return_line.impedance
+    behind = max(outlet if z > 0.0 else wave, c.fuel.vapour_pressure)
+    d = joints.drain_drive(c, chamber.pressure, behind, gap)
+    flow = jet(d.drive, chamber.density, c.control_chamber.a_offset).mass_flow
+    if z > 0.0:
+        return Drain(flow, behind, (behind - wave) / z, (z * flow - (behind - wave)) / OUTLET_TIME)
+    return Drain(flow, behind, flow, 0.0)
 
 
 @physics

@@ -89,7 +89,7 @@ def return_rates(y: Any, dy: Any, place: tuple[int, int], c: Coefficients, inflo
         First place of the line in it, and its cells.
     c : Coefficients
     inflow : float
-        Through the valve [kg/s].
+        Behind the valve [kg/s].
     low : float
         Pressure of the tank [Pa].
     """
@@ -157,7 +157,8 @@ def make_rates(variant: Variant) -> Callable[..., None]:
         spray = jet(spray_drive, sac.density, c.nozzle.offset).mass_flow
 
         wave = y[line] - c.return_line.impedance * y[line + 1] if cells[1] > 0 else outside.low
-        drain = drain_flow(c, chamber.pressure, chamber.density, gap_drive(c.valve, y[core + row.valve.lift]), wave)
+        gap = gap_drive(c.valve, y[core + row.valve.lift])
+        drain = drain_flow(c, chamber, gap, y[core + row.outlet], wave)
 
         tap = c.control_chamber.z_from_inlet
         supply = Inlet(outside.rail, y[core + row.rail_mass], y[0])
@@ -167,7 +168,7 @@ def make_rates(variant: Variant) -> Callable[..., None]:
         needle_leak = joints.guide_leak(c, guides.needle_leak, store.pressure, outside.low).mass_flow
 
         magnet, moving = load_coil(y, core + row.solenoid.flux, 1), load_valve(y, core + row.valve.lift, 1)
-        pressing = joints.seat_pressure(c, gap_drive(c.valve, moving.lift), chamber.pressure, drain.behind)
+        pressing = joints.seat_pressure(c, gap, chamber.pressure, drain.behind)
         supplied = y[0] + tap * entry.z_flow
         slopes = Core(
             solenoid=coil_rates(c, outside, coil, magnet, valve.air_gap(c.valve, moving)),
@@ -180,6 +181,7 @@ def make_rates(variant: Variant) -> Callable[..., None]:
             nozzle=nozzle.State(0.0, spray),
             books=Books(returned=drain.flow + plunger_leak + needle_leak, supplied=supplied),
             rail_mass=-supplied,
+            outlet=drain.outlet_rate,
         )
         store_core(dy, core, 1, slopes)
 
@@ -196,7 +198,7 @@ def make_rates(variant: Variant) -> Callable[..., None]:
         rising = max(rise, 0.0) if lifts.tip >= reached else 0.0
         dy[core + row.nozzle.lift_reached] = -reached / RESET_TIME if relaxed else rising
         pipe_rates(y, dy, cells[0], c, entry.inlet, store.pressure)
-        return_rates(y, dy, (line, cells[1]), c, drain.flow, outside.low)
+        return_rates(y, dy, (line, cells[1]), c, drain.line_flow, outside.low)
 
     return rates
 

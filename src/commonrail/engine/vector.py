@@ -22,6 +22,8 @@ __all__ = ["CORE", "ROW", "Core", "Frame", "Masses", "make_frame", "start_vector
 
 Floats = NDArray[np.float64]
 
+LINE = 1e6  # typical pressure in the return line, for absolute tolerances [Pa]
+
 
 class Masses(NamedTuple):
     """Fuel in control chamber, accumulation and SAC [kg]."""
@@ -32,7 +34,11 @@ class Masses(NamedTuple):
 
 
 class Core(NamedTuple):
-    """State of the injector between the pipes, all at one time, without plunger and needle; or its rates."""
+    """State of the injector between the pipes, all at one time, without plunger and needle; or its rates.
+
+    `outlet` is the pressure behind the valve [Pa] as if the liquid there could be stretched: what it lacks to the
+    vapour pressure stands for the liquid missing in a cavity.
+    """
 
     solenoid: solenoid.State
     valve: valve.State
@@ -40,6 +46,7 @@ class Core(NamedTuple):
     nozzle: nozzle.State
     books: Books
     rail_mass: float
+    outlet: float
 
 
 CORE = layout_of(Core)
@@ -85,7 +92,7 @@ def start_vector(variant: Variant, s: State, cells: NDArray[np.int64], at: Setti
         Boundary pressures.
     """
     masses = Masses(s.control_chamber.fuel.mass, s.accumulation.fuel.mass, s.sac.mass)
-    core = Core(s.solenoid, s.valve, masses, s.nozzle, s.books, s.rail.mass)
+    core = Core(s.solenoid, s.valve, masses, s.nozzle, s.books, s.rail.mass, at.low)
     return _joined(variant, core, (s.body.z, 0.0), cells, ((0.0, at.rail), (at.low, 0.0)))
 
 
@@ -102,8 +109,8 @@ def typical_sizes(variant: Variant, start: Floats, cells: NDArray[np.int64], rai
         Rail pressure [Pa].
     """
     held: Core = CORE.load(np.abs(start), make_frame(variant)(cells).core, 1)
-    core = Core(solenoid.TYPICAL, valve.TYPICAL, held.fuel, nozzle.State(1e-4, 1e-5), Books(1e-5, 1e-5), held.rail_mass)
-    return _joined(variant, core, (1e-4, 1.0), cells, ((1e-1, rail), (1e6, 1e-1)))
+    sizes = solenoid.TYPICAL, valve.TYPICAL, held.fuel, nozzle.State(1e-4, 1e-5), Books(1e-5, 1e-5), held.rail_mass
+    return _joined(variant, Core(*sizes, LINE), (1e-4, 1.0), cells, ((1e-1, rail), (LINE, 1e-1)))
 
 
 def _joined(variant: Variant, core: Core, body: Any, cells: Any, pipes: Any) -> Floats:

@@ -41,7 +41,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
     viscosity = density * fuel.kinematic_viscosity(f, at.rail)
     low_density = fuel.density(f, at.low)
     feed = feed_pipe.coefficients(p.feed_pipe, density, speed)
-    back = return_line.coefficients(p.return_line, fuel.sound_speed(f, low_density))
+    back = return_line.coefficients(p.return_line, fuel.sound_speed(f, low_density), at.dt)
     return Coefficients(
         fuel=f,
         rail=rail.coefficients(p.rail),
@@ -118,7 +118,7 @@ def make_rest(body: Any) -> Callable[[Coefficients, Setting], State]:
             valve=valve.at_rest(c.valve, at.rail - at.low),
             solenoid=solenoid.State(0.0, 0.0),
             drive=drive.State(2.0),
-            return_line=return_line.State(at.low),
+            return_line=return_line.State(at.low, 0.0),
             accumulation=accumulation.State(filled(c.fuel, at.rail, accumulation_volume(c, lifts)), at.rail),
             body=body,
             sac=filled(c.fuel, at.cylinder, sac.volume(c.sac, c.needle_seat.area, lifts.tip)),

@@ -199,7 +199,8 @@ def _not_past_cylinder(c: Any, here: Contents, cylinder: float, mass: float, gro
 def fill_control_chamber(c: Coefficients, s: State, u: Inputs, feed: float, back: float, moves: Moves) -> ChamberFlows:
     """Mean flows of Z-hole, A-hole and guide over the step, and the chamber's mass after it.
 
-    The return line answers the A-hole's flow q with the pressure `back` + Z q; q is taken linear in it.
+    The return line answers the A-hole's flow q with the pressure `back` + Z q, less what fills its cavity, or with the
+    vapour pressure where that is higher; q is taken linear in it.
 
     Parameters
     ----------
@@ -219,11 +220,17 @@ def fill_control_chamber(c: Coefficients, s: State, u: Inputs, feed: float, back
     drain = drain_drive(c, here.pressure, behind, moves.gap)
     out = jet(drain.drive, here.density, hole.a_offset)
     line = here.density * drain.line_gain
+    # behind the valve without flow, and whether its flow into vapour, times the root, leaves the outlet there
+    filling, vapour = back - c.return_line.per_cavity * s.return_line.cavity, c.fuel.vapour_pressure
+    most = out.mass_flow * out.root + line * (behind - vapour)
+    is_open = c.return_line.impedance * most < (vapour - filling) * out.root
+    far = vapour if is_open else filling
+    impedance = 0.0 if is_open else c.return_line.impedance
     # slopes in, out; the line's answer divides the outflow by 1 + Z ρ gain/root
-    per_in, per_out = reciprocals(inlet.root, out.root + c.return_line.impedance * line)
+    per_in, per_out = reciprocals(inlet.root, out.root + impedance * line)
     in_slope = density * in_gain * per_in
     out_slope = here.density * drain.gain * per_out
-    a_flow = (out.mass_flow * out.root + line * (behind - back)) * per_out
+    a_flow = (out.mass_flow * out.root + line * (behind - far)) * per_out
     leak = guide_leak(c, c.plunger_needle.guides.plunger_leak, here.pressure, u.low)
     departure = mean_departure(
         inlet.mass_flow - a_flow - leak.mass_flow,
@@ -324,7 +331,7 @@ def make_step(laws: StepLaws) -> Law:
         # a line of length zero is the tank itself
         back = 2.0 * u.low - arriving.back if c.return_line.impedance > 0.0 else u.low
         chamber = fill_control_chamber(c, s, u, feed, back, moves)
-        behind = max(back + c.return_line.impedance * chamber.a_hole, c.fuel.vapour_pressure)
+        outlet = return_line.advance(c.return_line, s.return_line, back, c.fuel.vapour_pressure, chamber.a_hole)
 
         wave = arriving.down - rubbed - feed_pipe.end_loss(c.feed_pipe, s.feed_pipe.end_flow)
         filled = fill_accumulation(c, s, u, wave, out.seat + (1.0 - tap) * chamber.z_hole, moves)
@@ -334,7 +341,7 @@ def make_step(laws: StepLaws) -> Law:
         leaving = Waves(
             inlet.pressure + z * inlet.flow - feed_pipe.end_loss(c.feed_pipe, inlet.flow),
             filled.pressure - z * filled.pipe + feed_pipe.end_loss(c.feed_pipe, filled.pipe),
-            behind + c.return_line.impedance * chamber.a_hole,
+            2.0 * outlet.pressure - back,
         )
         per_control, per_store, per_sac = three_reciprocals(moves.after.control, moves.after.store, moves.after.sac)
         after = State(
@@ -344,7 +351,7 @@ def make_step(laws: StepLaws) -> Law:
             valve=moved_valve,
             solenoid=magnet,
             drive=drive.State(conducting),
-            return_line=return_line.State(behind),
+            return_line=outlet,
             accumulation=accumulation.State(contents(c.fuel, filled.mass, per_store), store.pressure),
             body=moved,
             sac=contents(c.fuel, out.mass, per_sac),

@@ -2,6 +2,15 @@
 
 The valve's outflow raises the pressure at its outlet by Z q; the wave runs to the tank, which holds
 the return pressure, and comes back inverted after 2 L/a. A line of length zero is the tank itself.
+
+Where the outlet would fall below the vapour pressure, a cavity opens there (discrete vapour cavity model; Bergant,
+Simpson and Tijsseling 2006, doi:10.1016/j.jfluidstructs.2005.08.008). It stays at p_v, the line's flow follows from
+p_v and the arriving wave alone, and the cavity takes up the difference to the valve's flow, dm/dt = q_line − q, with
+m the mass of liquid that is missing. Over one step, with mean flows,
+
+    p' = back + Z (q − m/dt),   p = max(p', p_v),   q_line = (p − back)/Z,   m = (p − p') dt/Z
+
+which needs no switch: p' is the pressure that fills the cavity within the step, and what it lacks to p_v is left open.
 """
 
 from __future__ import annotations
@@ -23,20 +32,35 @@ class Parameters(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Impedance [Pa s/kg] (0 without a line) and travel time of a wave to the tank and back [s]."""
+    """Coefficients of the line; all are zero but the last without a line.
+
+    Attributes
+    ----------
+    impedance : float
+        Z [Pa s/kg].
+    per_cavity : float
+        Z/dt, pressure that fills a cavity within a step, per missing mass [Pa/kg].
+    per_pressure : float
+        Its inverse [kg/Pa].
+    round_trip : float
+        Travel time of a wave to the tank and back [s].
+    """
 
     impedance: float
+    per_cavity: float
+    per_pressure: float
     round_trip: float
 
 
 class State(NamedTuple):
-    """Pressure behind the valve over the last step [Pa]."""
+    """Pressure behind the valve over the last step [Pa], and the liquid that is missing in a cavity there [kg]."""
 
     pressure: float
+    cavity: float
 
 
 @physics
-def coefficients(p: Parameters, sound_speed: float) -> Coefficients:
+def coefficients(p: Parameters, sound_speed: float, dt: float) -> Coefficients:
     """Coefficients of the line, Eq. (6) without friction.
 
     Parameters
@@ -45,6 +69,28 @@ def coefficients(p: Parameters, sound_speed: float) -> Coefficients:
         Drawing.
     sound_speed : float
         a at the return pressure [m/s].
+    dt : float
+        Step [s].
     """
     z = impedance(sound_speed, pipe_area(p.diameter)) if p.length > 0.0 else 0.0
-    return Coefficients(z, 2.0 * p.length / sound_speed)
+    return Coefficients(z, z / dt, dt / z if p.length > 0.0 else 0.0, 2.0 * p.length / sound_speed)
+
+
+@physics
+def advance(c: Coefficients, s: State, back: float, vapour: float, flow: float) -> State:
+    """State after a step.
+
+    Parameters
+    ----------
+    c, s
+        Coefficients and state.
+    back : float
+        Wave that arrives [Pa].
+    vapour : float
+        p_v [Pa].
+    flow : float
+        Mean flow through the valve [kg/s].
+    """
+    filling = back + c.impedance * flow - c.per_cavity * s.cavity
+    pressure = max(filling, vapour)
+    return State(pressure, c.per_pressure * (pressure - filling))

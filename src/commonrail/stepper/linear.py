@@ -30,6 +30,7 @@ _STEPS = {
     "density": (0.0, 1e-5),
     "pressure": (1e3, 0.0),
     "pressure_before": (1e3, 0.0),
+    "cavity": (1e-11, 0.0),
     "flow": (1e-6, 0.0),
     "flux": (1e-10, 1e-7),
     "velocity": (1e-5, 0.0),
