@@ -12,7 +12,9 @@ from commonrail.parts import nozzle
 RAIL = 160e6
 KNOTS = (40e-6, 90e-6, 150e-6, 230e-6, 340e-6, 0.0, 0.0, 0.0)
 LIFTS = (0.0, 20e-6, 40e-6, 66e-6, 90e-6, 121e-6, 200e-6, 231e-6, 340e-6, 1e-3)  # below, on, between, above knots
-P = nozzle.Parameters(7.0, 0.13e-3, 0.55, 0.82, 0.85, 0.25e-12, 180e-6, 0.05e-12, 52e-6, 10.0, 0.0, *KNOTS, *[0.0] * 8)
+P = nozzle.Parameters(
+    7.0, 0.13e-3, 0.55, 0.82, 0.85, 0.25e-12, 180e-6, 0.05e-12, 52e-6, 10.0, 0.0, 15e-6, *KNOTS, *[0.0] * 8
+)
 C = nozzle.coefficients(P, RAIL, 2e-3)
 KNEE = 0.05e-12 * RAIL + 52e-6  # z0 = K3 p + K4 = 60 um
 TOP = 0.25e-12 * RAIL + 180e-6  # zM = K1 p + K2 = 220 um

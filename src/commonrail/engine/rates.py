@@ -36,8 +36,6 @@ from commonrail.parts.plunger_needle import Motion
 
 __all__ = ["compiled_rates", "make_hydraulics", "make_rates", "make_sac_rate"]
 
-RESET_TIME = 1e-7  # the memory of the greatest lift fades this fast on a seated, relaxed needle [s]
-
 
 class Hydraulics(NamedTuple):
     """Lifts, fuel in the three volumes, their sizes [m³], and the greatest lift so far [m]."""
@@ -192,9 +190,8 @@ def make_rates(variant: Variant) -> Callable[..., None]:
         store_accelerations(dy, at.body, c.plunger_needle, a, v, friction)
 
         reached, rise = y[core + row.nozzle.lift_reached], dy[line - 2]
-        relaxed = lifts.tip <= 0.0 and sac.pressure - outside.cylinder < joints.RELAXED
-        rising = max(rise, 0.0) if lifts.tip >= reached else 0.0
-        dy[core + row.nozzle.lift_reached] = -reached / RESET_TIME if relaxed else rising
+        rate = joints.memory_rate(c, reached, lifts.tip, rise, sac.pressure - outside.cylinder)
+        dy[core + row.nozzle.lift_reached] = rate
         pipe_rates(y, dy, cells[0], c, entry.inlet, store.pressure)
         return_rates(y, dy, (line, cells[1]), c, drain.flow, outside.low)
 

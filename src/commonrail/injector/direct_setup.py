@@ -50,7 +50,12 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         sac=p.sac,
         nozzle=nozzle.coefficients(p.nozzle, at.rail, viscosity),
         cylinder=ambient(f, at.cylinder),
-        delays=Delays(feed.travel_time / at.dt, made_up(p.solenoid.eddy_lag, at.dt), made_up(p.flux_decay.lag, at.dt)),
+        delays=Delays(
+            feed.travel_time / at.dt,
+            made_up(p.solenoid.eddy_lag, at.dt),
+            made_up(p.flux_decay.lag, at.dt),
+            made_up(p.nozzle.discharge_memory, at.dt),
+        ),
     )
 
 

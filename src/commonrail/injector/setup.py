@@ -58,7 +58,12 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         nozzle=nozzle.coefficients(p.nozzle, at.rail, viscosity),
         source=ambient(f, at.rail),
         cylinder=ambient(f, at.cylinder),
-        delays=Delays(feed.travel_time / at.dt, back.round_trip / at.dt, made_up(p.solenoid.eddy_lag, at.dt)),
+        delays=Delays(
+            feed.travel_time / at.dt,
+            back.round_trip / at.dt,
+            made_up(p.solenoid.eddy_lag, at.dt),
+            made_up(p.nozzle.discharge_memory, at.dt),
+        ),
     )
 
 
