@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
-from commonrail.engine import plan
+from commonrail.engine import plan, validity
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Model, Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
@@ -48,7 +50,10 @@ COEFFICIENTS = [name for name, q in parameter_quantities().items() if q.domain i
 
 
 def test_every_discharge_coefficient_is_bounded_by_one() -> None:
-    named = {n for n in parameter_quantities() if "discharge" in n} - {"nozzle.discharge_growth"}  # 1/Pa
+    named = {n for n in parameter_quantities() if "discharge" in n} - {
+        "nozzle.discharge_growth",  # 1/Pa
+        "nozzle.discharge_memory",  # s
+    }
     assert set(COEFFICIENTS) == named
     assert len(named) == 7
 
@@ -69,6 +74,18 @@ def test_a_coefficient_above_one_is_refused(regulated: Injector, name: str) -> N
     batch = simulate_batch(regulated, [OperatingPoint(160e6, 20e-6, horizon=30e-6)], (name,), np.array([[1.0], [8.0]]))
     assert batch.status[1, 0] == Status.OUTSIDE_DOMAIN
     assert batch.status[0, 0] != Status.OUTSIDE_DOMAIN
+
+
+@pytest.mark.parametrize("excess", [{"nozzle.discharge_growth": 4.9e-9}, {"nozzle.shape_5": 0.5}])
+def test_a_discharge_coefficient_that_is_held_at_one_is_told(regulated: Injector, excess: dict[str, float]) -> None:
+    point = OperatingPoint(160e6, 20e-6, horizon=30e-6)
+    for injector, count in ((regulated, 0), (regulated.with_values(excess), 1)):
+        for prepare in (lambda i: plan.prepare(i, [point], 1e-6), lambda i: simulate_reference(i, point, 3e-6, COARSE)):
+            validity._note_once.cache_clear()
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                prepare(injector)
+            assert len([each for each in told if "discharge coefficient" in str(each.message)]) == count
 
 
 def noisy(level: float, spike: float) -> Trace:

@@ -112,3 +112,14 @@ def test_growth_changes_the_greatest_discharge_with_rail_pressure_above_10_mpa()
 def test_a_growth_that_leaves_nothing_of_the_discharge_shuts_the_holes() -> None:
     c = nozzle.coefficients(P._replace(discharge_growth=-1e-7), RAIL, 2e-3)
     assert nozzle.discharge(c, 1e-3) == pytest.approx(0.0, abs=4e-6)  # the sine's polynomial
+
+
+@pytest.mark.parametrize("growth", [4.9e-9, 1e-7])
+def test_no_growth_lifts_the_discharge_above_one(growth: float) -> None:
+    c = nozzle.coefficients(P._replace(discharge_growth=growth), RAIL, 2e-3)
+    assert nozzle.discharge(c, 1e-3) == pytest.approx(1.0, abs=4e-6)  # the sine's polynomial
+
+
+def test_no_shape_lifts_the_discharge_above_one() -> None:
+    found = [nozzle.shaped_discharge(shaped(0.9, 0.9, 0.9, 0.9, 0.9), lift) for lift in LIFTS]
+    assert max(found) == 1.0

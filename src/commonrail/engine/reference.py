@@ -26,7 +26,7 @@ from commonrail.engine.rates import compiled_rates, make_hydraulics
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.engine.timetable import courses, segments, value_at
-from commonrail.engine.validity import check_point
+from commonrail.engine.validity import check_point, note_limits
 from commonrail.engine.vector import CORE, make_frame, start_vector, typical_sizes, vector_states
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
@@ -91,6 +91,7 @@ def simulate_reference(
     _check(resolution)
     samples = max(round(point.duration / sample_interval), 1)
     time: Floats = np.asarray(point.start + sample_interval * np.arange(samples + 1), float)
+    note_limits(injector, [point])
     if injector.variant.actuation is Actuation.DIRECT:
         _check_direct(injector, resolution, friction)
         check_point(injector, point)

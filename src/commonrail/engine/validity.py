@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
+
 from commonrail.choices import Boundary
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
+from commonrail.notice import note
+from commonrail.parts import nozzle
 
-__all__ = ["check_point"]
+__all__ = ["check_point", "note_limits"]
 
 ROUNDING = 1e-9  # of a pressure: a conversion of units must not lie outside a range
 
@@ -37,3 +42,39 @@ def check_point(injector: Injector, point: OperatingPoint) -> None:
                     f"The {name} reaches {value * 1e-6:g} MPa, but the fuel {injector.fuel.name} is declared from "
                     f"{low * 1e-6:g} to {high * 1e-6:g} MPa; give a pressure inside this range, or another fuel."
                 )
+
+
+def note_limits(injector: Injector, points: Sequence[OperatingPoint]) -> None:
+    """Say where a law of an injector's own values is held at its limit, each sentence once in a process."""
+    pressures = [point.at_start(point.rail_pressure) for point in points]
+    for pressure in sorted({min(pressures), max(pressures)}, reverse=True):
+        greatest = greatest_discharge(injector, pressure)
+        if greatest > 1.0 + ROUNDING:
+            _note_once(
+                f"{injector.name}: growth with pressure and shape would lift the nozzle's discharge coefficient to "
+                f"{greatest:.3g} at {pressure * 1e-6:g} MPa; it is held at 1, beyond which no nozzle goes; check "
+                "nozzle.discharge_growth and nozzle.shape_1 … shape_8, which were fitted at other pressures or lifts."
+            )
+            return
+
+
+def greatest_discharge(injector: Injector, rail_pressure: float) -> float:
+    """Largest discharge coefficient that growth and shape ask of a nozzle [1], before it is held at 1.
+
+    Parameters
+    ----------
+    injector : Injector
+    rail_pressure : float
+        At time zero [Pa].
+    """
+    p: nozzle.Parameters = injector.parameters.nozzle
+    c = nozzle.coefficients(p, rail_pressure, 0.0)
+    # both factors are linear, or rise as a sine, between these lifts
+    lifts = (c.lift_transition, c.lift_maximum, *c.shape.knots)
+    shaped = (nozzle.discharge(c, lift) * (1.0 + nozzle.change(c.shape, lift)) for lift in lifts)
+    return max(nozzle.grown_discharge(p, rail_pressure), *shaped)
+
+
+@functools.cache
+def _note_once(sentence: str) -> None:
+    note(sentence)

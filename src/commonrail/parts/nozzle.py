@@ -125,7 +125,7 @@ def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) 
     # K1…K4 may have any sign: keep 0 < z0 < zM, whatever a search proposes
     knee = max(p.lift_transition_slope * rail_pressure + p.lift_transition_offset, RESIDUAL_LIFT)
     top = max(p.lift_maximum_slope * rail_pressure + p.lift_maximum_offset, knee + RESIDUAL_LIFT)
-    greatest = max(p.discharge_maximum + p.discharge_growth * (rail_pressure - CATALOGUE_PRESSURE), 0.0)
+    greatest = min(max(grown_discharge(p, rail_pressure), 0.0), 1.0)
     return Coefficients(
         area * area,
         square(p.contraction * area),
@@ -138,6 +138,20 @@ def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) 
         (greatest - p.discharge_transition) / (top - knee),
         shape(p),
     )
+
+
+@physics
+def grown_discharge(p: Parameters, rail_pressure: float) -> float:
+    """Coefficient c_d(zM) with its growth [1], before it is held between 0 and 1.
+
+    Parameters
+    ----------
+    p : Parameters
+        Constants of Eq. (9).
+    rail_pressure : float
+        p_CR of time zero [Pa].
+    """
+    return p.discharge_maximum + p.discharge_growth * (rail_pressure - CATALOGUE_PRESSURE)
 
 
 @physics
@@ -233,7 +247,7 @@ def change(s: Shape, lift_reached: float) -> float:
 
 @physics
 def shaped_discharge(c: Coefficients, lift_reached: float) -> float:
-    """Discharge coefficient c_d of Eq. (9) times 1 + its change over lift [1].
+    """Discharge coefficient c_d of Eq. (9) times 1 + its change over lift, at most 1 [1].
 
     Eq. (9) rises as a sine and then as a ramp; measured quantity maps show a finer shape.
 
@@ -242,4 +256,4 @@ def shaped_discharge(c: Coefficients, lift_reached: float) -> float:
     c, lift_reached
         As in `discharge`.
     """
-    return discharge(c, lift_reached) * (1.0 + change(c.shape, lift_reached))
+    return min(discharge(c, lift_reached) * (1.0 + change(c.shape, lift_reached)), 1.0)
