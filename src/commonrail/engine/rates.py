@@ -221,14 +221,17 @@ def store_rubbed(dy: Any, first: int, c: plunger_needle.Coefficients, a: Nine, v
 
 @physics
 def store_rigid(dy: Any, first: int, c: plunger_needle.Coefficients, a: float, v: float, friction: Any) -> None:
-    """Write the rigid body's acceleration, which knows no friction; arguments as of `store_rubbed`.
+    """Write the rigid body's acceleration, less the friction on all masses, whose speed is its own.
 
     Parameters
     ----------
     dy, first, c, a, v, friction
         As of `store_rubbed`.
     """
-    dy[first + 1] = a
+    rubbing = 0.0
+    for i in range(9):
+        rubbing += friction_force(friction[i, 0], friction[i, 1], v)
+    dy[first + 1] = a - rubbing / c.total_mass
 
 
 def make_sac_rate(variant: Variant) -> Callable[..., float]:

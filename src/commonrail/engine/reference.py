@@ -78,8 +78,8 @@ def simulate_reference(
         Spacing of the samples [s].
     resolution : Resolution
     friction : (9, 2), optional
-        Coulomb force [N] and viscous coefficient [N s/m] of the guides on each mass (flexible body only); not part
-        of the paper's model, used by the virtual test bench.
+        Coulomb force [N] and viscous coefficient [N s/m] of the guides on each mass, in a rigid body their sums; not
+        part of the paper's model, used by the virtual test bench.
 
     Raises
     ------
