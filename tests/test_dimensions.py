@@ -280,7 +280,8 @@ def test_a_step_of_the_injector_keeps_the_units_of_its_state(variant: Variant) -
     trace = quantity(12.0, "A" if variant.drive is Drive.CURRENT else "V")
     with carried():
         s = wired.rest(m.c, at)
-        s = s._replace(solenoid=with_units(solenoid.State, s.solenoid))  # to its eighth power
+        # the flux to its eighth power, the lift remembered times a share
+        s = s._replace(solenoid=with_units(solenoid.State, s.solenoid), nozzle=with_units(nozzle.State, s.nozzle))
         u = Inputs(at.rail, at.cylinder, at.low, trace, quantity(20e-6, "s"), quantity(-1e-3, "s"))
         waves = Waves(at.rail, at.rail, at.low)
         states = [s]

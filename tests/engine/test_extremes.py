@@ -55,6 +55,15 @@ def test_a_heavy_needle_that_leaves_its_seat_again_is_waited_for(rigid: Injector
     assert injected(heavy, point, 0.5e-6) == pytest.approx(injected(heavy, point, 0.5e-6, stop=False), rel=1e-4)
 
 
+def test_a_needle_whose_stop_is_far_is_not_past_it(rigid: Injector) -> None:
+    """A needle counted as past its stop at 2 mm, whatever the stop."""
+    far = rigid.with_values({"plunger_needle.stop_lift": 3e-3, "control_chamber.volume": 200e-9})
+    batch = simulate_batch(far, [OperatingPoint(160e6, 5e-3, horizon=5.5e-3)])
+    assert batch.status[0, 0] == Status.STILL_INJECTING
+    # 0.1 mm: the stop gives way by some micrometres
+    assert batch.greatest_lift[0, 0] == pytest.approx(3e-3, abs=0.1e-3)
+
+
 def test_a_sac_larger_than_the_accumulation_volume(rigid: Injector) -> None:
     """Flow through the seat alternated from step to step: 30 % too much, status OK."""
     odd = rigid.with_values({"accumulation.volume": 8e-9, "sac.volume": 16e-9})

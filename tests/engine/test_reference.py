@@ -80,3 +80,20 @@ def test_guide_friction_delays_the_needle(regulated: Injector, fine: Solution) -
     rubbed = simulate_reference(regulated, POINT, friction=friction)
     assert rubbed.opening > fine.opening
     assert rubbed.injected_mass < fine.injected_mass
+
+
+def test_friction_acts_on_a_rigid_body_as_that_of_its_guides(rigid: Injector) -> None:
+    """The argument was ignored."""
+    on_two = np.zeros((9, 2))
+    on_two[[0, 6], 1] = 20.0
+    plain, by_argument, by_law = (
+        simulate_reference(injector, POINT, resolution=Resolution((20, 10)), friction=friction)
+        for injector, friction in (
+            (rigid, None),
+            (rigid, on_two),
+            (rigid.with_values({"plunger_needle.viscous": 20.0}), None),
+        )
+    )
+    # 1e-5: the solver's tolerance of 1e-8 over some thousand steps and switchings of the PWM
+    assert by_argument.injected_mass == pytest.approx(by_law.injected_mass, rel=1e-5)
+    assert abs(plain.injected_mass / by_law.injected_mass - 1.0) > 1e-3

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
-from commonrail.engine import plan
+from commonrail.engine import plan, validity
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Model, Resolution, simulate_reference
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError
+from commonrail.files.injector_file import load_injector
 from commonrail.injector.definition import Injector, parameter_quantities
 from commonrail.parts.furniture import Domain
 
@@ -48,7 +51,10 @@ COEFFICIENTS = [name for name, q in parameter_quantities().items() if q.domain i
 
 
 def test_every_discharge_coefficient_is_bounded_by_one() -> None:
-    named = {n for n in parameter_quantities() if "discharge" in n} - {"nozzle.discharge_growth"}  # 1/Pa
+    named = {n for n in parameter_quantities() if "discharge" in n} - {
+        "nozzle.discharge_growth",  # 1/Pa
+        "nozzle.discharge_memory",  # s
+    }
     assert set(COEFFICIENTS) == named
     assert len(named) == 7
 
@@ -69,6 +75,38 @@ def test_a_coefficient_above_one_is_refused(regulated: Injector, name: str) -> N
     batch = simulate_batch(regulated, [OperatingPoint(160e6, 20e-6, horizon=30e-6)], (name,), np.array([[1.0], [8.0]]))
     assert batch.status[1, 0] == Status.OUTSIDE_DOMAIN
     assert batch.status[0, 0] != Status.OUTSIDE_DOMAIN
+
+
+@pytest.mark.parametrize("excess", [{"nozzle.discharge_growth": 4.9e-9}, {"nozzle.shape_5": 0.5}])
+def test_a_discharge_coefficient_that_is_held_at_one_is_told(regulated: Injector, excess: dict[str, float]) -> None:
+    point = OperatingPoint(160e6, 20e-6, horizon=30e-6)
+    for injector, count in ((regulated, 0), (regulated.with_values(excess), 1)):
+        for prepare in (lambda i: plan.prepare(i, [point], 1e-6), lambda i: simulate_reference(i, point, 3e-6, COARSE)):
+            validity._note_once.cache_clear()
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                prepare(injector)
+            assert len([each for each in told if "discharge coefficient" in str(each.message)]) == count
+
+
+# 0.3 m of 1 mm and f = 0.03: the engines are 0.03 % apart; 1 m: 0.75 %; 1 m of 2 mm and f = 0.1: 0.08 %
+@pytest.mark.parametrize(
+    ("pipe", "count"), [((0.3, 1e-3, 0.03), 0), ((1.0, 2e-3, 0.1), 0), ((1.0, 1e-3, 0.03), 1), ((1.0, 1.5e-3, 0.1), 1)]
+)
+def test_a_pipe_that_rubs_more_than_is_resolved_is_told(
+    regulated: Injector, pipe: tuple[float, float, float], count: int
+) -> None:
+    names = ("feed_pipe.length", "feed_pipe.diameter", "feed_pipe.friction_factor")
+    validity._note_once.cache_clear()
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        plan.prepare(regulated.with_values(dict(zip(names, pipe, strict=True))), [OperatingPoint(160e6, 700e-6)], 1e-6)
+    assert len([each for each in told if "feed pipe" in str(each.message)]) == count
+
+
+def test_no_pipe_of_the_catalogue_rubs_so_much() -> None:
+    for name in ("virtual-lino-2016", "cri2-16", "crin", "direct-acting-kr"):
+        assert validity.pipe_loss(load_injector(name), 180e6) < validity.MOST_LOSS
 
 
 def noisy(level: float, spike: float) -> Trace:

@@ -12,7 +12,9 @@ from commonrail.parts import nozzle
 RAIL = 160e6
 KNOTS = (40e-6, 90e-6, 150e-6, 230e-6, 340e-6, 0.0, 0.0, 0.0)
 LIFTS = (0.0, 20e-6, 40e-6, 66e-6, 90e-6, 121e-6, 200e-6, 231e-6, 340e-6, 1e-3)  # below, on, between, above knots
-P = nozzle.Parameters(7.0, 0.13e-3, 0.55, 0.82, 0.85, 0.25e-12, 180e-6, 0.05e-12, 52e-6, 10.0, 0.0, *KNOTS, *[0.0] * 8)
+P = nozzle.Parameters(
+    7.0, 0.13e-3, 0.55, 0.82, 0.85, 0.25e-12, 180e-6, 0.05e-12, 52e-6, 10.0, 0.0, 15e-6, *KNOTS, *[0.0] * 8
+)
 C = nozzle.coefficients(P, RAIL, 2e-3)
 KNEE = 0.05e-12 * RAIL + 52e-6  # z0 = K3 p + K4 = 60 um
 TOP = 0.25e-12 * RAIL + 180e-6  # zM = K1 p + K2 = 220 um
@@ -110,3 +112,14 @@ def test_growth_changes_the_greatest_discharge_with_rail_pressure_above_10_mpa()
 def test_a_growth_that_leaves_nothing_of_the_discharge_shuts_the_holes() -> None:
     c = nozzle.coefficients(P._replace(discharge_growth=-1e-7), RAIL, 2e-3)
     assert nozzle.discharge(c, 1e-3) == pytest.approx(0.0, abs=4e-6)  # the sine's polynomial
+
+
+@pytest.mark.parametrize("growth", [4.9e-9, 1e-7])
+def test_no_growth_lifts_the_discharge_above_one(growth: float) -> None:
+    c = nozzle.coefficients(P._replace(discharge_growth=growth), RAIL, 2e-3)
+    assert nozzle.discharge(c, 1e-3) == pytest.approx(1.0, abs=4e-6)  # the sine's polynomial
+
+
+def test_no_shape_lifts_the_discharge_above_one() -> None:
+    found = [nozzle.shaped_discharge(shaped(0.9, 0.9, 0.9, 0.9, 0.9), lift) for lift in LIFTS]
+    assert max(found) == 1.0

@@ -22,7 +22,7 @@ from commonrail.engine.explicit import Instants
 from commonrail.engine.instant import Outside, coil_law
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at, reference_density
-from commonrail.engine.rates import RESET_TIME, pipe_rates
+from commonrail.engine.rates import pipe_rates
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.engine.timetable import courses, segments, value_at
@@ -136,8 +136,8 @@ class Model:
         spray = jet(spray_drive, held.density, c.nozzle.offset).mass_flow
         pressing = -c.needle_seat.area * (store.pressure - held.pressure)
         load = direct_needle.Loads(solenoid.pull(c.solenoid, s.solenoid.pulling_flux), pressing)
-        relaxed = s.z.needle <= 0.0 and held.pressure - outside.cylinder < joints.RELAXED
-        rising = max(s.v.needle, 0.0) if s.z.needle >= s.nozzle.lift_reached else 0.0
+        excess = held.pressure - outside.cylinder
+        remembering = joints.memory_rate(c, s.nozzle.lift_reached, s.z.needle, s.v.needle, excess)
         dy = np.empty_like(y)
         rates = Core(
             store=y[self.first - 1] - seat,
@@ -145,7 +145,7 @@ class Model:
             z=s.v,
             v=direct_needle.accelerations(direct_setup.moved(c), s.z, s.v, load),
             solenoid=self.coil_rates(outside, s),
-            nozzle=nozzle.State(-s.nozzle.lift_reached / RESET_TIME if relaxed else rising, spray),
+            nozzle=nozzle.State(remembering, spray),
             supplied=y[0],
         )
         CORE.store(dy, self.first, 1, rates)

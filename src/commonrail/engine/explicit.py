@@ -40,7 +40,6 @@ MET = 1e-9  # the current meets its limit, relative to the band
 SETTLED = 1.0  # share of the SAC's settling time that a step may take; Runge-Kutta's limit of stability is 2.8
 SHORTEST = 0.02  # of the step: shorter it does not get for that
 TRIES = 40  # to meet it; three suffice
-RUNAWAY = 2e-3  # a tip this far off [m], or 1 kg through the nozzle, is no injection any more
 SAME = 1e-13  # stops nearer than this are one [s]
 
 
@@ -211,7 +210,7 @@ def stride(left: float, step: float) -> float:
 def _make_march(variant: Variant) -> Callable[..., bool]:
     load, load_core, frame = wiring(variant).coefficients.load, CORE.load, make_frame(variant)
     rates, sac_rate = physics(make_rates(variant)), make_sac_rate(variant)
-    switching = variant.drive is Drive.PWM
+    switching, farthest_lift = variant.drive is Drive.PWM, wiring(variant).farthest
 
     @physics
     def runge_kutta(work: Any, now: float, h: float, outside: Any, course: Any, fixed: Any) -> None:
@@ -237,6 +236,7 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
         stops, rows, cells = plan.stops, plan.rows, fixed.cells
         c, at = load(fixed.constants, 0, 1), frame(cells)
         core, tip, injected = at.core, at.line - 2, at.core + INJECTED
+        farthest = farthest_lift(c)
         outside, work = np.zeros(len(AT)), np.empty((4, len(start)))
         y, new = work[0], work[1]
         y[:] = start
@@ -270,7 +270,7 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
             if rows[k + 1] >= 0:
                 states[rows[k + 1]] = y
                 # not isfinite(), which "reassoc" folds to true; any comparison with NaN is false
-                if not (abs(y[tip]) < RUNAWAY and abs(y[injected]) < 1.0):
+                if not (abs(y[tip]) < farthest and abs(y[injected]) < 1.0):
                     return False
         return True
 

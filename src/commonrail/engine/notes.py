@@ -10,7 +10,6 @@ from commonrail.compile import physics
 from commonrail.engine.rows import at
 from commonrail.injector.joints import CLEAR_LIFT, RELAXED, REOPENED
 
-RUNAWAY = 2e-3  # a tip or top this far off [m] has left the injector
 RECOVERED = 0.9  # share of the accumulation's pressure that the control chamber regains once the valve is shut
 DRIBBLE = 1e-12, 1e-6  # what a resting injector injects between two looks, at most: [kg], and share of the stroke
 
@@ -166,8 +165,8 @@ def _needle_rests(work, rows, lane):  # type: ignore[no-untyped-def]
 def _is_sound(work, rows, lane):  # type: ignore[no-untyped-def]
     """True for a state that is finite and inside its stops."""
     return (
-        abs(work[at(rows, rows.tip, lane)]) < RUNAWAY
-        and abs(work[at(rows, rows.top, lane)]) < RUNAWAY
+        abs(work[at(rows, rows.tip, lane)]) < work[at(rows, rows.farthest, lane)]
+        and abs(work[at(rows, rows.top, lane)]) < work[at(rows, rows.farthest, lane)]
         and abs(work[at(rows, rows.injected, lane)]) < 1.0
         and abs(work[at(rows, rows.sac_pressure, lane)]) < 1e10
     )

@@ -17,7 +17,7 @@ from commonrail.engine.lanes import VECTORS
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.population import candidate_matrix, columns
 from commonrail.engine.stability import Medium, medium_of
-from commonrail.engine.validity import check_point
+from commonrail.engine.validity import check_point, note_limits, note_narrow_pipe
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.model import Setting
@@ -81,6 +81,8 @@ def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> 
     """
     for point in points:
         check_point(injector, point)
+    note_limits(injector, points)
+    note_narrow_pipe(injector, points)
     highest = np.array([_largest(point.rail_pressure) for point in points])
     return Prepared(
         injector,

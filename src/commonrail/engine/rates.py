@@ -36,8 +36,6 @@ from commonrail.parts.plunger_needle import Motion
 
 __all__ = ["compiled_rates", "make_hydraulics", "make_rates", "make_sac_rate"]
 
-RESET_TIME = 1e-7  # the memory of the greatest lift fades this fast on a seated, relaxed needle [s]
-
 
 class Hydraulics(NamedTuple):
     """Lifts, fuel in the three volumes, their sizes [m³], and the greatest lift so far [m]."""
@@ -194,9 +192,8 @@ def make_rates(variant: Variant) -> Callable[..., None]:
         store_accelerations(dy, at.body, c.plunger_needle, a, v, friction)
 
         reached, rise = y[core + row.nozzle.lift_reached], dy[line - 2]
-        relaxed = lifts.tip <= 0.0 and sac.pressure - outside.cylinder < joints.RELAXED
-        rising = max(rise, 0.0) if lifts.tip >= reached else 0.0
-        dy[core + row.nozzle.lift_reached] = -reached / RESET_TIME if relaxed else rising
+        rate = joints.memory_rate(c, reached, lifts.tip, rise, sac.pressure - outside.cylinder)
+        dy[core + row.nozzle.lift_reached] = rate
         pipe_rates(y, dy, cells[0], c, entry.inlet, store.pressure)
         return_rates(y, dy, (line, cells[1]), c, drain.line_flow, outside.low)
 
@@ -226,14 +223,17 @@ def store_rubbed(dy: Any, first: int, c: plunger_needle.Coefficients, a: Nine, v
 
 @physics
 def store_rigid(dy: Any, first: int, c: plunger_needle.Coefficients, a: float, v: float, friction: Any) -> None:
-    """Write the rigid body's acceleration, which knows no friction; arguments as of `store_rubbed`.
+    """Write the rigid body's acceleration, less the friction on all masses, whose speed is its own.
 
     Parameters
     ----------
     dy, first, c, a, v, friction
         As of `store_rubbed`.
     """
-    dy[first + 1] = a
+    rubbing = 0.0
+    for i in range(9):
+        rubbing += friction_force(friction[i, 0], friction[i, 1], v)
+    dy[first + 1] = a - rubbing / c.total_mass
 
 
 def make_sac_rate(variant: Variant) -> Callable[..., float]:

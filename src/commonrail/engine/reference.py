@@ -26,7 +26,7 @@ from commonrail.engine.rates import compiled_rates, make_hydraulics
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.engine.timetable import courses, segments, value_at
-from commonrail.engine.validity import check_point
+from commonrail.engine.validity import check_point, note_limits
 from commonrail.engine.vector import CORE, make_frame, start_vector, typical_sizes, vector_states
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
@@ -78,8 +78,8 @@ def simulate_reference(
         Spacing of the samples [s].
     resolution : Resolution
     friction : (9, 2), optional
-        Coulomb force [N] and viscous coefficient [N s/m] of the guides on each mass (flexible body only); not part
-        of the paper's model, used by the virtual test bench.
+        Coulomb force [N] and viscous coefficient [N s/m] of the guides on each mass, in a rigid body their sums; not
+        part of the paper's model, used by the virtual test bench.
 
     Raises
     ------
@@ -91,6 +91,7 @@ def simulate_reference(
     _check(resolution)
     samples = max(round(point.duration / sample_interval), 1)
     time: Floats = np.asarray(point.start + sample_interval * np.arange(samples + 1), float)
+    note_limits(injector, [point])
     if injector.variant.actuation is Actuation.DIRECT:
         _check_direct(injector, resolution, friction)
         check_point(injector, point)

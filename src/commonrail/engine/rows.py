@@ -22,8 +22,8 @@ class Notes(NamedTuple):
     look: `before`, `mark`, `lifted`, `seen`. Sums of the samples' errors [m³/s], [(m³/s)²]. Density that makes a volume
     of a sample [kg/m³]. Lift of the tip [m], the greatest and before the step. Instants of opening, last and first
     closing. 1 while the needle counts as open (`clear`), and once the lane has ended (`done`). Looks of rest, and
-    longest touch of a bouncing needle or valve in steps. First step at which the injection may have ended (`quiet`),
-    number of steps (`steps`), turns of the clocks so far.
+    longest touch of a bouncing needle or valve in steps. Lift that passes the stop [m] (`farthest`). First step at
+    which the injection may have ended (`quiet`), number of steps (`steps`), turns of the clocks so far.
     """
 
     before: float
@@ -42,6 +42,7 @@ class Notes(NamedTuple):
     seen: float
     done: float
     touch: float
+    farthest: float
     quiet: float
     steps: float
     turned: float

@@ -41,11 +41,12 @@ class Parameters(NamedTuple):
 
 
 class Delays(NamedTuple):
-    """Travel time of the feed pipe in steps, and shares of the flux's lag that a step makes up [1]."""
+    """Travel time in steps; shares of the flux's lag that a step makes up, and of c_d's memory that it takes [1]."""
 
     feed: float
     rising: float
     falling: float
+    lift_lost: float
 
 
 class Coefficients(NamedTuple):

@@ -8,7 +8,7 @@ from commonrail.compile import physics
 from commonrail.fuel import kernel as fuel
 from commonrail.injector.direct_model import Coefficients, Delays, Parameters, State
 from commonrail.injector.model import Books, Setting
-from commonrail.injector.setup import ambient, made_up
+from commonrail.injector.setup import GIVE, ambient, made_up
 from commonrail.parts import (
     accumulation,
     armature,
@@ -50,7 +50,12 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         sac=p.sac,
         nozzle=nozzle.coefficients(p.nozzle, at.rail, viscosity),
         cylinder=ambient(f, at.cylinder),
-        delays=Delays(feed.travel_time / at.dt, made_up(p.solenoid.eddy_lag, at.dt), made_up(p.flux_decay.lag, at.dt)),
+        delays=Delays(
+            feed.travel_time / at.dt,
+            made_up(p.solenoid.eddy_lag, at.dt),
+            made_up(p.flux_decay.lag, at.dt),
+            made_up(p.nozzle.discharge_memory, at.dt),
+        ),
     )
 
 
@@ -101,3 +106,9 @@ def longest_touch(c: Coefficients) -> float:
     """Longest time [s] for which needle or armature may touch and yet leave again: a period on its contact."""
     needle = 1.0 / (c.needle.per_mass * c.needle_seat.contact_stiffness)
     return 2.0 * math.pi * math.sqrt(max(needle, 1.0 / (c.armature.per_mass * c.armature.contact_stiffness)))
+
+
+@physics
+def farthest_lift(c: Coefficients) -> float:
+    """Lift [m] beyond which armature or needle have passed their stop, and below which, negative, their seat."""
+    return c.armature.travel + GIVE

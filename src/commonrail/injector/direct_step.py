@@ -15,7 +15,7 @@ from commonrail.compile import physics, reciprocals
 from commonrail.flow.volume import mean_departure
 from commonrail.injector.direct_model import Coefficients, State
 from commonrail.injector.direct_setup import accumulation_volume, moved
-from commonrail.injector.joints import RELAXED, Room, middle
+from commonrail.injector.joints import Room, middle, remembered_lift
 from commonrail.injector.model import Books, Inputs, Waves
 from commonrail.injector.step import Moves, StoreFlows, fill_sac
 from commonrail.parts import accumulation, direct_needle, drive, feed_pipe, flux_decay, nozzle, sac, solenoid
@@ -120,8 +120,7 @@ def make_step(laws: DirectLaws) -> Law:
 
         store = s.accumulation.fuel
         upstream = store.pressure + 0.5 * (store.pressure - s.accumulation.pressure_before)
-        at_rest = old.tip <= 0.0 and s.sac.pressure - u.cylinder < RELAXED
-        reached = 0.0 if at_rest else s.nozzle.lift_reached
+        reached = remembered_lift(c, s, middle(old.tip, new.tip), u.cylinder)
         moves = Moves(old, new, make_room(c, old.tip), make_room(c, new.tip), 0.0, dt)
         out = fill_sac(c, s, u, upstream, discharge(c.nozzle, max(reached, middle(old.tip, new.tip))), moves)
 

@@ -11,6 +11,7 @@ from commonrail.fuel import kernel as fuel
 from commonrail.injector.model import Coefficients
 from commonrail.injector.setup import accumulation_volume, control_volume
 from commonrail.parts import sac
+from commonrail.parts.nozzle import RESIDUAL_LIFT
 from commonrail.parts.plunger_needle import Motion
 
 # A seated needle whose SAC has come this near to cylinder pressure has ended its injection [Pa].
@@ -78,6 +79,62 @@ def guide_leak(c: Coefficients, conductance: float, pressure: float, low: float)
     """Leakage through a guide, Eq. (5), at the viscosity of its mean pressure."""
     slope = leakage_slope(conductance, fuel.fluidity(c.fuel, middle(pressure, low)))
     return Flow(slope * (pressure - low), slope)
+
+
+@physics
+def fading_share(tip: float, excess: float) -> float:
+    """Share of the memory of c_d that fades [1]: all on the seat with an empty SAC, none from `RESIDUAL_LIFT` on.
+
+    Linear in the lift and in the SAC's pressure up to `RELAXED`, which is about what a gap of that lift lets through:
+    so neither a touch of the seat nor the step in which it falls makes a jump.
+
+    Parameters
+    ----------
+    tip : float
+        Lift of the needle [m].
+    excess : float
+        Of the SAC over cylinder pressure [Pa].
+    """
+    seated = min(max(1.0 - tip / RESIDUAL_LIFT, 0.0), 1.0)
+    return seated * min(max(1.0 - excess / RELAXED, 0.0), 1.0)
+
+
+@physics
+def remembered_lift(c: Any, s: Any, tip: float, cylinder: float) -> float:
+    """Lift that c_d remembers over a step [m]: on the seat the exact decay of `memory_rate`; of either actuation.
+
+    Parameters
+    ----------
+    c, s
+        Coefficients and state.
+    tip : float
+        Lift of the needle at the middle of the step [m].
+    cylinder : float
+        Pressure in the cylinder [Pa].
+    """
+    fading = fading_share(tip, s.sac.pressure - cylinder)
+    return s.nozzle.lift_reached * (1.0 - c.delays.lift_lost * fading)
+
+
+@physics
+def memory_rate(c: Any, lift_reached: float, tip: float, rise: float, excess: float) -> float:
+    """Rate of the lift that c_d remembers [m/s]: it follows a rising needle, and fades at rest; of either actuation.
+
+    It fades by no more than a touch of the seat lasts; with a reset the quantity would jump at the first touch.
+
+    Parameters
+    ----------
+    c
+        Coefficients.
+    lift_reached : float
+        Lift that c_d remembers [m].
+    tip, rise : float
+        Lift [m] and speed [m/s] of the needle.
+    excess : float
+        Of the SAC over cylinder pressure [Pa].
+    """
+    rising = max(rise, 0.0) if tip >= lift_reached else 0.0
+    return rising - fading_share(tip, excess) * lift_reached / c.nozzle.memory
 
 
 @physics

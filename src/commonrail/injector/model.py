@@ -57,11 +57,12 @@ class Ambient(NamedTuple):
 
 
 class Delays(NamedTuple):
-    """Travel times in steps, and the share of the eddy currents' lag that a step makes up [1]."""
+    """Travel times in steps; shares of the eddy lag that a step makes up, and of c_d's memory that it takes [1]."""
 
     feed: float
     back: float
     eddy_share: float
+    lift_lost: float
 
 
 class Coefficients(NamedTuple):

@@ -25,6 +25,9 @@ from commonrail.parts import (
 )
 from commonrail.parts.contents import filled
 
+# What seat, stop and needle give way by, at most [m]: chosen, far above the some 0.1 mm of the catalogue's injectors.
+GIVE = 2e-3
+
 
 @physics
 def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coefficients:
@@ -58,7 +61,12 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         nozzle=nozzle.coefficients(p.nozzle, at.rail, viscosity),
         source=ambient(f, at.rail),
         cylinder=ambient(f, at.cylinder),
-        delays=Delays(feed.travel_time / at.dt, back.round_trip / at.dt, made_up(p.solenoid.eddy_lag, at.dt)),
+        delays=Delays(
+            feed.travel_time / at.dt,
+            back.round_trip / at.dt,
+            made_up(p.solenoid.eddy_lag, at.dt),
+            made_up(p.nozzle.discharge_memory, at.dt),
+        ),
     )
 
 
@@ -149,3 +157,9 @@ def longest_touch(c: Coefficients) -> float:
     needle = c.plunger_needle.total_mass / c.needle_seat.contact_stiffness
     shutter = 1.0 / (c.valve.per_mass * c.valve.contact_stiffness)
     return 2.0 * math.pi * math.sqrt(max(needle, shutter))
+
+
+@physics
+def farthest_lift(c: Coefficients) -> float:
+    """Lift [m] beyond which plunger or needle have passed their stop, and below which, negative, their seat."""
+    return c.plunger_needle.guides.stop_lift + GIVE

@@ -17,13 +17,13 @@ from commonrail.compile import physics, reciprocals, three_reciprocals
 from commonrail.flow.orifice import jet
 from commonrail.flow.volume import mean_departure
 from commonrail.injector.joints import (
-    RELAXED,
     Room,
     drain_drive,
     guide_leak,
     make_room,
     middle,
     nozzle_drive,
+    remembered_lift,
     seat_pressure,
     z_hole_drive,
 )
@@ -318,8 +318,7 @@ def make_step(laws: StepLaws) -> Law:
 
         store, tap = s.accumulation.fuel, c.control_chamber.z_from_inlet
         upstream = store.pressure + 0.5 * (store.pressure - s.accumulation.pressure_before)
-        at_rest = old.tip <= 0.0 and s.sac.pressure - u.cylinder < RELAXED
-        reached = 0.0 if at_rest else s.nozzle.lift_reached
+        reached = remembered_lift(c, s, middle(old.tip, new.tip), u.cylinder)
         moves = Moves(old, new, make_room(c, old), make_room(c, new), gap_drive(c.valve, lift), dt)
         passing = discharge(c.nozzle, max(reached, middle(old.tip, new.tip)))
         out = fill_sac(c, s, u, upstream, passing, moves)

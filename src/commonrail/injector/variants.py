@@ -94,6 +94,8 @@ class Wiring(NamedTuple):
         Coefficients from parameters, state at rest, and one time step.
     touch : law
         Longest time for which what has closed may touch and yet leave its seat again.
+    farthest : law
+        Lift beyond which the body has passed its stop.
     parameters, state, coefficients, positions : Layout
     """
 
@@ -104,6 +106,7 @@ class Wiring(NamedTuple):
     rest: Callable[..., Any]
     step: Callable[..., Any]
     touch: Callable[..., Any]
+    farthest: Callable[..., Any]
     parameters: Layout
     state: Layout
     coefficients: Layout
@@ -168,6 +171,7 @@ def _servo(variant: Variant) -> Wiring:
         setup.make_rest(body),
         make_step(laws),
         setup.longest_touch,
+        setup.farthest_lift,
         layout_of(model.Parameters),
         layout_of(model.State, (("body", body.State),)),
         layout_of(model.Coefficients),
@@ -186,6 +190,7 @@ def _direct(variant: Variant) -> Wiring:
         direct_setup.rest,
         direct_step.make_step(laws),
         direct_setup.longest_touch,
+        direct_setup.farthest_lift,
         layout_of(direct_model.Parameters),
         layout_of(direct_model.State),
         layout_of(direct_model.Coefficients),

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from commonrail.arguments import Quantity, flag, instance, number
 from commonrail.choices import Actuation, Boundary
 from commonrail.engine.channels import all_channels
-from commonrail.engine.notes import RUNAWAY
 from commonrail.engine.operating_point import LONGEST, OperatingPoint
 from commonrail.engine.plan import coefficients_at
 from commonrail.engine.stability import longest_step
@@ -307,7 +306,7 @@ class Stepper:
         state = memory[rows.state : rows.leaving]
         if not np.isfinite(state).all():
             raise SimulationError(f"{self.injector.name}: {Status.NOT_FINITE.sentence}")
-        if max(abs(memory[rows.tip]), abs(memory[rows.top])) > RUNAWAY:
+        if max(abs(memory[rows.tip]), abs(memory[rows.top])) > memory[rows.farthest]:
             raise SimulationError(f"{self.injector.name}: {Status.RAN_AWAY.sentence}")
 
     def _channels(self, memory: Floats, u: Floats) -> dict[str, float]:
