@@ -1,7 +1,7 @@
 """Tests for lack of fit: residuals that are no noise, or larger than the noise is known to be.
 
 Score test: the innovations of a data set are regressed on the whitened derivatives of the parameters and of a delay, a
-bandwidth, a gain and an offset of the meter; an F test asks if the last explain more than noise does. Autocorrelation
+bandwidth, a gain, an offset and a slow drift of the meter; an F test asks if the last explain more than noise does. Autocorrelation
 alone cannot tell a meter with coloured noise from a wrong model; this test can. It does not see what the parameters
 imitate: it never licenses an interval, see the sensitivity to each uncertain quantity for that.
 
@@ -31,6 +31,7 @@ Floats = NDArray[np.float64]
 
 IMITATED = 1e-6  # part of a suspect that the parameters leave unexplained, below which nothing can be said of it
 LEVEL = 0.01  # false alarms of all tests of a fit together
+DRIFTS = ("drift", "drift of one period", "drift of one and a half periods")  # cosines over the record
 CURVES = "all curves"  # name of the test of a delay that they share
 
 
@@ -213,7 +214,9 @@ def _suspects(block: Block, errors: Floats) -> dict[str, Floats]:
         return {"gain": shown, "offset": block.offset}
     times = block.places[:, 0]
     slope = np.gradient(shown, times)
-    return {"delay": -slope, "bandwidth": np.gradient(slope, times), "gain": shown, "offset": block.offset}
+    phase = np.pi * (times - times.min()) / max(float(np.ptp(times)), 1e-300)
+    drifts = {name: np.cos(k * phase) * block.offset for k, name in enumerate(DRIFTS, 1)}
+    return {"delay": -slope, "bandwidth": np.gradient(slope, times), "gain": shown, "offset": block.offset, **drifts}
 
 
 def _score(

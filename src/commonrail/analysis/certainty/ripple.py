@@ -53,9 +53,7 @@ def ripple_of(estimate: Estimate) -> Ripple:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = np.array(DISTANCES)[:, None, None] / np.sqrt(np.maximum(falls, 0.0))
     ratios = np.where(np.isfinite(falls), ratios, np.nan)
-    outside = (ratios > MOST_RATIO) | (ratios < 1.0 / MOST_RATIO)
+    outside = np.asarray((ratios > MOST_RATIO) | (ratios < 1.0 / MOST_RATIO))
     largest = np.max(np.where(np.isnan(ratios), 0.0, ratios), axis=(0, 2))
     known = np.isfinite(falls).any(axis=(0, 2))
-    return Ripple(
-        np.where(known, largest, np.nan), outside.any(axis=(0, 2)), estimate.likelihood.simulated - before
-    )
+    return Ripple(np.where(known, largest, np.nan), np.asarray(outside.any(axis=(0, 2))), estimate.likelihood.simulated - before)
