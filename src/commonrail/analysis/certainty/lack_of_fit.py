@@ -18,10 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.block import Block
+from commonrail.analysis.certainty.block import Block, fit_noise
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.laws import agreed, as_normal, unequal
 from commonrail.analysis.certainty.missing_delay import MissingDelay
+from commonrail.kinds.noise import Correlation
 from commonrail.probability import beta_share, gamma_rest
 from commonrail.units import to_text
 
@@ -32,6 +33,7 @@ Floats = NDArray[np.float64]
 IMITATED = 1e-6  # part of a suspect that the parameters leave unexplained, below which nothing can be said of it
 LEVEL = 0.01  # false alarms of all tests of a fit together
 DRIFTS = ("drift", "drift of one period", "drift of one and a half periods")  # cosines over the record
+LEAST_DRIFTING = 50  # samples, from which the asymptotic distribution is used; chosen
 CURVES = "all curves"  # name of the test of a delay that they share
 
 
@@ -193,11 +195,15 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
     values = np.append(robust * innovations, held.distances)
     score, suspect = _score(values, wide, list(suspects), changes, agreed(errors))
     judged = noise.known and block.shots is None
+    free_noise = block.ordered and block.shots is None and block.noise.correlation is not Correlation.WHITE
     size = (
         _size(as_normal(noise.law, innovations), agreed(errors) + estimate.covariance.used[index], noise.freedom)
         if judged
         else None
     )
+    drifting = _drift_probability(block, errors, float(estimate.covariance.used[index])) if free_noise else 1.0
+    if drifting < min(score, level):
+        score, suspect = drifting, DRIFTS[0]
     sentence = ""
     if score < level:
         sentence = f"the residuals of {block.name} are no noise: a {suspect} of the meter would explain much of them"
@@ -205,6 +211,28 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
         ratio = float(np.sqrt(np.mean(unequal(innovations) ** 2))) / noise.density.deviation
         sentence = f"the residuals of {block.name} are {ratio:.2f} times as large as the noise is stated to be"
     return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence)
+
+
+def _drift_probability(block: Block, errors: Floats, used: float) -> float:
+    """Probability of what a drift explains, its amplitudes and the noise that then remains estimated together.
+
+    Autoregressive noise follows a drift, and its innovations show none: the likelihoods of both are compared, each
+    order paying twice (AIC), with the χ² distribution of the four amplitudes.
+    """
+    phase = block.places[:, 0] - block.places[:, 0].min()
+    phase = np.pi * phase / max(float(np.ptp(phase)), 1e-300)
+    courses = np.cos(np.arange(len(DRIFTS) + 1)[:, None] * phase) * block.offset
+    sampled = errors != 0.0  # exact agreement is no sample
+    if np.count_nonzero(sampled) < LEAST_DRIFTING:
+        return 1.0
+    weights, *_ = np.linalg.lstsq(courses[:, sampled].T, errors[sampled], rcond=None)
+    rest = np.where(sampled, errors - weights @ courses, 0.0)
+    before, after = fit_noise(block, errors, used), fit_noise(block, rest, used)
+    if before.law is not after.law or block.noise.sigma is not None:
+        return 1.0
+    orders = after.autoregression.order - before.autoregression.order
+    fall = 2.0 * np.count_nonzero(sampled) * math.log(before.scale / after.scale) - 2.0 * orders
+    return float(gamma_rest(0.5 * len(courses), 0.5 * max(fall, 0.0)))
 
 
 def _suspects(block: Block, errors: Floats) -> dict[str, Floats]:

@@ -56,4 +56,6 @@ def ripple_of(estimate: Estimate) -> Ripple:
     outside = np.asarray((ratios > MOST_RATIO) | (ratios < 1.0 / MOST_RATIO))
     largest = np.max(np.where(np.isnan(ratios), 0.0, ratios), axis=(0, 2))
     known = np.isfinite(falls).any(axis=(0, 2))
-    return Ripple(np.where(known, largest, np.nan), np.asarray(outside.any(axis=(0, 2))), estimate.likelihood.simulated - before)
+    return Ripple(
+        np.where(known, largest, np.nan), np.asarray(outside.any(axis=(0, 2))), estimate.likelihood.simulated - before
+    )
