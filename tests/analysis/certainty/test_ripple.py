@@ -46,7 +46,7 @@ def test_a_staircase_is_rippled() -> None:
 @pytest.mark.parametrize("noise", [STATED, Noise()])
 @pytest.mark.parametrize(("drift", "least", "most"), [(0.2, 7, 10), (0.0, 0, 0)])
 def test_a_drift_of_the_size_of_the_noise_is_found(drift: float, least: int, most: int, noise: Noise) -> None:
-    """Ten curves with 0.5 to 1.5 periods over the record; autoregressive noise follows a drift, 74 % of 80 are found."""
+    """Ten curves with 0.5 to 1.5 periods over the record; autoregressive noise follows some drifts."""
     alarms = 0
     for seed in range(10):
         random = np.random.default_rng(seed)

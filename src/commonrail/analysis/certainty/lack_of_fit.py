@@ -1,9 +1,10 @@
 """Tests for lack of fit: residuals that are no noise, or larger than the noise is known to be.
 
 Score test: the innovations of a data set are regressed on the whitened derivatives of the parameters and of a delay, a
-bandwidth, a gain, an offset and a slow drift of the meter; an F test asks if the last explain more than noise does. Autocorrelation
-alone cannot tell a meter with coloured noise from a wrong model; this test can. It does not see what the parameters
-imitate: it never licenses an interval, see the sensitivity to each uncertain quantity for that.
+bandwidth, a gain and an offset of the meter; an F test asks if the last explain more than noise does. A slow drift has
+tests of its own. Autocorrelation alone cannot tell a meter with coloured noise from a wrong model; this test can. It
+does not see what the parameters imitate: it never licenses an interval, see the sensitivity to each uncertain quantity
+for that.
 
 A delay, which parameters imitate best, has a test of its own, see `missing_delay`; so has friction of the
 guides, see `missing_friction`.
@@ -32,7 +33,8 @@ Floats = NDArray[np.float64]
 
 IMITATED = 1e-6  # part of a suspect that the parameters leave unexplained, below which nothing can be said of it
 LEVEL = 0.01  # false alarms of all tests of a fit together
-DRIFTS = ("drift", "drift of one period", "drift of one and a half periods")  # cosines over the record
+DRIFT, HALF_PERIODS = "drift", 3  # cosines of half a period to one and a half over the record
+DRIFT_COST = 4.0  # its tests are made at a quarter of the level, which leaves the other tests their power; chosen
 LEAST_DRIFTING = 50  # samples, from which the asymptotic distribution is used; chosen
 CURVES = "all curves"  # name of the test of a delay that they share
 
@@ -201,9 +203,13 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
         if judged
         else None
     )
-    drifting = _drift_probability(block, errors, float(estimate.covariance.used[index])) if free_noise else 1.0
-    if drifting < min(score, level):
-        score, suspect = drifting, DRIFTS[0]
+    if block.ordered:
+        drifts = robust * noise.whiten(_drifts(block)[1:])
+        drifting, _ = _score(values, wide, [DRIFT] * len(drifts), drifts, agreed(errors))
+        if free_noise:
+            drifting = min(drifting, _drift_probability(block, errors, float(estimate.covariance.used[index])))
+        if drifting * DRIFT_COST < min(score, level):
+            score, suspect = drifting * DRIFT_COST, DRIFT
     sentence = ""
     if score < level:
         sentence = f"the residuals of {block.name} are no noise: a {suspect} of the meter would explain much of them"
@@ -213,15 +219,20 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
     return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence)
 
 
+def _drifts(block: Block) -> Floats:
+    """Constant and cosines (1 + `HALF_PERIODS`, n) over the record, in the unit of the residuals."""
+    times = block.places[:, 0] - block.places[:, 0].min()
+    phase = np.pi * times / max(float(np.ptp(times)), 1e-300)
+    return np.asarray(np.cos(np.arange(HALF_PERIODS + 1)[:, None] * phase) * block.offset)
+
+
 def _drift_probability(block: Block, errors: Floats, used: float) -> float:
     """Probability of what a drift explains, its amplitudes and the noise that then remains estimated together.
 
     Autoregressive noise follows a drift, and its innovations show none: the likelihoods of both are compared, each
     order paying twice (AIC), with the χ² distribution of the four amplitudes.
     """
-    phase = block.places[:, 0] - block.places[:, 0].min()
-    phase = np.pi * phase / max(float(np.ptp(phase)), 1e-300)
-    courses = np.cos(np.arange(len(DRIFTS) + 1)[:, None] * phase) * block.offset
+    courses = _drifts(block)
     sampled = errors != 0.0  # exact agreement is no sample
     if np.count_nonzero(sampled) < LEAST_DRIFTING:
         return 1.0
@@ -242,9 +253,7 @@ def _suspects(block: Block, errors: Floats) -> dict[str, Floats]:
         return {"gain": shown, "offset": block.offset}
     times = block.places[:, 0]
     slope = np.gradient(shown, times)
-    phase = np.pi * (times - times.min()) / max(float(np.ptp(times)), 1e-300)
-    drifts = {name: np.cos(k * phase) * block.offset for k, name in enumerate(DRIFTS, 1)}
-    return {"delay": -slope, "bandwidth": np.gradient(slope, times), "gain": shown, "offset": block.offset, **drifts}
+    return {"delay": -slope, "bandwidth": np.gradient(slope, times), "gain": shown, "offset": block.offset}
 
 
 def _score(
