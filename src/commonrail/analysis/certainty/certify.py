@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.ascent import FEW
 from commonrail.analysis.certainty.covariance import student
+from commonrail.analysis.certainty.drift import DRIFT, with_drift
 from commonrail.analysis.certainty.estimate import Estimate, library, starts_from
 from commonrail.analysis.certainty.freed import judged_residuals
 from commonrail.analysis.certainty.lack_of_fit import LackOfFit
@@ -173,11 +174,15 @@ def certify(
         again = estimate_within(study, own, done.better[None], thread_count(threads))
         simulated += again.whole.simulated
         within = _adopted(within, again)
+    tests, visible, more = _tests(within, thread_count(threads))
+    drifting = [test.name for test in tests if test.found and test.suspect == DRIFT]
+    within = within._replace(whole=with_drift(within.whole, drifting), found=with_drift(within.found, drifting))
     found = within.found
     low, high, estimators = _intervals(within, profiled, level)
     if ripple is not None:
         low, high = _widened(found.interval(level), (low, high), ripple, estimators)
-    tests, visible, more = _tests(within, thread_count(threads))
+    if drifting:
+        estimators = [f"{label}, drift added" for label in estimators]
     reason = withdrawal(found, tests) or _not_falling(ripple, estimators)
     verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     friction = friction_withdraws(within.study, within.whole, verdicts, thread_count(threads))

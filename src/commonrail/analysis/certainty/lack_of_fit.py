@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.block import Block, fit_noise
+from commonrail.analysis.certainty.block import Block
+from commonrail.analysis.certainty.drift import DRIFT, drift_courses, drift_probability
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.laws import agreed, as_normal, unequal
 from commonrail.analysis.certainty.missing_delay import MissingDelay
@@ -33,9 +34,7 @@ Floats = NDArray[np.float64]
 
 IMITATED = 1e-6  # part of a suspect that the parameters leave unexplained, below which nothing can be said of it
 LEVEL = 0.01  # false alarms of all tests of a fit together
-DRIFT, HALF_PERIODS = "drift", 3  # cosines of half a period to one and a half over the record
 DRIFT_COST = 4.0  # its tests are made at a quarter of the level, which leaves the other tests their power; chosen
-LEAST_DRIFTING = 50  # samples, from which the asymptotic distribution is used; chosen
 CURVES = "all curves"  # name of the test of a delay that they share
 
 
@@ -204,10 +203,10 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
         else None
     )
     if block.ordered:
-        drifts = robust * noise.whiten(_drifts(block)[1:])
+        drifts = robust * noise.whiten(drift_courses(block)[1:])
         drifting, _ = _score(values, wide, [DRIFT] * len(drifts), drifts, agreed(errors))
         if free_noise:
-            drifting = min(drifting, _drift_probability(block, errors, float(estimate.covariance.used[index])))
+            drifting = min(drifting, drift_probability(block, errors, float(estimate.covariance.used[index])))
         if drifting * DRIFT_COST < min(score, level):
             score, suspect = drifting * DRIFT_COST, DRIFT
     sentence = ""
@@ -217,33 +216,6 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
         ratio = float(np.sqrt(np.mean(unequal(innovations) ** 2))) / noise.density.deviation
         sentence = f"the residuals of {block.name} are {ratio:.2f} times as large as the noise is stated to be"
     return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence)
-
-
-def _drifts(block: Block) -> Floats:
-    """Constant and cosines (1 + `HALF_PERIODS`, n) over the record, in the unit of the residuals."""
-    times = block.places[:, 0] - block.places[:, 0].min()
-    phase = np.pi * times / max(float(np.ptp(times)), 1e-300)
-    return np.asarray(np.cos(np.arange(HALF_PERIODS + 1)[:, None] * phase) * block.offset)
-
-
-def _drift_probability(block: Block, errors: Floats, used: float) -> float:
-    """Probability of what a drift explains, its amplitudes and the noise that then remains estimated together.
-
-    Autoregressive noise follows a drift, and its innovations show none: the likelihoods of both are compared, each
-    order paying twice (AIC), with the χ² distribution of the four amplitudes.
-    """
-    courses = _drifts(block)
-    sampled = errors != 0.0  # exact agreement is no sample
-    if np.count_nonzero(sampled) < LEAST_DRIFTING:
-        return 1.0
-    weights, *_ = np.linalg.lstsq(courses[:, sampled].T, errors[sampled], rcond=None)
-    rest = np.where(sampled, errors - weights @ courses, 0.0)
-    before, after = fit_noise(block, errors, used), fit_noise(block, rest, used)
-    if before.law is not after.law or block.noise.sigma is not None:
-        return 1.0
-    orders = after.autoregression.order - before.autoregression.order
-    fall = 2.0 * np.count_nonzero(sampled) * math.log(before.scale / after.scale) - 2.0 * orders
-    return float(gamma_rest(0.5 * len(courses), 0.5 * max(fall, 0.0)))
 
 
 def _suspects(block: Block, errors: Floats) -> dict[str, Floats]:

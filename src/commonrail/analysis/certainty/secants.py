@@ -19,8 +19,8 @@ __all__ = ["secant_slopes", "wider"]
 
 Floats = NDArray[np.float64]
 
-REACH = 2.0  # standard errors to each side: the ends of a 95 % interval
-LONGEST = 0.05  # of the range of a parameter: beyond it curvature counts, which the ripple is not
+REACH = 3.0
+LONGEST = 0.1  # of the range of a parameter: beyond it curvature counts, which the ripple is not
 SHORTEST = 0.1  # of the reach, below which bounds and constraints leave no difference to be taken
 
 

@@ -1,0 +1,96 @@
+"""Slow drift of a record: what it explains of the residuals, and what it moves the estimates by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail.analysis.certainty.block import Block, fit_noise
+from commonrail.analysis.certainty.covariance import moved_by
+from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.probability import gamma_rest
+
+__all__ = ["DRIFT", "drift_courses", "drift_probability", "with_drift"]
+
+Floats = NDArray[np.float64]
+
+DRIFT, HALF_PERIODS = "drift", 3  # cosines of half a period to one and a half over the record
+LEAST_DRIFTING = 50  # samples, from which the asymptotic distribution is used; chosen
+
+
+def drift_courses(block: Block) -> Floats:
+    """Constant and cosines (1 + `HALF_PERIODS`, n) over the record, in the unit of the residuals."""
+    times = block.places[:, 0] - block.places[:, 0].min()
+    phase = np.pi * times / max(float(np.ptp(times)), 1e-300)
+    return np.asarray(np.cos(np.arange(HALF_PERIODS + 1)[:, None] * phase) * block.offset)
+
+
+def drift_probability(block: Block, errors: Floats, used: float) -> float:
+    """Probability of what a drift explains, its amplitudes and the noise that then remains estimated together.
+
+    Autoregressive noise follows a drift, and its innovations show none: the likelihoods of both are compared, each
+    order paying twice (AIC), with the χ² distribution of the four amplitudes.
+
+    Parameters
+    ----------
+    block : Block
+    errors : (n,)
+        Residuals of the block.
+    used : float
+        Parameters that the block pays for.
+    """
+    courses = drift_courses(block)
+    sampled = errors != 0.0  # exact agreement is no sample
+    if np.count_nonzero(sampled) < LEAST_DRIFTING:
+        return 1.0
+    weights, *_ = np.linalg.lstsq(courses[:, sampled].T, errors[sampled], rcond=None)
+    rest = np.where(sampled, errors - weights @ courses, 0.0)
+    before, after = fit_noise(block, errors, used), fit_noise(block, rest, used)
+    if before.law is not after.law or block.noise.sigma is not None:
+        return 1.0
+    orders = after.autoregression.order - before.autoregression.order
+    fall = 2.0 * np.count_nonzero(sampled) * math.log(before.scale / after.scale) - 2.0 * orders
+    return float(gamma_rest(0.5 * len(courses), 0.5 * max(fall, 0.0)))
+
+
+def with_drift(found: Estimate, drifting: Sequence[str]) -> Estimate:
+    """The estimate, its covariance with what the drift of data sets moves the parameters by.
+
+    A drift that the parameters imitate is not in the residuals. Its amplitude is therefore that of a fit of parameters
+    and drift together, the noise of that fit removed.
+
+    Parameters
+    ----------
+    found : Estimate
+    drifting : sequence of str
+        Names of the data sets whose residuals drift.
+    """
+    own = found.likelihood
+    blocks = [block for block in own.blocks if block.name in drifting and block.ordered]
+    if not blocks:
+        return found
+    shifts = np.zeros((len(blocks) * (HALF_PERIODS + 1), own.size))
+    for i, block in enumerate(blocks):
+        courses = drift_courses(block)
+        amplitude = _amplitude(found.slopes[:, block.rows], found.errors[block.rows], courses)
+        shifts[i * len(courses) : (i + 1) * len(courses), block.rows] = amplitude * courses
+    tangents, innovations = own.whiten(found.slopes), own.whiten(found.errors)
+    known = found.covariance
+    moves = moved_by(own, known.inverse, tangents, innovations, own.whiten(shifts))
+    return replace(found, covariance=known._replace(discrepancy=known.discrepancy + moves.T @ moves))
+
+
+def _amplitude(slopes: Floats, errors: Floats, courses: Floats) -> float:
+    """Root mean square amplitude of courses (k, n) in residuals (n,) whose derivatives (d, n) a fit has followed."""
+    design = np.vstack([courses, slopes / np.maximum(np.abs(slopes).max(axis=1, keepdims=True), 1e-300)]).T
+    inverse = np.linalg.pinv(design)
+    weights = inverse @ errors
+    rest = errors - design @ weights
+    noise = float(rest @ rest) / max(len(errors) - design.shape[1], 1)
+    k = len(courses)
+    squares = weights[:k] ** 2 - noise * np.sum(inverse[:k] ** 2, axis=1)
+    return math.sqrt(max(float(np.mean(squares)), 0.0))
