@@ -47,14 +47,14 @@ def table1(record: Record) -> Table:
     ]
     rows = record["table1"]
     if all("truth" in k for k in rows):
-        columns += [
+        columns[4:4] = [
             ("truth", lambda k: significant(k["truth"], 4, PER_MICRON)),
             ("covers truth", lambda k: f"{k['covered']} of {k['intervals']}"),
         ]
         note = (
             "Verdicts, standard errors (median over the seeds) and 95 % intervals are those that a run would report: "
-            "about the most likely values near ours. The last column counts the seeds whose interval holds the "
-            "bench's true stiffness; a law that the model lacks, such as the meter's delay, is not in an interval."
+            "about the most likely values near ours. Beside the bench's true stiffness stands in how many seeds "
+            "the interval holds it; a law that the model lacks, such as the meter's delay, is not in an interval."
         )
     else:  # made by a version that took the residuals for white noise
         note = (
