@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.analysis.certainty.ascent import FEW
 from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate, library, starts_from
 from commonrail.analysis.certainty.freed import judged_residuals
@@ -18,6 +19,7 @@ from commonrail.analysis.certainty.missing_delay import missing_delay, visible_d
 from commonrail.analysis.certainty.missing_friction import MissingFriction, missing_friction
 from commonrail.analysis.certainty.profile import Profile, profiles_of
 from commonrail.analysis.certainty.record import certainty_record
+from commonrail.analysis.certainty.ripple import Ripple, ripple_of
 from commonrail.analysis.certainty.verdict import LIMIT, Judged, Verdict, verdicts_of, withdrawal
 from commonrail.analysis.certainty.within import Within, estimate_within
 from commonrail.arguments import instance, number, thread_count, whole
@@ -34,6 +36,7 @@ Floats = NDArray[np.float64]
 
 MEMBERS = 512  # of the library from which further starts are chosen
 MANY = 1e6  # degrees of freedom from which a quantile of Student's t is a normal one
+PROFILED = "profile likelihood"
 MOST_RESTARTS = 3  # from profile points that beat the optimum
 
 
@@ -70,6 +73,9 @@ class Certainty(Shown):
         The same estimate with the quantities that were fitted as the study states them, see `within`.
     gain : float
         2 ln L of the most likely values less that of the values that the search started from, under the same noise.
+    ripple : Ripple or None
+        Comparison of the curvature with the simulated likelihood; None where profiles were asked for, or quantities
+        were fitted as stated.
     """
 
     estimate: Estimate
@@ -87,6 +93,7 @@ class Certainty(Shown):
     simulated: int
     within: Within
     gain: float
+    ripple: Ripple | None = None
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, the key "certainty" of a result."""
@@ -117,7 +124,8 @@ def certify(
     starts : int
         Starts of the search for the most likely values: the best values, and others far from each other.
     profiles : sequence of str or None
-        Parameters whose likelihood is profiled; None for all, none by default.
+        Parameters whose likelihood is profiled; None for all. By default those whose likelihood is rippled, where no
+        more than five parameters are free.
     combinations : sequence of str
         Sums of parameters, such as "a + b" or "2*a - b", whose interval is wanted too.
     level : float
@@ -149,6 +157,10 @@ def certify(
     within = estimate_within(study, own, begin, thread_count(threads))
     simulated, adopted = own.simulated + within.whole.simulated, 0
     profiled: dict[str, Profile] = {}
+    ripple = None if columns or within.fitted else ripple_of(within.whole)
+    if ripple is not None:
+        simulated += ripple.simulated
+        columns = np.flatnonzero(ripple.rippled).tolist() if len(own.names) <= FEW else []
     while columns:
         note(f"profiling {len(columns)} parameters ...")
         done = profiles_of(within.whole, columns, level)
@@ -163,13 +175,15 @@ def certify(
         within = _adopted(within, again)
     found = within.found
     low, high, estimators = _intervals(within, profiled, level)
+    if ripple is not None:
+        low, high = _widened(found.interval(level), (low, high), ripple, estimators)
     tests, visible, more = _tests(within, thread_count(threads))
-    reason = withdrawal(found, tests)
+    reason = withdrawal(found, tests) or _not_falling(ripple, estimators)
     verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     friction = friction_withdraws(within.study, within.whole, verdicts, thread_count(threads))
     if friction is not None:
         tests, more = [*tests, friction.judged(within.level)], more + friction.simulated
-        reason = withdrawal(found, tests)
+        reason = withdrawal(found, tests) or reason
         verdicts = verdicts_of(found, low, high, reason, limit=limit, level=level)
     return Certainty(
         found,
@@ -187,6 +201,7 @@ def certify(
         simulated + more + 2,
         within,
         _gain(found, point),
+        ripple,
     )
 
 
@@ -195,6 +210,34 @@ def _gain(found: Estimate, point: Floats) -> float:
     own, points = found.likelihood, np.array([found.point, point])
     costs = own.block_costs(own.innovations(points)).sum(axis=1) + own.priors.costs(points)
     return float(costs[1] - costs[0])
+
+
+def _widened(
+    local: tuple[Floats, Floats], ends: tuple[Floats, Floats], ripple: Ripple, estimators: list[str]
+) -> tuple[Floats, Floats]:
+    """Ends of the intervals where the likelihood is rippled, whose estimators are labelled in place.
+
+    The wider of profile and curvature; without a profile, the curvature times the measured ratio.
+    """
+    low, high = (np.array(end) for end in ends)
+    for i in np.flatnonzero(ripple.rippled):
+        if estimators[i].startswith(PROFILED):
+            low[i], high[i] = min(low[i], local[0][i]), max(high[i], local[1][i])
+            estimators[i] += ", the likelihood is rippled: not narrower than the curvature"
+        elif 1.0 < ripple.ratios[i] < np.inf:
+            middle, ratio = 0.5 * (low[i] + high[i]), ripple.ratios[i]
+            low[i], high[i] = middle + ratio * (low[i] - middle), middle + ratio * (high[i] - middle)
+            estimators[i] += f", the likelihood is rippled: {ratio:.2f} times as wide"
+    return low, high
+
+
+def _not_falling(ripple: Ripple | None, estimators: Sequence[str]) -> str:
+    """Reason to withdraw verdicts where the likelihood does not fall beside the optimum and there is no profile."""
+    if ripple is None:
+        return ""
+    rises = zip(ripple.ratios, estimators, strict=True)
+    bad = any(np.isposinf(ratio) and not label.startswith(PROFILED) for ratio, label in rises)
+    return "the likelihood is rippled, and no lower two standard errors from the most likely values" if bad else ""
 
 
 def _tests(within: Within, threads: int | None) -> tuple[list[LackOfFit], float, int]:
@@ -286,7 +329,7 @@ def _intervals(within: Within, profiled: Mapping[str, Profile], level: float) ->
             if (below, above) == (low[i], high[i]):
                 continue
         low[i], high[i] = below, above
-        labels[i] = "profile likelihood" + (", uncertain quantities added" if wider[i] else "") + fitted
+        labels[i] = PROFILED + (", uncertain quantities added" if wider[i] else "") + fitted
     return low, high, labels
 
 

@@ -17,6 +17,7 @@ from commonrail.analysis.certainty.integrated import with_integration
 from commonrail.analysis.certainty.laws import sample_count
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.refits import with_refits
+from commonrail.analysis.certainty.secants import secant_slopes, wider
 from commonrail.analysis.certainty.steps import Walls
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.errors import SimulationError
@@ -31,6 +32,8 @@ AGREED = 0.5  # of 2 ln L within which ends of the search agree
 LEAST_AGREEING = 3  # ends, the best among them
 SETTLED = 0.01  # fall of −2 ln L that the last linear model may still promise
 LAST_STEPS, SHARES = 3, np.array([1.0, 0.5, 0.25])  # of the linear model at the end of a search, tried side by side
+SECANTS = 4  # turns of differences over the intervals, and intervals by these
+AGREEING = 0.2  # of the logarithm of a variance between two turns, at which they end: 10 % of an interval
 LEAST_FALL = 5e-3  # of −2 ln L in a step of the last ascent
 SHORT, LONG = 25, 60  # steps of an ascent with few parameters and with more
 NEAR = 15  # steps of one under noise that the last one's end showed
@@ -206,7 +209,7 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
         if last == 0 and len(starts) > 1 and _heavier(likelihood, own):
             near, agreeing = _again(own, near, starts, turns)
         unit, errors, slopes = near.unit[0], near.errors[0], near.slopes[0]
-    found = with_outliers(_ended(estimate_at(own, unit, errors, own.jacobian(unit[None])[0])))
+    found = with_outliers(_over_intervals(_ended(estimate_at(own, unit, errors, own.jacobian(unit[None])[0]))))
     covariance, refitted = with_refits(found.covariance, own, found.unit)
     simulated += own.simulated + refitted + likelihood.simulated - before
     return replace(found, covariance=covariance, starts=len(starts), agreeing=agreeing, simulated=simulated)
@@ -304,6 +307,55 @@ def _ended(found: Estimate) -> Estimate:
             return replace(found, gain=0.0) if found.gain < AGREED else found
         found = estimate_at(own, ends[best], errors[best], own.jacobian(ends[best][None])[0])
     return found
+
+
+def _over_intervals(found: Estimate) -> Estimate:
+    """Estimate whose derivatives are differences over its intervals, see `secants`, and moved as these promise."""
+    own, local = found.likelihood, found.covariance
+    for _ in range(SECANTS):
+        slopes = secant_slopes(own, found.unit, found.errors, found.slopes, found.covariance)
+        again = estimate_at(own, found.unit, found.errors, slopes)
+        before, after = (np.diag(one.covariance.noise) for one in (found, again))
+        found = _moved(again)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratios = np.nan_to_num(after / before, nan=1.0, posinf=1.0)
+        if found is again and (np.abs(np.log(np.maximum(ratios, 1e-300))) < AGREEING).all():
+            break
+    return replace(found, covariance=with_step_error(wider(found.covariance, local), found))
+
+
+def with_step_error(known: Covariance, found: Estimate) -> Covariance:
+    """The covariance with what the time step of the simulations moves the estimates by.
+
+    Parameters
+    ----------
+    known : Covariance
+    found : Estimate
+    """
+    own = found.likelihood
+    shift = own.step_error(found.point)
+    if not np.isfinite(shift).all():
+        return known
+    whitened = own.whiten(np.stack([*found.slopes, found.errors, shift]))
+    move = moved_by(own, known.inverse, whitened[:-2], whitened[-2], whitened[-1:])
+    return known._replace(discrepancy=known.discrepancy + move.T @ move)
+
+
+def _moved(found: Estimate) -> Estimate:
+    """The estimate after one step of its linear model, if that lowers the cost."""
+    own = found.likelihood
+    if found.gain < SETTLED:
+        return found
+    step, _ = _promised(own, found.unit, found.slopes, found.errors, found.covariance)
+    ends = Walls.of(own.space).within(np.tile(found.unit, (len(SHARES), 1)), found.unit + SHARES[:, None] * step)
+    points = own.space.from_unit(ends)
+    errors = own.residuals(points)
+    costs = own.block_costs(own.whiten(errors)).sum(axis=1) + own.priors.costs(points)
+    costs = np.where(np.isfinite(costs), costs, np.inf)
+    best = int(np.argmin(costs))
+    if costs[best] >= found.cost:
+        return replace(found, gain=0.0) if found.gain < AGREED else found
+    return estimate_at(own, ends[best], errors[best], found.slopes)
 
 
 def _promised(

@@ -1,9 +1,10 @@
 """Tests for lack of fit: residuals that are no noise, or larger than the noise is known to be.
 
 Score test: the innovations of a data set are regressed on the whitened derivatives of the parameters and of a delay, a
-bandwidth, a gain and an offset of the meter; an F test asks if the last explain more than noise does. Autocorrelation
-alone cannot tell a meter with coloured noise from a wrong model; this test can. It does not see what the parameters
-imitate: it never licenses an interval, see the sensitivity to each uncertain quantity for that.
+bandwidth, a gain and an offset of the meter; an F test asks if the last explain more than noise does. A slow drift has
+tests of its own. Autocorrelation alone cannot tell a meter with coloured noise from a wrong model; this test can. It
+does not see what the parameters imitate: it never licenses an interval, see the sensitivity to each uncertain quantity
+for that.
 
 A delay, which parameters imitate best, has a test of its own, see `missing_delay`; so has friction of the
 guides, see `missing_friction`.
@@ -18,10 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.block import Block
+from commonrail.analysis.certainty.block import Block, fit_noise
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.laws import agreed, as_normal, unequal
 from commonrail.analysis.certainty.missing_delay import MissingDelay
+from commonrail.kinds.noise import Correlation
 from commonrail.probability import beta_share, gamma_rest
 from commonrail.units import to_text
 
@@ -31,6 +33,9 @@ Floats = NDArray[np.float64]
 
 IMITATED = 1e-6  # part of a suspect that the parameters leave unexplained, below which nothing can be said of it
 LEVEL = 0.01  # false alarms of all tests of a fit together
+DRIFT, HALF_PERIODS = "drift", 3  # cosines of half a period to one and a half over the record
+DRIFT_COST = 4.0  # its tests are made at a quarter of the level, which leaves the other tests their power; chosen
+LEAST_DRIFTING = 50  # samples, from which the asymptotic distribution is used; chosen
 CURVES = "all curves"  # name of the test of a delay that they share
 
 
@@ -192,11 +197,19 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
     values = np.append(robust * innovations, held.distances)
     score, suspect = _score(values, wide, list(suspects), changes, agreed(errors))
     judged = noise.known and block.shots is None
+    free_noise = block.ordered and block.shots is None and block.noise.correlation is not Correlation.WHITE
     size = (
         _size(as_normal(noise.law, innovations), agreed(errors) + estimate.covariance.used[index], noise.freedom)
         if judged
         else None
     )
+    if block.ordered:
+        drifts = robust * noise.whiten(_drifts(block)[1:])
+        drifting, _ = _score(values, wide, [DRIFT] * len(drifts), drifts, agreed(errors))
+        if free_noise:
+            drifting = min(drifting, _drift_probability(block, errors, float(estimate.covariance.used[index])))
+        if drifting * DRIFT_COST < min(score, level):
+            score, suspect = drifting * DRIFT_COST, DRIFT
     sentence = ""
     if score < level:
         sentence = f"the residuals of {block.name} are no noise: a {suspect} of the meter would explain much of them"
@@ -204,6 +217,33 @@ def _of_block(estimate: Estimate, index: int, level: float, held: _Held) -> Lack
         ratio = float(np.sqrt(np.mean(unequal(innovations) ** 2))) / noise.density.deviation
         sentence = f"the residuals of {block.name} are {ratio:.2f} times as large as the noise is stated to be"
     return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence)
+
+
+def _drifts(block: Block) -> Floats:
+    """Constant and cosines (1 + `HALF_PERIODS`, n) over the record, in the unit of the residuals."""
+    times = block.places[:, 0] - block.places[:, 0].min()
+    phase = np.pi * times / max(float(np.ptp(times)), 1e-300)
+    return np.asarray(np.cos(np.arange(HALF_PERIODS + 1)[:, None] * phase) * block.offset)
+
+
+def _drift_probability(block: Block, errors: Floats, used: float) -> float:
+    """Probability of what a drift explains, its amplitudes and the noise that then remains estimated together.
+
+    Autoregressive noise follows a drift, and its innovations show none: the likelihoods of both are compared, each
+    order paying twice (AIC), with the χ² distribution of the four amplitudes.
+    """
+    courses = _drifts(block)
+    sampled = errors != 0.0  # exact agreement is no sample
+    if np.count_nonzero(sampled) < LEAST_DRIFTING:
+        return 1.0
+    weights, *_ = np.linalg.lstsq(courses[:, sampled].T, errors[sampled], rcond=None)
+    rest = np.where(sampled, errors - weights @ courses, 0.0)
+    before, after = fit_noise(block, errors, used), fit_noise(block, rest, used)
+    if before.law is not after.law or block.noise.sigma is not None:
+        return 1.0
+    orders = after.autoregression.order - before.autoregression.order
+    fall = 2.0 * np.count_nonzero(sampled) * math.log(before.scale / after.scale) - 2.0 * orders
+    return float(gamma_rest(0.5 * len(courses), 0.5 * max(fall, 0.0)))
 
 
 def _suspects(block: Block, errors: Floats) -> dict[str, Floats]:

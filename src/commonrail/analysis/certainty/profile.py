@@ -19,7 +19,7 @@ from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.steps import Walls, constrained_step
 from commonrail.linear_programme import highest_point
 
-__all__ = ["Profile", "ProfileEnd", "profiles_of"]
+__all__ = ["Profile", "ProfileEnd", "fall_along", "profiles_of"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -239,6 +239,29 @@ def profiles_of(
         for k, i in enumerate(columns)
     ]
     return Profiles(found, ends.better, own.simulated - before)
+
+
+def fall_along(estimate: Estimate, distances: Sequence[float]) -> Floats:
+    """Falls (k, d, 2) of 2 ln L below and above each parameter, the others moved along with it as the curvature says.
+
+    NaN beyond bounds and constraints, and where a simulation fails.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    distances : (k,)
+        In standard errors of the curvature.
+    """
+    own, d = estimate.likelihood, len(estimate.unit)
+    ends = _Ends(estimate, range(d), 0.95)
+    live = np.arange(2 * d)
+    error = ends.error / estimate.covariance.beyond[ends.column]
+    origin = estimate.unit[ends.column]
+    wanted = [origin + ends.sign * distance * error for distance in distances]
+    units = np.concatenate([ends._start(live, one) for one in wanted])
+    falls = ends._fall(own.residuals(own.space.from_unit(units)), units) - ends.best
+    over = np.concatenate([ends.sign * (one - ends.limit) >= 0.0 for one in wanted])
+    return np.where(over, np.nan, falls).reshape(len(distances), d, 2)
 
 
 def _points(seen: Sequence[tuple[float, float]]) -> Floats:

@@ -58,6 +58,7 @@ def _parameter(found: Certainty, i: int) -> dict[str, Any]:
         "percent": number(50.0 * (high - low) / abs(value)) if value else None,
         "standard_error": number(error),
         "estimator": found.estimators[i],
+        "ripple": None if found.ripple is None else number(float(found.ripple.ratios[i])),
         "verdict": judged.verdict.value,
         "sentence": judged.sentence,
         "cure": judged.cure,
