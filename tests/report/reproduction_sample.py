@@ -50,7 +50,7 @@ def record() -> dict[str, Any]:
     """As `reproduction_record` makes it."""
     box = {"minimum": 0.5, "q1": 0.8, "median": 1.0, "q3": 1.2, "maximum": 1.9}
     return {
-        "schema": 2,
+        "schema": 3,
         "kind": "reproduction",
         "software": {"commonrail": "0.1.0", "python": "3.11"},
         "title": "A sample of a reproduction",
@@ -87,7 +87,10 @@ def record() -> dict[str, Any]:
                 **three(1.234e8 * i),
                 "paper_change": 0.5,
                 "change": three(-0.25),
-                "verdicts": {"pinned": 2},
+                "verdicts": {"only in combination": 1, "withdrawn": 1} if i == 7 else {"pinned": 2},
+                "truth": 1.2e8 * i,
+                "covered": 0 if i == 7 else 2,
+                "intervals": 2,
                 "standard_error": None if i == 7 else 5.5e6,
             }
             for i in range(1, 8)
@@ -190,6 +193,9 @@ def former_record() -> dict[str, Any]:
     del found["meter"]
     for each in found["claims"]:
         del each["chance"]
+    for row in found["table1"]:
+        for key in ("truth", "covered", "intervals"):
+            del row[key]
     return found
 
 

@@ -1,6 +1,8 @@
 """Names, command lines and captions in a page."""
 
 import functools
+import re
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -127,3 +129,16 @@ def test_letters_in_print_are_small_enough_for_what_is_not_broken() -> None:
     wide = tabulated("", [{"name": "a", "range": "-137.76 N/µm to 281.33 N/µm"}], cells)
     narrow = tabulated("", [{"name": "a", "range": "1 to 2"}], cells)
     assert float(print_size(wide)[:-2]) < float(print_size(narrow)[:-2])
+
+
+def test_no_two_templates_style_the_same_class() -> None:
+    """All styles of a page are one sheet: a class that two templates style gets both, whatever each means by it."""
+    styles = {}
+    for path in Path(html.__file__).with_name("templates").glob("*.html"):
+        found = re.findall(r"<style>.*?</style>|{% block style %}.*?{% endblock %}", path.read_text("utf-8"), re.S)
+        # selectors stand before braces; a number such as .8rem is no class
+        selectors = [before for sheet in found for before in re.findall(r"([^{}]+){", sheet)]
+        styles[path.name] = {name for text in selectors for name in re.findall(r"\.([a-z][\w-]*)", text)}
+    assert {"base.html", "reproduction.html"} <= {name for name, classes in styles.items() if classes}
+    shared = {(a, b): styles[a] & styles[b] for a, b in combinations(sorted(styles), 2)}
+    assert {pair: names for pair, names in shared.items() if names} == {}

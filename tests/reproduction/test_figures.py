@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from commonrail.analysis.certainty.certify import certify
 from commonrail.calibration.objective import Objective
+from commonrail.calibration.study import Method, Study
+from commonrail.choices import Body
 from commonrail.reproduction import paper
 from commonrail.reproduction.figures import Figures
 from commonrail.reproduction.measures import box
@@ -94,3 +99,41 @@ def test_the_record_keeps_seed_and_all_apart(done: Reproduction) -> None:
         assert list(row["seed"].values()) == pytest.approx(list(box(shares[0][..., i])))
         assert list(row["all"].values()) == pytest.approx(list(box(np.array(shares)[..., i])))
     assert record["shown_seed"] == 1
+
+
+def test_verdicts_are_those_of_the_report_of_a_run(done: Reproduction) -> None:
+    """The study of one curve, by the function that writes a run's report; the table counts its verdicts."""
+    record = reproduction_record(done)["table1"]
+    counts: list[dict[str, int]] = [{} for _ in paper.NAMES]
+    for r in done.repetitions:
+        space, bench = r.space, done.bench
+        method = Method(paper.BEST.settings)
+        injector = replace(bench.injector, variant=bench.injector.variant._replace(body=Body.FLEXIBLE))
+        study = Study("one run", injector, (r.data[0],), space, method, r.seed, bench.time_step)
+        expected = certify(study, dict(zip(paper.NAMES, r.best.x.tolist(), strict=True)), threads=2)
+        for i, one in enumerate(expected.verdicts):
+            counts[i][one.verdict.value] = counts[i].get(one.verdict.value, 0) + 1
+    assert [row["verdicts"] for row in record] == counts
+
+
+def test_the_truth_of_k7_lies_outside_its_intervals_and_no_seed_pins_it(done: Reproduction) -> None:
+    """The fit knows no delay of the meter, which moves k7 by a third: 40 to 49 N/um where the truth is 64.4."""
+    k7 = reproduction_record(done)["table1"][6]
+    assert k7["truth"] == pytest.approx(paper.TABLE1_OPTIMAL[paper.NAMES[6]])
+    assert (k7["covered"], k7["intervals"]) == (0, len(done.repetitions))
+    assert "pinned" not in k7["verdicts"]
+
+
+@pytest.mark.parametrize(("low", "high", "expected"), [
+    (1.0, 3.0, (1, 1)),
+    (2.1, 3.0, (0, 1)),
+    (1.0, 1.9, (0, 1)),
+    (None, 3.0, (1, 1)),
+    (2.1, None, (0, 1)),
+    (None, None, (0, 0)),
+])  # fmt: skip
+def test_an_interval_covers_the_truth_up_to_its_ends(
+    done: Reproduction, low: float | None, high: float | None, expected: tuple[int, int]
+) -> None:
+    one = replace(done.repetitions[0], identified={paper.NAMES[2]: {"lower": low, "upper": high, "verdict": "pinned"}})
+    assert Figures((one,)).covers(2, 2.0) == expected

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,7 +154,21 @@ class Figures:
         theoretical = self.j[name]["theoretical"]
         return np.asarray((theoretical - self.j[name]["optimised"]) / (theoretical - self.own_j(name)))
 
-    def verdicts(self, parameter: int) -> dict[str, int]:
-        """Number of seeds that pin the parameter down, by verdict."""
+    def certainty(self, parameter: int) -> list[dict[str, Any]]:
+        """Records of the parameter's certainty, of the seeds that have one."""
         name = paper.NAMES[parameter]
-        return dict(Counter(r.identified[name]["verdict"] for r in self.repetitions if name in r.identified))
+        return [r.identified[name] for r in self.repetitions if name in r.identified]
+
+    def verdicts(self, parameter: int) -> dict[str, int]:
+        """Number of seeds by verdict on the parameter."""
+        return dict(Counter(one["verdict"] for one in self.certainty(parameter)))
+
+    def covers(self, parameter: int, truth: float) -> tuple[int, int]:
+        """Number of seeds whose interval of the parameter holds its true value [SI], and of those with an interval.
+
+        An end that is None is not bounded by the data. An interval without ends says nothing and is not counted.
+        """
+        ends = [(one["lower"], one["upper"]) for one in self.certainty(parameter)]
+        bounded = [(low, high) for low, high in ends if low is not None or high is not None]
+        inside = [(low is None or low <= truth) and (high is None or truth <= high) for low, high in bounded]
+        return sum(inside), len(inside)

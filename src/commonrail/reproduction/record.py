@@ -24,7 +24,9 @@ __all__ = ["SCHEMA", "reproduction_record"]
 
 Floats = NDArray[np.float64]
 
-SCHEMA = 2  # 2: a rigid body that is fitted, shares of random points beside the claims
+# 2: a rigid body that is fitted, shares of random points beside the claims.
+# 3: verdicts and standard errors of `certify`, true stiffness and how often its intervals hold it.
+SCHEMA = 3
 MEAN = "mean"
 
 
@@ -58,7 +60,7 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
         "labels": LABELS,
         "J": _each(f.j, _numbers),
         "J_spread": _each(f.j, _spread),
-        "table1": _table1(f),
+        "table1": _table1(f, bench),
         "rigid_fit": _rigid_fit(f),
         "table3": [_configuration(f, c) for c in paper.CONFIGURATIONS],
         "treatments": [_treatment(f, t) for t in paper.TREATMENTS],
@@ -88,12 +90,13 @@ def _data(f: Figures) -> list[dict[str, Any]]:
     ]
 
 
-def _table1(f: Figures) -> list[dict[str, Any]]:
+def _table1(f: Figures, bench: cr.Bench) -> list[dict[str, Any]]:
     values = np.array([r.best.x for r in f.repetitions])
+    true = bench.truth.hidden(bench.injector).values
     rows = []
     for i, p in enumerate(f.space.parameters):
-        found = [r.identified[p.name] for r in f.repetitions if p.name in r.identified]
-        errors = [e["standard_error"] for e in found if e["standard_error"] is not None]
+        errors = [e["standard_error"] for e in f.certainty(i) if e["standard_error"] is not None]
+        covered, intervals = f.covers(i, true[p.name])
         optimal = paper.TABLE1_OPTIMAL[p.name]
         rows.append(
             {
@@ -107,6 +110,9 @@ def _table1(f: Figures) -> list[dict[str, Any]]:
                 "change": _spread(f.change[:, i]),
                 "verdicts": f.verdicts(i),
                 "standard_error": _number(spread(errors).median),
+                "truth": true[p.name],
+                "covered": covered,
+                "intervals": intervals,
             }
         )
     return rows

@@ -81,7 +81,8 @@ class Repetition:
     random_j : (3, members) array
         J at all pressures of random feasible stiffness: of the best search's first population.
     identified : dict
-        What the curve at 160 MPa says of each stiffness, see `identify_at`.
+        Certainty of each stiffness by the curve at 160 MPa, by name: the parameters of `certify`'s record, as in the
+        report of a run; empty if no simulation succeeded.
     metered : dict of str to (Found, (3,) array)
         By label of `METERED`: search (70, 50) at 160 MPa with a meter, and the J of its best at all pressures.
     """
@@ -166,7 +167,7 @@ def repeat(bench: cr.Bench, seed: int, after: Callable[[], None]) -> Repetition:
         own,
         rigid,
         flexible.costs(data, best.members[0]),
-        cr.identify_at(flexible.space, flexible.objective(fit), best.x) if np.isfinite(best.cost) else {},
+        flexible.certainty(fit, best, seed) if np.isfinite(best.cost) else {},
         dict(_with_meters(bench, data, seed, after)),
     )
 
@@ -250,6 +251,22 @@ class _Model(NamedTuple):
             after()
         best = optimiser.best
         return Found(best.x, best.cost, optimiser.counts, tuple(history), np.array(members), injections)
+
+    def certainty(self, data: cr.RateData, found: Found, seed: int) -> dict[str, dict[str, Any]]:
+        """Interval, standard error and verdict of each free parameter by one curve, by the function of a run's report.
+
+        Parameters
+        ----------
+        data : RateData
+        found : Found
+            End of the search on that curve.
+        seed : int
+            Of the measurement.
+        """
+        method = cr.Method(paper.BEST.settings)
+        study = cr.Study(data.name, self.injector, (data,), self.space, method, seed, self.time_step)
+        best = dict(zip(self.space.names, found.x.tolist(), strict=True))
+        return {one["name"]: one for one in cr.certify(study, best, threads=1).record()["parameters"]}
 
     def costs(self, data: Sequence[cr.RateData], x: Floats) -> Floats:
         """J of values (n, d) on each curve (curves, n)."""

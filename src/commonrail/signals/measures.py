@@ -133,10 +133,15 @@ def _passing(trace: RateTrace, time: float, sign: int, margin: float, levels: Le
         time = _nearest_passing(trace, first, sign, width, levels)
     if not slope > 0.0:
         return Instant(time, math.inf)
-    before, here, after = trace.means([time - 0.5 * width, time, time + 0.5 * width], 0.5 * width)
-    bend = abs(float(before - 2.0 * here + after)) * BEND
+    bend = _bend(trace, time, width)
     noise = levels.noise * math.sqrt(max(levels.width / width, 1.0))
     return Instant(time, math.hypot(noise, bend) / slope)
+
+
+def _bend(trace: RateTrace, time: float, width: float) -> float:
+    """Difference of a mean over a width about a time [s] from the rate there, by its second difference."""
+    before, here, after = trace.means([time - 0.5 * width, time, time + 0.5 * width], 0.5 * width)
+    return abs(float(before - 2.0 * here + after)) * BEND
 
 
 def _nearest_passing(trace: RateTrace, time: float, sign: int, width: float, levels: Levels) -> float:
@@ -187,6 +192,10 @@ def measured_between(
         "dribble": trace.quantity(closing, window[1]) if math.isfinite(closing) else math.nan,
     }
     errors = _errors(trace, at, window)
+    share = _peak_error(trace, plateau, levels, float(settings.peak_averaging)) / peak
+    apart = (settings.ramp[1] - settings.ramp[0]) * peak
+    for name, ends in (("rise_time", (plateau[0] - rise, plateau[0])), ("fall_time", (plateau[1], plateau[1] + fall))):
+        errors[name] = _ramp_error(trace, ends, apart, share, levels)
     if settings.zero_at_rest:
         errors["quantity"] = _quantity_error_from_zero(trace, window)
     return Measured(values, errors, _statuses(at, part, math.isnan(steady)))
@@ -222,6 +231,39 @@ def _errors(trace: RateTrace, at: Instants, window: tuple[float, float]) -> dict
     opening, closing = at.opening.error, at.closing.error
     quantity = trace.noise * math.sqrt(trace.interval * (window[1] - window[0]))
     return {"opening": opening, "closing": closing, "duration": math.hypot(opening, closing), "quantity": quantity}
+
+
+def _peak_error(trace: RateTrace, plateau: tuple[float, float], levels: Levels, width: float) -> float:
+    """Standard error of the largest mean over a width [s].
+
+    The largest of n means with the standard deviation σ exceeds the rate by up to σ √(2 ln n), the bound of the
+    expected largest of n normal values; that counts beside σ.
+    """
+    width = max(width, trace.interval)
+    count = max((plateau[1] - plateau[0]) / width, 1.0)
+    return levels.noise * math.sqrt(levels.width / width * (1.0 + 2.0 * math.log(count)))
+
+
+def _ramp_error(trace: RateTrace, ends: tuple[float, float], apart: float, share: float, levels: Levels) -> float:
+    """Standard error of the time [s] of a ramp.
+
+    Parameters
+    ----------
+    trace : RateTrace
+    ends : (float, float)
+        Times between which the ramp is timed [s].
+    apart : float
+        Difference of the rates there [m³/s or kg/s].
+    share : float
+        Standard error of the largest rate over that rate: both ends are shares of it.
+    levels : Levels
+    """
+    time = ends[1] - ends[0]
+    if not time > 0.0:
+        return math.nan
+    width = max(levels.width, trace.interval)
+    bends = [_bend(trace, end, width) for end in ends]
+    return time * math.hypot(math.sqrt(2.0) * levels.noise / apart, *(bend / apart for bend in bends), share)
 
 
 def _quantity_error_from_zero(trace: RateTrace, window: tuple[float, float]) -> float:
