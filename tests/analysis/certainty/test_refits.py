@@ -91,7 +91,7 @@ def test_a_temperature_of_one_data_set_leaves_the_others_as_they_are() -> None:
 
 
 def test_a_delay_moves_k7_as_far_as_a_fit_with_it_does() -> None:
-    """Benches whose derivatives promise less than half of what a delay of 1 µs moves k7 by: 6 to 8 %."""
+    """Benches whose derivatives promise less than what a delay of 1 µs moves k7 by: 6 to 8 %."""
     benches = Benches(BEDS["delay 1 us, autoregressive"])
     for seed in (10, 34):
         bench = benches.bench(seed)
@@ -101,5 +101,5 @@ def test_a_delay_moves_k7_as_far_as_a_fit_with_it_does() -> None:
         (move,) = found.moved(found.shifts)
         moved = found.covariance.nuisances[0]
         fitted_move = abs(moved[2]) * found.likelihood.scaled(found.unit)[2]
-        assert fitted_move > 2.0 * abs(move[2])
+        assert fitted_move > 1.2 * abs(move[2])
         assert 0.05 < fitted_move / bench.truth[2] < 0.1

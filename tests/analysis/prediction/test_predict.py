@@ -144,7 +144,7 @@ def test_a_band_that_is_linear_below_zero_is_made_of_draws() -> None:
         assert (low <= high).all()
         lows.append(float(low.min()))
         labels.append(found.estimator)
-    assert lows[1] > -1e-7  # the fuel that flows back as the needle closes; a linear band reaches -7.8e-6
+    assert lows[1] > -5e-7  # the fuel that flows back as the needle closes; a linear band reaches -7.8e-6
     assert "simulated draws because a linear band falls below zero" in labels[1]
     assert "draws" not in labels[0]
 

@@ -343,10 +343,11 @@ def _local_label(found: Estimate) -> str:
     laws = list(dict.fromkeys(noise.law.value for noise in found.likelihood.noises))
     orders = [noise.autoregression.order for noise in found.likelihood.noises]
     white = f"AR({max(orders)})" if max(orders) else "white"
-    parts = [f"curvature of the likelihood ({', '.join(laws)}, {white})"]
+    parts = [f"curvature of the likelihood over the interval ({', '.join(laws)}, {white})"]
     if Law.STUDENT.value in laws:
         parts.append("outliers, their scale and freedom integrated out")
     parts.append("t quantile" if (found.covariance.freedom < MANY).any() else "normal quantile")
+    parts.append("error of the time step added")
     if found.likelihood.nuisances:
         parts.append("uncertain quantities added")
     if any(block.noise.discrepancy for block in found.likelihood.blocks):

@@ -60,8 +60,7 @@ def drift_probability(block: Block, errors: Floats, used: float) -> float:
 def with_drift(found: Estimate, drifting: Sequence[str]) -> Estimate:
     """The estimate, its covariance with what the drift of data sets moves the parameters by.
 
-    A drift that the parameters imitate is not in the residuals. Its amplitude is therefore that of a fit of parameters
-    and drift together, the noise of that fit removed.
+    The amplitude is that of the part of the drift that the parameters do not imitate, the noise removed.
 
     Parameters
     ----------
@@ -85,12 +84,14 @@ def with_drift(found: Estimate, drifting: Sequence[str]) -> Estimate:
 
 
 def _amplitude(slopes: Floats, errors: Floats, courses: Floats) -> float:
-    """Root mean square amplitude of courses (k, n) in residuals (n,) whose derivatives (d, n) a fit has followed."""
-    design = np.vstack([courses, slopes / np.maximum(np.abs(slopes).max(axis=1, keepdims=True), 1e-300)]).T
-    inverse = np.linalg.pinv(design)
-    weights = inverse @ errors
-    rest = errors - design @ weights
-    noise = float(rest @ rest) / max(len(errors) - design.shape[1], 1)
-    k = len(courses)
-    squares = weights[:k] ** 2 - noise * np.sum(inverse[:k] ** 2, axis=1)
-    return math.sqrt(max(float(np.mean(squares)), 0.0))
+    """Root mean square amplitude of courses (k, n) in residuals (n,) whose derivatives (d, n) a fit has followed.
+
+    By the part of the courses that the parameters do not imitate: the squares of its products with the residuals are,
+    on average, those of courses of independent amplitudes and of white noise.
+    """
+    base, _ = np.linalg.qr((slopes / np.maximum(np.abs(slopes).max(axis=1, keepdims=True), 1e-300)).T)
+    apart = courses - (courses @ base) @ base.T
+    left = np.linalg.lstsq(apart.T, errors, rcond=None)[0] @ apart
+    noise = float(np.var(errors - left))
+    by_drift = float(np.sum((apart @ errors) ** 2)) - noise * float(np.sum(apart**2))
+    return math.sqrt(max(by_drift, 0.0) / max(float(np.sum((apart @ apart.T) ** 2)), 1e-300))

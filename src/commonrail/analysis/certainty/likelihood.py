@@ -185,6 +185,8 @@ class Likelihood:
 
     def residuals(self, points: Floats) -> Floats:
         """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted."""
+        if not len(points):  # a profile of the only parameter has no other to fit
+            return np.empty((0, self.size))
         found = self._residuals(points)
         broken: NDArray[np.bool_] = np.asarray(~np.isfinite(found).all(axis=1))
         self.simulated += len(points)
