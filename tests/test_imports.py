@@ -84,10 +84,15 @@ def test_the_version_is_the_one_in_pyproject() -> None:
 # Modules that take long to import and serve few functions: these import them, no module does at its top.
 LAZY = ("asammdf", "distributed", "emcee", "h5py", "matplotlib", "openpyxl", "pandas", "pyarrow", "rich", "scipy")
 LAZY += ("tomlkit", "xarray")
-# The reference integrates by SciPy, plates are drawn by Matplotlib: whoever asks for these modules needs them.
+# The reference integrates by SciPy, plates are drawn by Matplotlib, and each reader of a child process exists for one
+# library: whoever asks for these modules needs them.
 AT_THE_TOP = {
     "engine/direct_reference.py": {"scipy"},
     "engine/reference.py": {"scipy"},
+    "reading/child_mat.py": {"scipy"},
+    "reading/child_mdf.py": {"asammdf"},
+    "reading/child_parquet.py": {"pyarrow"},
+    "reading/child_xlsx.py": {"openpyxl"},
     "report/plates.py": {"matplotlib"},
 }
 

@@ -49,7 +49,7 @@ class Difference(NamedTuple):
 
 
 def difference(record: Record) -> Difference | None:
-    """How the most likely values differ from the calibrated ones; None of a record that does not tell.
+    """Difference of the most likely values from the calibrated ones; None of a record without it.
 
     The calibrated values lie outside the joint region of 95 % if 2 ln L of the most likely ones is higher by more than
     that quantile of chi-squared with as many degrees of freedom as parameters (Wilks).
