@@ -66,12 +66,21 @@ def test_points_have_the_bands_of_data_at_the_same_points(file: Path) -> None:
     assert held.covered(0.9) == np.count_nonzero(inside) == 1
 
 
-def test_points_beyond_what_was_fitted_are_counted_beside_the_bands(file: Path) -> None:
+def test_bands_beyond_the_fitted_times_are_wider_and_said_to_be(file: Path) -> None:
     study = load_study(file)
     best = {study.space.names[0]: A_HOLE}
     points = [cr.OperatingPoint(*place) for place in ((80e6, 500e-6), (80e6, 250e-6), (180e6, 500e-6))]
     assert "beyond the fitted" not in cr.predict(study, best, points[:1], threads=1).estimator
-    assert "2 of 3 quantities lie beyond the fitted" in cr.predict(study, best, points, threads=1).estimator
+    found = cr.predict(study, best, points, threads=1)
+    assert "beyond the fitted energising times" in found.estimator
+    band = found.bands[0]
+    upper = (band.edges[0.9][1] - band.values) / (0.02e-9 + 0.02 * band.values)
+    inner = cr.predict(study, best, [*points[:1], points[2]], threads=1).bands[0]
+    same = (inner.edges[0.9][1] - inner.values) / (0.02e-9 + 0.02 * inner.values)
+    np.testing.assert_allclose(upper[[0, 2]], same, rtol=1e-9)
+    # twice the width of the scatter, which is in proportion to the tolerance; the parameter adds a little
+    assert 1.8 < upper[1] / upper[0] < 2.6
+    assert (band.edges[0.9][0] >= 0.0).all()
 
 
 def test_draws_without_spread_leave_the_scatter_alone(file: Path) -> None:
