@@ -60,6 +60,8 @@ CONSTANTS = {
     "TINY_GAIN": "A/V",
     "UNLIMITED": "V",
     "RELAXED": "Pa",
+    "PER_RESIDUAL": "1/m",
+    "PER_RELAXED": "1/Pa",
 }
 
 # NamedTuples of one unit, which the docstring of each law gives.

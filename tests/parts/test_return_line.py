@@ -21,7 +21,7 @@ def shut(flow: float, trips: int) -> list[return_line.State]:
     states = []
     for k in range(trips * STEPS):
         back = 2.0 * LOW - leaving[k]
-        state = return_line.advance(c, state, back, VAPOUR, 0.0)
+        state = return_line.advance(c, return_line.without_flow(c, state, back), VAPOUR, 0.0)
         leaving.append(2.0 * state.pressure - back)
         states.append(state)
     return states
@@ -53,5 +53,5 @@ def test_a_line_of_length_zero_is_the_tank() -> None:
     c = return_line.coefficients(return_line.Parameters(0.0, DIAMETER), SPEED, DT)
     state = return_line.State(LOW, 0.0)
     for flow in (0.0, 0.02, -0.02):
-        state = return_line.advance(c, state, LOW, VAPOUR, flow)
+        state = return_line.advance(c, return_line.without_flow(c, state, LOW), VAPOUR, flow)
         assert state == (LOW, 0.0)

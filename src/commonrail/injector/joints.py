@@ -17,6 +17,8 @@ from commonrail.parts.plunger_needle import Motion
 # A seated needle whose SAC has come this near to cylinder pressure has ended its injection [Pa].
 RELAXED = 1e5
 
+PER_RESIDUAL, PER_RELAXED = 1.0 / RESIDUAL_LIFT, 1.0 / RELAXED  # in single precision every division is carried out
+
 
 class Room(NamedTuple):
     """Volumes of control chamber, accumulation and SAC [m³]."""
@@ -95,8 +97,19 @@ def fading_share(tip: float, excess: float) -> float:
     excess : float
         Of the SAC over cylinder pressure [Pa].
     """
-    seated = min(max(1.0 - tip / RESIDUAL_LIFT, 0.0), 1.0)
-    return seated * min(max(1.0 - excess / RELAXED, 0.0), 1.0)
+    return min(max(1.0 - tip / RESIDUAL_LIFT, 0.0), 1.0) * relaxed_share(excess)
+
+
+@physics
+def relaxed_share(excess: float) -> float:
+    """Share of `fading_share` that the SAC leaves [1]: all of it at cylinder pressure, none from `RELAXED` on.
+
+    Parameters
+    ----------
+    excess : float
+        Of the SAC over cylinder pressure [Pa].
+    """
+    return min(max(1.0 - excess * PER_RELAXED, 0.0), 1.0)
 
 
 @physics
@@ -112,8 +125,11 @@ def remembered_lift(c: Any, s: Any, tip: float, cylinder: float) -> float:
     cylinder : float
         Pressure in the cylinder [Pa].
     """
-    fading = fading_share(tip, s.sac.pressure - cylinder)
-    return s.nozzle.lift_reached * (1.0 - c.delays.lift_lost * fading)
+    # with the tip last: it comes late, and all of the injection waits for this lift
+    most = s.nozzle.lift_reached
+    lost = most * (c.delays.lift_lost * relaxed_share(s.sac.pressure - cylinder))
+    least = most - lost
+    return min(max(least + lost * PER_RESIDUAL * tip, least), most)
 
 
 @physics

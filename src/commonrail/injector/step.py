@@ -196,11 +196,13 @@ def _not_past_cylinder(c: Any, here: Contents, cylinder: float, mass: float, gro
 
 
 @physics
-def fill_control_chamber(c: Coefficients, s: State, u: Inputs, feed: float, back: float, moves: Moves) -> ChamberFlows:
+def fill_control_chamber(
+    c: Coefficients, s: State, u: Inputs, feed: float, filling: float, moves: Moves
+) -> ChamberFlows:
     """Mean flows of Z-hole, A-hole and guide over the step, and the chamber's mass after it.
 
-    The return line answers the A-hole's flow q with the pressure `back` + Z q, less what fills its cavity, or with the
-    vapour pressure where that is higher; q is taken linear in it.
+    The return line answers the A-hole's flow q with the pressure `filling` + Z q, or with the vapour pressure where
+    that is higher; q is taken linear in it.
 
     Parameters
     ----------
@@ -208,8 +210,8 @@ def fill_control_chamber(c: Coefficients, s: State, u: Inputs, feed: float, back
         Coefficients, state and inputs.
     feed : float
         Pressure in front of the Z-hole [Pa].
-    back : float
-        Wave that arrives in the return line [Pa].
+    filling : float
+        Pressure behind the valve without flow [Pa].
     moves : Moves
     """
     here, hole, dt = s.control_chamber.fuel, c.control_chamber, moves.dt
@@ -220,17 +222,12 @@ def fill_control_chamber(c: Coefficients, s: State, u: Inputs, feed: float, back
     drain = drain_drive(c, here.pressure, behind, moves.gap)
     out = jet(drain.drive, here.density, hole.a_offset)
     line = here.density * drain.line_gain
-    # behind the valve without flow, and whether its flow into vapour, times the root, leaves the outlet there
-    filling, vapour = back - c.return_line.per_cavity * s.return_line.cavity, c.fuel.vapour_pressure
-    most = out.mass_flow * out.root + line * (behind - vapour)
-    is_open = c.return_line.impedance * most < (vapour - filling) * out.root
-    far = vapour if is_open else filling
-    impedance = 0.0 if is_open else c.return_line.impedance
-    # slopes in, out; the line's answer divides the outflow by 1 + Z ρ gain/root
-    per_in, per_out = reciprocals(inlet.root, out.root + impedance * line)
+    # the line's answer divides the outflow by 1 + Z ρ gain/root; a cavity lets through no more than flows into vapour
+    per_in, per_full, per_open = three_reciprocals(inlet.root, out.root + c.return_line.impedance * line, out.root)
+    full = (out.mass_flow * out.root + line * (behind - filling)) * per_full
+    a_flow = min(full, out.mass_flow + line * (behind - c.fuel.vapour_pressure) * per_open)
     in_slope = density * in_gain * per_in
-    out_slope = here.density * drain.gain * per_out
-    a_flow = (out.mass_flow * out.root + line * (behind - far)) * per_out
+    out_slope = here.density * drain.gain * (per_open if a_flow < full else per_full)
     leak = guide_leak(c, c.plunger_needle.guides.plunger_leak, here.pressure, u.low)
     departure = mean_departure(
         inlet.mass_flow - a_flow - leak.mass_flow,
@@ -329,8 +326,9 @@ def make_step(laws: StepLaws) -> Law:
         feed = tap * inlet.pressure + (1.0 - tap) * upstream
         # a line of length zero is the tank itself
         back = 2.0 * u.low - arriving.back if c.return_line.impedance > 0.0 else u.low
-        chamber = fill_control_chamber(c, s, u, feed, back, moves)
-        outlet = return_line.advance(c.return_line, s.return_line, back, c.fuel.vapour_pressure, chamber.a_hole)
+        filling = return_line.without_flow(c.return_line, s.return_line, back)
+        chamber = fill_control_chamber(c, s, u, feed, filling, moves)
+        outlet = return_line.advance(c.return_line, filling, c.fuel.vapour_pressure, chamber.a_hole)
 
         wave = arriving.down - rubbed - feed_pipe.end_loss(c.feed_pipe, s.feed_pipe.end_flow)
         filled = fill_accumulation(c, s, u, wave, out.seat + (1.0 - tap) * chamber.z_hole, moves)

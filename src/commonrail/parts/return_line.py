@@ -77,8 +77,8 @@ def coefficients(p: Parameters, sound_speed: float, dt: float) -> Coefficients:
 
 
 @physics
-def advance(c: Coefficients, s: State, back: float, vapour: float, flow: float) -> State:
-    """State after a step.
+def without_flow(c: Coefficients, s: State, back: float) -> float:
+    """Pressure p' behind a valve that nothing flows through [Pa].
 
     Parameters
     ----------
@@ -86,11 +86,25 @@ def advance(c: Coefficients, s: State, back: float, vapour: float, flow: float) 
         Coefficients and state.
     back : float
         Wave that arrives [Pa].
+    """
+    return back - c.per_cavity * s.cavity
+
+
+@physics
+def advance(c: Coefficients, without: float, vapour: float, flow: float) -> State:
+    """State after a step.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of the line.
+    without : float
+        As of `without_flow` [Pa].
     vapour : float
         p_v [Pa].
     flow : float
         Mean flow through the valve [kg/s].
     """
-    filling = back + c.impedance * flow - c.per_cavity * s.cavity
+    filling = without + c.impedance * flow
     pressure = max(filling, vapour)
     return State(pressure, c.per_pressure * (pressure - filling))
