@@ -1,6 +1,6 @@
 """Make four data files of a test bench in the forms in which benches give them. All of them are SYNTHETIC.
 
-    python tools/bench_files.py DIR
+    python -m tools.bench_files DIR
 
     map_january.csv   quantity map as a matrix, as a German spreadsheet saves it: semicolons, decimal commas, cp1252
     rates.csv         twelve injection rates beside each other, named 500bar_300us and so on

@@ -1,4 +1,4 @@
-"""Picture of the features of a pilot and a main injection: ``python tools/feature_picture.py FILE.svg``."""
+"""Picture of the features of a pilot and a main injection: ``python -m tools.feature_picture FILE.svg``."""
 
 from __future__ import annotations
 
@@ -67,5 +67,5 @@ def annotate(axes: Axes, number: int, injection: cr.Injection, pulse: cr.Energis
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        sys.exit("usage: python tools/feature_picture.py FILE.svg")
+        sys.exit("usage: python -m tools.feature_picture FILE.svg")
     draw(Path(sys.argv[1]))

@@ -1,7 +1,7 @@
 """Make the example curve of `commonrail new`: a declared truth on the slow reference engine, seen with noise.
 
-    python tools/make_example.py                # write it where the templates are
-    python tools/make_example.py --coverage 50  # fit fifty such curves with other noise, and say how far off they end
+    python -m tools.make_example                # write it where the templates are
+    python -m tools.make_example --coverage 50  # fit fifty such curves with other noise, and say how far off they end
 
 The truth is the example's injector with three values changed, those that its study fits. Reference engine and fit share
 the equations but neither discretisation nor noise, so the example shows what a fit finds where the model is right.

@@ -1,6 +1,6 @@
 """Make a synthetic fleet: injectors whose parameters scatter, simulated and given noise, ready for commonrail fleet.
 
-    python tools/make_fleet.py /somewhere/fleet --injectors 200
+    python -m tools.make_fleet /somewhere/fleet --injectors 200
     commonrail fleet /somewhere/fleet/fleet.toml --out runs/fleet
 
 Two layouts: "files", one file for each injection curve, and "rows", one table with the quantities of all injectors. The

@@ -6,7 +6,7 @@ sparse starts of four points are drawn. Each start is fitted, three points are a
 both diagonals of a regular grid of pressure and energising time), each is fitted, and the error is compared at the
 points that none of them holds: against the measured quantity, for a virtual injector against the true one.
 
-    python tools/next_trial.py [--benches 10] [--starts 10] [--criterion v] [--draws 6] [--noise 0.3]
+    python -m tools.next_trial [--benches 10] [--starts 10] [--criterion v] [--draws 6] [--noise 0.3]
 """
 
 from __future__ import annotations

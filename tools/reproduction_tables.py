@@ -2,7 +2,7 @@
 
     commonrail reproduce --seeds 20 --out runs/paper-study
     commonrail reproduce --seeds 20 --truth virtual-lino-2016-ideal --out runs/ideal
-    python tools/reproduction_tables.py runs/paper-study runs/ideal
+    python -m tools.reproduction_tables runs/paper-study runs/ideal
 
 Everything between ``<!-- NAME -->`` and ``<!-- end -->`` in the page is replaced. The text around it holds no figure of
 a run, but speaks of what came out: read it against the new tables.
