@@ -53,7 +53,6 @@ CONSTANTS = {
     "_PER_100_MPA": "1/Pa",
     "RESIDUAL_LIFT": "m",
     "TINY_GAP": "m",
-    "TINY_DROP": "Pa kg/m3",
     "CATALOGUE_PRESSURE": "Pa",
     "ROUNDED": "m/s",
     "MU0": "T m/A",
@@ -107,7 +106,7 @@ FIELDS: dict[type, str] = {
     solenoid.Circuit: "A, A/Wb, A",
     solenoid.Coefficients: "A/(Wb m), A/Wb, 1/Wb2, N/Wb2, m, ohm, 1, s",
     valve.State: "m, m/s",
-    valve.Coefficients: "1/kg, m, N, N/m, N s/m, m2, m, N/m, s/m, 1, Pa s",
+    valve.Coefficients: "1/kg, m, N, N/m, N s/m, m2, m, N/m, s/m, m",
 }
 
 

@@ -63,7 +63,7 @@ VALUES = {
     "1": 0.7, "s": 1e-6, "m": 3e-5, "m²": 1e-6, "m³": 1e-8, "m⁴": 3e-16, "1/m³": 1e8, "m/s": 1.5, "kg": 8.6e-6,
     "1/kg": 300.0, "kg/m³": 850.0, "kg/m3": 850.0, "kg/s": 0.02, "N": 100.0, "N/m": 1e8, "s/m": 0.2, "Pa": 9e7,
     "Pa s": 2e-3, "kg/(s Pa)": 1e-9, "Pa m³/kg": 2e6, "m⁴ Pa": 1e-8, "s/m²": 5e5, "V": 14.0, "A": 10.0, "V/A": 100.0,
-    "Wb": 5e-5, "s/kg": 1e-4, "Pa kg/m³": 1.4e11,
+    "Wb": 5e-5, "s/kg": 1e-4,
 }  # fmt: skip
 TRIALS = (1.0, 1e-3, 1e2)
 
@@ -238,7 +238,7 @@ FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a 
         (guide_friction.accelerate_body, " / c.total_mass", ""),
         (guide_friction.advance_chain, "0.5 * m.i7 * guide", "0.5 * guide"),
         (nozzle.change, "bend.i3 * max", "max"),
-        (valve.land_gap_drive, "square / hole", "1.0 / hole"),
+        (valve.laminar_gap_drive, "(h / max", "(1.0 / max"),
     ],
 )
 def test_a_law_without_one_of_its_factors_is_found(law: Law, was: str, becomes: str) -> None:

@@ -43,8 +43,8 @@ class Drive(Enum):
 class Laws(Enum):
     """Set of laws that a kernel computes.
 
-    EXTENDED adds to the paper's laws the shape of the nozzle's discharge, friction in the gap of the valve's seat
-    and of the guides. Where all of these are zero both give the same injection, and PAPER is faster.
+    EXTENDED adds to the paper's laws the shape of the nozzle's discharge, the laminar length of the valve's gap and
+    the friction of the guides. Where all of these are zero both give the same injection, and PAPER is faster.
     """
 
     PAPER = "paper"

@@ -21,7 +21,6 @@ from commonrail.engine.instant import (
     feed,
     friction_force,
     inlet_law,
-    pressure_behind,
 )
 from commonrail.engine.vector import CORE, ROW, Core, Masses, make_frame
 from commonrail.flow.orifice import jet, orifice
@@ -156,8 +155,7 @@ def make_rates(variant: Variant) -> Callable[..., None]:
         spray = jet(spray_drive, sac.density, c.nozzle.offset).mass_flow
 
         wave = y[line] - c.return_line.impedance * y[line + 1] if cells[1] > 0 else outside.low
-        head = chamber.density * (chamber.pressure - pressure_behind(c, y[core + row.outlet], wave))
-        gap = gap_drive(c.valve, y[core + row.valve.lift], c.control_chamber.a_drive, head)
+        gap = gap_drive(c.valve, y[core + row.valve.lift])
         drain = drain_flow(c, chamber, gap, y[core + row.outlet], wave)
 
         tap = c.control_chamber.z_from_inlet

@@ -43,8 +43,6 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
     speed = fuel.sound_speed(f, density)
     viscosity = density * fuel.kinematic_viscosity(f, at.rail)
     low_density = fuel.density(f, at.low)
-    gap_pressure = 0.5 * (at.rail + at.low)  # mean, along the land of the valve's seat
-    gap_density = fuel.density(f, gap_pressure)
     feed = feed_pipe.coefficients(p.feed_pipe, density, speed)
     back = return_line.coefficients(p.return_line, fuel.sound_speed(f, low_density), at.dt)
     return Coefficients(
@@ -52,7 +50,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         rail=rail.coefficients(p.rail),
         feed_pipe=feed,
         control_chamber=control_chamber.coefficients(p.control_chamber, viscosity),
-        valve=valve.coefficients(p.valve, gap_density * fuel.kinematic_viscosity(f, gap_pressure)),
+        valve=valve.coefficients(p.valve),
         solenoid=solenoid.coefficients(p.solenoid),
         drive=p.drive,
         return_line=back,

@@ -97,13 +97,6 @@ def body_loads(c: Coefficients, s: State, low: float) -> Loads:
 
 
 @physics
-def drain_head(s: State) -> float:
-    """ρ Δp over A-hole and seat of the valve at t_n [Pa kg/m³]."""
-    chamber = s.control_chamber.fuel
-    return chamber.density * (chamber.pressure - s.return_line.pressure)
-
-
-@physics
 def move_valve(c: Coefficients, s: State, gap: float, dt: float) -> valve.State:
     """Armature and shutter after the step.
 
@@ -313,8 +306,7 @@ def make_step(laws: StepLaws) -> Law:
     @physics
     def step(c: Coefficients, s: State, u: Inputs, arriving: Waves, dt: float) -> tuple[State, Waves]:
         """State at t_n + dt, and the waves that leave."""
-        hole, head = c.control_chamber.a_drive, drain_head(s)
-        moved_valve = move_valve(c, s, gap_drive(c.valve, s.valve.lift, hole, head), dt)
+        moved_valve = move_valve(c, s, gap_drive(c.valve, s.valve.lift), dt)
         lift = middle(s.valve.lift, moved_valve.lift)
         magnet, conducting = magnetise(c, s, u, lift, drive_law, dt)
 
@@ -324,7 +316,7 @@ def make_step(laws: StepLaws) -> Law:
         store, tap = s.accumulation.fuel, c.control_chamber.z_from_inlet
         upstream = store.pressure + 0.5 * (store.pressure - s.accumulation.pressure_before)
         reached = remembered_lift(c, s, middle(old.tip, new.tip), u.cylinder)
-        moves = Moves(old, new, make_room(c, old), make_room(c, new), gap_drive(c.valve, lift, hole, head), dt)
+        moves = Moves(old, new, make_room(c, old), make_room(c, new), gap_drive(c.valve, lift), dt)
         passing = discharge(c.nozzle, max(reached, middle(old.tip, new.tip)))
         out = fill_sac(c, s, u, upstream, passing, moves)
 

@@ -130,13 +130,13 @@ _MOTIONS: dict[tuple[Body, Laws], tuple[_Law, _Law]] = {
 }
 _FLOWS: dict[Laws, tuple[_Law, _Law]] = {
     Laws.PAPER: (nozzle.discharge, valve.gap_drive),
-    Laws.EXTENDED: (nozzle.shaped_discharge, valve.land_gap_drive),
+    Laws.EXTENDED: (nozzle.shaped_discharge, valve.laminar_gap_drive),
 }
 
 # Parameters that only the extended laws know: at zero the laws are the paper's.
 EXTENDING = (
     *(f"nozzle.shape_{i}" for i in range(1, 9)),
-    "valve.seat_land",
+    "valve.laminar_gap",
     "plunger_needle.viscous",
     "plunger_needle.friction",
 )

@@ -29,23 +29,22 @@ class Parameters(NamedTuple):
     seat_discharge: Annotated[float, Q("1", "discharge coefficient of the valve seat", Domain.COEFFICIENT, 0.8)]
     contact_stiffness: Annotated[float, Q("N/m", "stiffness of seat and stop", Domain.POSITIVE, 4e7, usual=(1e6, 1e10))]
     contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of seat and stop", Domain.NON_NEGATIVE, 1.0)]
-    seat_land: Annotated[
+    laminar_gap: Annotated[
         float,
         Q(
             "m",
-            "length of the seat's thin gap along the flow, in which friction acts (0: none)",
+            "lift at which friction halves the seat's discharge coefficient (0: none)",
             Domain.NON_NEGATIVE,
             0.0,
-            usual=(1e-6, 1e-3),
+            usual=(0.05e-6, 50e-6),
         ),
     ]
 
 
 class Coefficients(NamedTuple):
-    """Inverse mass [1/kg], lift [m], spring and damper, seat area [m²], c_d times gap area per lift [m], contact, film.
+    """Inverse mass [1/kg], lift [m], spring and damper, seat area [m²], c_d times gap area per lift [m], contact, h_l.
 
-    `gap_per_lift` is the height of the gap over the lift [1], and `film` the resistance of the seat's land times the
-    cube of that height, 12 η l/(π d) [Pa s].
+    h_l is the lift at which friction halves the seat's discharge coefficient [m].
     """
 
     per_mass: float
@@ -57,8 +56,7 @@ class Coefficients(NamedTuple):
     gap_slope: float
     contact_stiffness: float
     contact_damping: float
-    gap_per_lift: float
-    film: float
+    laminar_gap: float
 
 
 class State(NamedTuple):
@@ -68,23 +66,13 @@ class State(NamedTuple):
     velocity: float
 
 
-# Height of a gap [m] and ρ Δp [Pa kg/m³] below which both count as these values, rather than 0/0: chosen, far below all
-# that flows.
-TINY_GAP, TINY_DROP = 1e-9, 1.0
+TINY_GAP = 1e-12  # a shut seat without laminar length passes nothing, rather than 0/0 [m]
 TYPICAL = State(1e-5, 1e-1)  # sizes for a solver's absolute tolerances
 
 
 @physics
-def coefficients(p: Parameters, viscosity: float) -> Coefficients:
-    """Coefficients of the valve.
-
-    Parameters
-    ----------
-    p : Parameters
-    viscosity : float
-        η in the seat's gap [Pa s].
-    """
-    height = math.sin(p.seat_angle)
+def coefficients(p: Parameters) -> Coefficients:
+    """Coefficients of the valve."""
     return Coefficients(
         per_mass=1.0 / p.mass,
         lift=p.lift,
@@ -92,11 +80,10 @@ def coefficients(p: Parameters, viscosity: float) -> Coefficients:
         spring_stiffness=p.spring_stiffness,
         damping=p.damping,
         seat_area=pipe_area(p.seat_diameter),
-        gap_slope=p.seat_discharge * pi * p.seat_diameter * height,
+        gap_slope=p.seat_discharge * pi * p.seat_diameter * math.sin(p.seat_angle),
         contact_stiffness=p.contact_stiffness,
         contact_damping=p.contact_damping,
-        gap_per_lift=height,
-        film=12.0 * viscosity * p.seat_land / (pi * p.seat_diameter),
+        laminar_gap=p.laminar_gap,
     )
 
 
@@ -225,7 +212,7 @@ def free_force(c: Coefficients, lift: float, pull: float, seat_pressure: float) 
 
 
 @physics
-def gap_drive(c: Coefficients, lift: float, hole: float, head: float) -> float:
+def gap_drive(c: Coefficients, lift: float) -> float:
     """(c_d A)² of the seat gap, for Eq. (4) [m⁴].
 
     Parameters
@@ -234,35 +221,22 @@ def gap_drive(c: Coefficients, lift: float, hole: float, head: float) -> float:
         Of this valve.
     lift : float
         Lift [m], small against the seat's diameter; shut at zero and below.
-    hole, head : float
-        As in `land_gap_drive`; without friction in the gap they do not matter.
     """
     effective = c.gap_slope * max(lift, 0.0)
     return effective * effective
 
 
 @physics
-def land_gap_drive(c: Coefficients, lift: float, hole: float, head: float) -> float:
-    """(c_d A)² of the seat gap [m⁴], with the friction of the film on its land.
+def laminar_gap_drive(c: Coefficients, lift: float) -> float:
+    """(c_d A)² of the seat gap [m⁴], its discharge coefficient times h/(h + h_l).
 
-    The film takes R q/ρ, R = 12 η l/(π d h³) (flow between parallel plates), in series with the orifices, q²/(2 ρ g).
-    Their sum is the whole drop Δp, so that q = 2 ρ Δp/(R + sqrt(R² + 2 ρ Δp/g)) with 1/g = 1/g_A + 1/g_s, and the
-    gap acts like an orifice of 1/(1/g_s + 2 R/q). All is multiplied by powers of h, which may be zero.
+    In a small gap h friction limits the flow: c_d A grows as h² far below the laminar length h_l, and as h above it.
 
     Parameters
     ----------
-    c : Coefficients
-        Of this valve.
-    lift : float
-        Lift [m], small against the seat's diameter; shut at zero and below.
-    hole : float
-        (c_d A)² of the A-hole in front of it [m⁴].
-    head : float
-        ρ Δp over A-hole and seat [Pa kg/m³].
+    c, lift
+        As in `gap_drive`.
     """
-    gap = gap_drive(c, lift, hole, head)
-    height = max(c.gap_per_lift * lift, TINY_GAP)
-    square, drop = height * height, max(abs(head), TINY_DROP)
-    section = (c.gap_slope / c.gap_per_lift) ** 2  # (c_d A)² of the gap over h² [m²]
-    root = math.sqrt(c.film * c.film + 2.0 * drop * square * square * (1.0 / section + square / hole))
-    return gap / (1.0 + section * c.film * (c.film + root) / (drop * square * square))
+    h = max(lift, 0.0)
+    effective = c.gap_slope * h * (h / max(h + c.laminar_gap, TINY_GAP))
+    return effective * effective
