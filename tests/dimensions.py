@@ -60,6 +60,7 @@ CONSTANTS = {
     "TINY_GAIN": "A/V",
     "UNLIMITED": "V",
     "RELAXED": "Pa",
+    "LEAST_DROP": "Pa",
 }
 
 # NamedTuples of one unit, which the docstring of each law gives.
@@ -104,7 +105,7 @@ FIELDS: dict[type, str] = {
     solenoid.Circuit: "A, A/Wb, A",
     solenoid.Coefficients: "A/(Wb m), A/Wb, 1/Wb2, N/Wb2, m, ohm, 1, s",
     valve.State: "m, m/s",
-    valve.Coefficients: "1/kg, m, N, N/m, N s/m, m2, m, N/m, s/m, m",
+    valve.Coefficients: "1/kg, m, N, N/m, N s/m, m2, m, N/m, s/m, 1",
 }
 
 
