@@ -62,6 +62,7 @@ CONSTANTS = {
     "RELAXED": "Pa",
     "PER_RESIDUAL": "1/m",
     "PER_RELAXED": "1/Pa",
+    "LEAST_DROP": "Pa",
 }
 
 # NamedTuples of one unit, which the docstring of each law gives.
@@ -106,7 +107,7 @@ FIELDS: dict[type, str] = {
     solenoid.Circuit: "A, A/Wb, A",
     solenoid.Coefficients: "A/(Wb m), A/Wb, 1/Wb2, N/Wb2, m, ohm, 1, s",
     valve.State: "m, m/s",
-    valve.Coefficients: "1/kg, m, N, N/m, N s/m, m2, m, N/m, s/m, m",
+    valve.Coefficients: "1/kg, m, N, N/m, N s/m, m2, m, N/m, s/m, 1",
 }
 
 

@@ -251,7 +251,7 @@ WIRINGS = {
     "current trace": (DRAWN, {"drive": Drive.CURRENT}),
     "voltage trace, rigid": (DRAWN, {"drive": Drive.VOLTAGE, "body": Body.RIGID}),
     "free-wheel": (DRAWN, {"drive": Drive.FREE_WHEEL}),
-    "extended": (DRAWN, {"values": {"plunger_needle.friction": 5.0, "valve.laminar_gap": 1e-6}}),
+    "extended": (DRAWN, {"values": {"plunger_needle.friction": 5.0, "valve.seat_land": 50e-6}}),
     "direct-acting": ("direct-acting-kr", {}),
 }
 

@@ -6,17 +6,21 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from commonrail.fuel.coefficients import fuel_coefficients
+from commonrail.fuel.kernel import density, kinematic_viscosity
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.joints import make_room, seat_pressure
+from commonrail.injector.joints import land_gap, make_room, plain_gap, seat_pressure
 from commonrail.injector.model import Coefficients, Setting
 from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import plunger_needle, valve
+from commonrail.parts.contents import contents
 from commonrail.parts.plunger_needle import Motion
 
 AT = Setting(160e6, 5e6, 0.5e6, 1e-6)
+SINE = math.sin(math.pi / 4)  # of the seat's angle in the fixture
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +94,59 @@ def test_forces_of_the_closed_needle_follow_from_its_areas(c: Coefficients) -> N
         + 5e6 * quarter * 4.0
     )
     assert np.sum(load) == pytest.approx(total, rel=1e-9)
+
+
+def with_land(injector: Injector, land: float) -> Coefficients:
+    changed = injector.with_values({"valve.seat_land": land})
+    fuel = fuel_coefficients(changed.fuel, changed.values[FUEL_TEMPERATURE])
+    return setup.coefficients(changed.parameters, fuel, AT)
+
+
+def gap_at(c: Coefficients, gap: float, pressure: float, land: bool = True) -> float:
+    """(c_d A)² at a gap normal to the cone."""
+    here = contents(c.fuel, density(c.fuel, pressure), 1.0)
+    return (land_gap if land else plain_gap)(c, here, 0.5e6, gap / SINE)
+
+
+@pytest.mark.parametrize("pressure", [40e6, 160e6])
+@pytest.mark.parametrize("gap", [0.1e-6, 1e-6, 3e-6, 10e-6, 30e-6])
+def test_land_of_the_valve_is_a_film_in_series_with_its_orifice(
+    regulated: Injector, gap: float, pressure: float
+) -> None:
+    """Flow through A-hole, film and gap against the root of Δp(q), solved without the closed form."""
+    c, p = with_land(regulated, 100e-6), regulated.parameters.valve
+    rho, hole = density(c.fuel, pressure), c.control_chamber
+    film = 12.0 * kinematic_viscosity(c.fuel, 0.5 * (pressure + 0.5e6)) * 100e-6 / (math.pi * p.seat_diameter * gap**3)
+    section = (p.seat_discharge * math.pi * p.seat_diameter * gap) ** 2
+
+    def missing(q: float) -> float:
+        return q * q / (2.0 * rho) * (1.0 / section + 1.0 / hole.a_drive) + film * q - (pressure - 0.5e6)
+
+    flow = min(
+        brentq(missing, 0.0, 1.0, xtol=1e-18, rtol=1e-14),
+        math.sqrt(2.0 * rho * hole.a_choked * (pressure - c.fuel.vapour_pressure)),
+    )
+    effective = 1.0 / (1.0 / section + 2.0 * rho * film / flow)
+    assert gap_at(c, gap, pressure) == pytest.approx(effective, rel=1e-9)
+
+
+def test_without_a_land_the_gap_is_that_of_eq_4(regulated: Injector) -> None:
+    c = with_land(regulated, 0.0)
+    for gap in (-1e-6, 0.0, 1e-9, 3e-6):
+        assert gap_at(c, gap, 160e6) == gap_at(c, gap, 160e6, land=False)
+
+
+def test_a_tiny_gap_over_a_land_passes_as_its_cube_and_shuts(regulated: Injector) -> None:
+    c = with_land(regulated, 100e-6)
+    # c_d A ∝ h³; of the orifice's loss 1e-4 remain at 10 nm
+    assert math.sqrt(gap_at(c, 20e-9, 160e6) / gap_at(c, 10e-9, 160e6)) == pytest.approx(8.0, rel=1e-3)
+    assert gap_at(c, 0.0, 160e6) == gap_at(c, -1e-6, 160e6) == 0.0
+
+
+def test_land_throttles_more_at_a_lower_pressure_and_with_a_longer_land(regulated: Injector) -> None:
+    def factor(land: float, pressure: float) -> float:
+        c = with_land(regulated, land)
+        return math.sqrt(gap_at(c, 3e-6, pressure) / gap_at(c, 3e-6, pressure, land=False))
+
+    assert factor(200e-6, 160e6) < 0.7 * factor(100e-6, 160e6)
+    assert factor(100e-6, 40e6) < factor(100e-6, 160e6)

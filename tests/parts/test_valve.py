@@ -62,15 +62,3 @@ def test_gap_is_a_thin_cone_and_shut_below_the_seat() -> None:
     area = 0.8 * math.pi * 0.5e-3 * 30e-6 * math.sin(math.pi / 4)
     assert valve.gap_drive(C, 30e-6) == pytest.approx(area**2, rel=1e-12)
     assert valve.gap_drive(C, -1e-6) == 0.0
-
-
-@pytest.mark.parametrize("lift", [0.1e-6, 3e-6, 30e-6])
-def test_friction_in_a_small_gap_divides_its_discharge(lift: float) -> None:
-    narrow = valve.coefficients(P._replace(laminar_gap=3e-6))
-    ratio = math.sqrt(valve.laminar_gap_drive(narrow, lift) / valve.gap_drive(C, lift))
-    assert ratio == pytest.approx(lift / (lift + 3e-6), rel=1e-12)
-
-
-def test_a_gap_without_laminar_length_is_the_plain_one_and_shuts() -> None:
-    assert valve.laminar_gap_drive(C, 30e-6) == valve.gap_drive(C, 30e-6)
-    assert valve.laminar_gap_drive(C, 0.0) == valve.laminar_gap_drive(C, -1e-6) == 0.0

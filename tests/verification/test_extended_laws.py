@@ -18,7 +18,7 @@ from commonrail.injector.variants import EXTENDING
 SHAPE = {f"nozzle.shape_{i}": value for i, value in enumerate((-0.28, 0.07, -0.14, -0.2, -0.08), start=1)}
 LAWS = {
     "shape": SHAPE,
-    "laminar gap": {"valve.laminar_gap": 3e-6},
+    "land of the valve": {"valve.seat_land": 100e-6},
     "viscous friction": {"plunger_needle.viscous": 20.0},
     "dry friction": {"plunger_needle.friction": 10.0},
 }

@@ -30,6 +30,7 @@ __all__ = [
     "friction_force",
     "inlet_law",
     "past_limit",
+    "pressure_behind",
 ]
 
 # The pressure behind the valve follows the line within this time: a thirtieth of what a wave takes through a cell [s].
@@ -78,6 +79,12 @@ class Feed(NamedTuple):
 
 
 @physics
+def pressure_behind(c: Coefficients, outlet: float, wave: float) -> float:
+    """Pressure behind the valve [Pa]; arguments as of `drain_flow`."""
+    return max(outlet if c.return_line.impedance > 0.0 else wave, c.fuel.vapour_pressure)
+
+
+@physics
 def drain_flow(c: Coefficients, chamber: Contents, gap: float, outlet: float, wave: float) -> Drain:
     """Flow through A-hole and valve, and into the return line.
 
@@ -97,7 +104,7 @@ def drain_flow(c: Coefficients, chamber: Contents, gap: float, outlet: float, wa
         That arrives in the line; the tank's pressure where there is no line [Pa].
     """
     z = c.return_line.impedance
-    behind = max(outlet if z > 0.0 else wave, c.fuel.vapour_pressure)
+    behind = pressure_behind(c, outlet, wave)
     d = joints.drain_drive(c, chamber.pressure, behind, gap)
     flow = jet(d.drive, chamber.density, c.control_chamber.a_offset).mass_flow
     if z > 0.0:

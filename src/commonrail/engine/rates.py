@@ -21,6 +21,7 @@ from commonrail.engine.instant import (
     feed,
     friction_force,
     inlet_law,
+    pressure_behind,
 )
 from commonrail.engine.vector import CORE, ROW, Core, Masses, make_frame
 from commonrail.flow.orifice import jet, orifice
@@ -136,7 +137,7 @@ def make_rates(variant: Variant) -> Callable[..., None]:
     load, store_core, load_outside = wired.coefficients.load, CORE.store, OUTSIDE.load
     load_fuel, load_coil, load_valve = (layout_of(kind).load for kind in (Masses, solenoid.State, valve.State))
     load_masses, store_masses = wired.positions.load, wired.positions.store
-    accelerations, discharge, gap_drive = wired.accelerations, wired.laws.discharge, wired.laws.gap_drive
+    accelerations, discharge, gap_law = wired.accelerations, wired.laws.discharge, wired.laws.gap
     store_accelerations = store_rubbed if variant.body is Body.FLEXIBLE else store_rigid
     inlet, coil = inlet_law(variant), coil_law(variant)
     row = ROW
@@ -155,7 +156,8 @@ def make_rates(variant: Variant) -> Callable[..., None]:
         spray = jet(spray_drive, sac.density, c.nozzle.offset).mass_flow
 
         wave = y[line] - c.return_line.impedance * y[line + 1] if cells[1] > 0 else outside.low
-        gap = gap_drive(c.valve, y[core + row.valve.lift])
+        behind = pressure_behind(c, y[core + row.outlet], wave)
+        gap = gap_law(c, chamber, behind, y[core + row.valve.lift])
         drain = drain_flow(c, chamber, gap, y[core + row.outlet], wave)
 
         tap = c.control_chamber.z_from_inlet

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 from commonrail.compile import physics, reciprocals
 from commonrail.flow.leakage import leakage_slope
-from commonrail.flow.orifice import Flow, choked, series
+from commonrail.flow.orifice import Flow, choked, jet, series
 from commonrail.fuel import kernel as fuel
 from commonrail.injector.model import Coefficients
 from commonrail.injector.setup import accumulation_volume, control_volume
-from commonrail.parts import sac
+from commonrail.parts import sac, valve
+from commonrail.parts.contents import Contents
 from commonrail.parts.nozzle import RESIDUAL_LIFT
 from commonrail.parts.plunger_needle import Motion
+
+# Pressure drop below which the film on the valve's land counts as at this one, for a finite quotient [Pa].
+LEAST_DROP = 1.0
 
 # A seated needle whose SAC has come this near to cylinder pressure has ended its injection [Pa].
 RELAXED = 1e5
@@ -151,6 +156,41 @@ def memory_rate(c: Any, lift_reached: float, tip: float, rise: float, excess: fl
     """
     rising = max(rise, 0.0) if tip >= lift_reached else 0.0
     return rising - fading_share(tip, excess) * lift_reached / c.nozzle.memory
+
+
+@physics
+def plain_gap(c: Coefficients, chamber: Contents, behind: float, lift: float) -> float:
+    """(c_d A)² of the valve's gap, for Eq. (4) [m⁴]; signature as of `land_gap`."""
+    return valve.gap_drive(c.valve, lift)
+
+
+@physics
+def land_gap(c: Coefficients, chamber: Contents, behind: float, lift: float) -> float:
+    """(c_d A)² of the valve's gap with the film on its land [m⁴], at the present pressures.
+
+    A-hole, gap and film in series pass Δp = q²/(2 ρ g) + R q, 1/g = 1/g_A + 1/g_s, at most what the cavitating A-hole
+    passes. The gap that takes the same pressure at this flow is 1/(1/g_s + 2 ρ R/q).
+
+    Parameters
+    ----------
+    c : Coefficients
+    chamber : Contents
+        Of the control chamber.
+    behind : float
+        Pressure behind the valve [Pa].
+    lift : float
+        Of the valve [m].
+    """
+    hole, gap = c.control_chamber, valve.gap_drive(c.valve, lift)
+    resistance = valve.land_resistance(c.valve, lift, fuel.fluidity(c.fuel, middle(chamber.pressure, behind)))
+    total = series(hole.a_drive, gap)
+    drop = max(abs(chamber.pressure - behind), LEAST_DROP)
+    offset = chamber.density * total * resistance
+    # 2 ρ g_s/q, free and cavitating; without cancellation where friction rules
+    free = (jet(total * drop, chamber.density, offset).root + offset) * (1.0 + gap / hole.a_drive) / drop
+    vapour = hole.a_choked * max(chamber.pressure - c.fuel.vapour_pressure, LEAST_DROP)
+    cavitating = gap * math.sqrt(2.0 * chamber.density / vapour)
+    return gap / (1.0 + resistance * max(free, cavitating))
 
 
 @physics

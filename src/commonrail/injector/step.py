@@ -286,8 +286,8 @@ class StepLaws(NamedTuple):
         Boundary at the rail, and what it takes from the rail.
     discharge : law
         Discharge coefficient of the nozzle.
-    gap_drive : law
-        Flow section of the valve's seat.
+    gap : law
+        (c_d A)² of the valve's seat.
     """
 
     advance: Law
@@ -296,17 +296,18 @@ class StepLaws(NamedTuple):
     inlet: Law
     draw: Law
     discharge: Law
-    gap_drive: Law
+    gap: Law
 
 
 def make_step(laws: StepLaws) -> Law:
     """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves)."""
-    advance, lifts, drive_law, inlet_law, draw, discharge, gap_drive = laws
+    advance, lifts, drive_law, inlet_law, draw, discharge, gap_law = laws
 
     @physics
     def step(c: Coefficients, s: State, u: Inputs, arriving: Waves, dt: float) -> tuple[State, Waves]:
         """State at t_n + dt, and the waves that leave."""
-        moved_valve = move_valve(c, s, gap_drive(c.valve, s.valve.lift), dt)
+        here, behind = s.control_chamber.fuel, s.return_line.pressure
+        moved_valve = move_valve(c, s, gap_law(c, here, behind, s.valve.lift), dt)
         lift = middle(s.valve.lift, moved_valve.lift)
         magnet, conducting = magnetise(c, s, u, lift, drive_law, dt)
 
@@ -316,7 +317,7 @@ def make_step(laws: StepLaws) -> Law:
         store, tap = s.accumulation.fuel, c.control_chamber.z_from_inlet
         upstream = store.pressure + 0.5 * (store.pressure - s.accumulation.pressure_before)
         reached = remembered_lift(c, s, middle(old.tip, new.tip), u.cylinder)
-        moves = Moves(old, new, make_room(c, old), make_room(c, new), gap_drive(c.valve, lift), dt)
+        moves = Moves(old, new, make_room(c, old), make_room(c, new), gap_law(c, here, behind, lift), dt)
         passing = discharge(c.nozzle, max(reached, middle(old.tip, new.tip)))
         out = fill_sac(c, s, u, upstream, passing, moves)
 

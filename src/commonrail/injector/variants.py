@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 from commonrail.arguments import chosen
 from commonrail.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.errors import ConfigurationError
-from commonrail.injector import boundary, direct_model, direct_setup, direct_step, model, setup
+from commonrail.injector import boundary, direct_model, direct_setup, direct_step, joints, model, setup
 from commonrail.injector.layout import Layout, layout_of
 from commonrail.injector.step import StepLaws, make_step
-from commonrail.parts import direct_needle, drive, guide_friction, nozzle, plunger_needle, rigid_body, valve
+from commonrail.parts import direct_needle, drive, guide_friction, nozzle, plunger_needle, rigid_body
 
 
 class _Wired(NamedTuple):
@@ -129,14 +129,14 @@ _MOTIONS: dict[tuple[Body, Laws], tuple[_Law, _Law]] = {
     (Body.RIGID, Laws.EXTENDED): (guide_friction.advance_body, guide_friction.accelerate_body),
 }
 _FLOWS: dict[Laws, tuple[_Law, _Law]] = {
-    Laws.PAPER: (nozzle.discharge, valve.gap_drive),
-    Laws.EXTENDED: (nozzle.shaped_discharge, valve.laminar_gap_drive),
+    Laws.PAPER: (nozzle.discharge, joints.plain_gap),
+    Laws.EXTENDED: (nozzle.shaped_discharge, joints.land_gap),
 }
 
 # Parameters that only the extended laws know: at zero the laws are the paper's.
 EXTENDING = (
     *(f"nozzle.shape_{i}" for i in range(1, 9)),
-    "valve.laminar_gap",
+    "valve.seat_land",
     "plunger_needle.viscous",
     "plunger_needle.friction",
 )

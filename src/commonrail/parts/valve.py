@@ -29,22 +29,22 @@ class Parameters(NamedTuple):
     seat_discharge: Annotated[float, Q("1", "discharge coefficient of the valve seat", Domain.COEFFICIENT, 0.8)]
     contact_stiffness: Annotated[float, Q("N/m", "stiffness of seat and stop", Domain.POSITIVE, 4e7, usual=(1e6, 1e10))]
     contact_damping: Annotated[float, Q("s/m", "Hunt–Crossley factor of seat and stop", Domain.NON_NEGATIVE, 1.0)]
-    laminar_gap: Annotated[
+    seat_land: Annotated[
         float,
         Q(
             "m",
-            "lift at which friction halves the seat's discharge coefficient (0: none)",
+            "length of the seat's land, along which friction acts (0: none)",
             Domain.NON_NEGATIVE,
             0.0,
-            usual=(0.05e-6, 50e-6),
+            usual=(1e-6, 1e-3),
         ),
     ]
 
 
 class Coefficients(NamedTuple):
-    """Inverse mass [1/kg], lift [m], spring and damper, seat area [m²], c_d times gap area per lift [m], contact, h_l.
+    """Inverse mass [1/kg], lift [m], spring and damper, seat area [m²], c_d times gap area per lift [m], contact, land.
 
-    h_l is the lift at which friction halves the seat's discharge coefficient [m].
+    `land` is 12 l/(π d sin³ θ) of the seat's land [1].
     """
 
     per_mass: float
@@ -56,7 +56,7 @@ class Coefficients(NamedTuple):
     gap_slope: float
     contact_stiffness: float
     contact_damping: float
-    laminar_gap: float
+    land: float
 
 
 class State(NamedTuple):
@@ -66,7 +66,7 @@ class State(NamedTuple):
     velocity: float
 
 
-TINY_GAP = 1e-12  # a shut seat without laminar length passes nothing, rather than 0/0 [m]
+TINY_GAP = 1e-9  # below this lift the resistance of the land stays finite; what flows there is nothing [m]
 TYPICAL = State(1e-5, 1e-1)  # sizes for a solver's absolute tolerances
 
 
@@ -83,7 +83,7 @@ def coefficients(p: Parameters) -> Coefficients:
         gap_slope=p.seat_discharge * pi * p.seat_diameter * math.sin(p.seat_angle),
         contact_stiffness=p.contact_stiffness,
         contact_damping=p.contact_damping,
-        laminar_gap=p.laminar_gap,
+        land=12.0 * p.seat_land / (pi * p.seat_diameter * math.sin(p.seat_angle) ** 3),
     )
 
 
@@ -227,16 +227,19 @@ def gap_drive(c: Coefficients, lift: float) -> float:
 
 
 @physics
-def laminar_gap_drive(c: Coefficients, lift: float) -> float:
-    """(c_d A)² of the seat gap [m⁴], its discharge coefficient times h/(h + h_l).
+def land_resistance(c: Coefficients, lift: float, fluidity: float) -> float:
+    """Pressure per mass flow through the laminar film on the seat's land, 12 ν l/(π d h³) [Pa s/kg].
 
-    In a small gap h friction limits the flow: c_d A grows as h² far below the laminar length h_l, and as h above it.
+    Reynolds' equation for a film whose thickness h = lift · sin θ is small against the seat's diameter d.
 
     Parameters
     ----------
-    c, lift
-        As in `gap_drive`.
+    c : Coefficients
+        Of this valve.
+    lift : float
+        Lift [m].
+    fluidity : float
+        1/ν of the fuel in the film [s/m²].
     """
-    h = max(lift, 0.0)
-    effective = c.gap_slope * h * (h / max(h + c.laminar_gap, TINY_GAP))
-    return effective * effective
+    h = max(lift, TINY_GAP)
+    return c.land / (fluidity * h * h * h)
