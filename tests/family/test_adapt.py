@@ -62,6 +62,12 @@ def test_values_that_were_measured_on_the_part_stay_and_the_others_are_the_types
     assert "flow factor" in adapted.injector.sources[FLOW].text
 
 
+def test_what_is_synthetic_of_injector_and_type_is_stated_once() -> None:
+    of_run = f"{INJECTOR.synthetic} The curves are simulated."  # as a type from runs states it
+    adapted = cr.adapt(replace(small_type(), synthetic=of_run), injected(INJECTOR, (120.0, 700.0)))
+    assert adapted.injector.synthetic == of_run
+
+
 def test_quantities_that_no_nozzle_injects_are_refused() -> None:
     far = injected(INJECTOR, (120.0, 700.0))
     with pytest.raises(cr.InputError, match="flow factor at the end of"):

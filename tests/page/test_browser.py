@@ -346,6 +346,21 @@ def test_nothing_is_wider_than_the_window(page: Browser, file: Path, width: int,
     assert page.evaluate("[...document.querySelectorAll('input, select')].every((e) => e.labels.length || e.ariaLabel)")
 
 
+@pytest.mark.parametrize(("width", "phone"), [(1280, False), (390, True)])
+def test_the_longest_values_and_units_of_sliders_are_not_cut(page: Browser, width: int, phone: bool) -> None:
+    """Values of five digits, as `nozzle.shape_1` and `nozzle.discharge_growth` have, and a unit of six letters."""
+    page.resize(width, 844, phone)
+    cut = page.evaluate("""((texts) => {
+        const slider = document.querySelector('.slider');
+        const value = slider.querySelector('input[type=number]'), unit = slider.querySelector('.unit');
+        const isCut = (e) => e.scrollWidth > e.clientWidth;
+        value.step = 'any'; value.removeAttribute('min');
+        unit.textContent = '\u00b5m/MPa';
+        return texts.filter((t) => { value.value = t; return value.value !== t || isCut(value) || isCut(unit); });
+    })(['-0.050102', '2.3726e-10'])""")
+    assert cut == []
+
+
 def test_curves_stay_on_their_axes_where_nothing_is_drawn_anew(page: Browser) -> None:
     """As on paper, which is laid out in another width and printed before the page can draw."""
     shares = page.evaluate(

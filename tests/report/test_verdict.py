@@ -128,6 +128,18 @@ def test_profiled_intervals_lead_to_a_measuring_plan() -> None:
     assert verdict(record, "runs/a").steps[0].command == "commonrail next runs/a --points 3 --out plan.csv"
 
 
+def test_the_plan_of_one_operating_point_asks_for_the_range_of_the_bench() -> None:
+    """Without a range `commonrail next` refuses such a run; the validation data play no part in it."""
+    record = rate_record() | {"certainty": {"starts": 5, "level": 0.95, "parameters": []}}
+    record["parameters"][1]["verdict"] = "only in combination"
+    step = next(step for step in verdict(record, "r").steps if step.text.startswith("Plan"))
+    assert step.command == ""
+    assert "by --rail-pressure and --energising-time" in step.text
+    for data in record["data"]:
+        data["role"] = "fit"
+    assert "commonrail next r --points 3 --out plan.csv" in [step.command for step in verdict(record, "r").steps]
+
+
 def test_synthetic_data_and_none_that_were_held_back_ask_for_care() -> None:
     record = rate_record() | {"convergence": {"converged": True, "sentence": ""}}
     record["data"] = record["data"][:1]

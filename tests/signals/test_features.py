@@ -106,6 +106,12 @@ def test_a_threshold_is_a_share_or_a_rate() -> None:
         features(trapezoid(), settings=FeatureSettings(threshold="2 mg/ms"))
 
 
+@pytest.mark.parametrize(("threshold", "read"), [("2", '"2"'), (2.0, "2"), ("-1 mm3/ms", '"-1 mm3/ms"')])
+def test_a_threshold_without_its_unit_is_refused_as_it_was_written(threshold: object, read: str) -> None:
+    with pytest.raises(ConfigurationError, match=f'with its unit, such as "2 mm3/ms", not {read}[.]$'):
+        FeatureSettings(threshold=threshold)
+
+
 def test_levels_of_one_trace_apply_to_another() -> None:
     weak = RateTrace(trapezoid().bounds, 0.5 * trapezoid().rate)
     levels = features(trapezoid()).levels

@@ -242,5 +242,7 @@ class InjectorType:
         given, fixed = self.given_to(injector, keep), self.fixed_for(injector, keep)
         sources = {p.name: Source(p.mark, p.source) for p in given} | {v.name: v.of_type(self.name) for v in fixed}
         changed = injector.with_values({p.name: p.value for p in given} | {v.name: v.value for v in fixed})
-        synthetic = " ".join(dict.fromkeys(text for text in (injector.synthetic, self.synthetic) if text))
+        # the type's text starts with that of its injector
+        texts = (injector.synthetic, self.synthetic.removeprefix(injector.synthetic).strip())
+        synthetic = " ".join(text for text in texts if text)
         return replace(changed, sources={**injector.sources, **sources}, synthetic=synthetic)

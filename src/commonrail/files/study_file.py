@@ -125,6 +125,11 @@ def _study(file: Path) -> Study:
 def _injector(text: str, reach: Reach, at: Place) -> Injector:
     if text.endswith(".toml"):
         return load_injector(reach.path(reach.file.parent, text, at), reach)
+    if "@" in text:
+        raise at.error(
+            f'"{text}" names a variant, which a study does not take; state rail_boundary, drive_kind and variant in an '
+            "injector file of the study."
+        )
     with located(at):
         return load_injector(text, reach)
 

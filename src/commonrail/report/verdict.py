@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from commonrail.display.text import listed, number
 from commonrail.files.run_folder import LIKELY
+from commonrail.kinds import KINDS
 from commonrail.kinds.bands import too_few_inside
 from commonrail.kinds.records import JUDGED, Record
 from commonrail.report.certainty import difference
@@ -179,10 +180,19 @@ def _parameters(record: Record, folder: str) -> Iterator[_Point]:
     if loose:
         reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
         profiled = record.get("certainty", {}).get("starts", 1) > 1
-        plan = Step(
-            "Plan the measurements that would pin them down.", f"commonrail next {folder} --points 3 --out plan.csv"
+        yield _Point(CARE, reason, _plan(record, folder) if profiled else _full(folder))
+
+
+def _plan(record: Record, folder: str) -> Step:
+    """Measurements to plan; of data at one operating point `next` needs the range of the bench."""
+    text = "Plan the measurements that would pin them down"
+    points = [p for d in of_role(record["data"], "fit") for p in KINDS[d["kind"]].view.operating_points(d)]
+    if len({(p.get("rail_pressure"), p.get("energising_time")) for p in points}) == 1:
+        return Step(
+            f"{text} with commonrail next. The fitted data are of one operating point: state what the bench can run by "
+            "--rail-pressure and --energising-time."
         )
-        yield _Point(CARE, reason, plan if profiled else _full(folder))
+    return Step(f"{text}.", f"commonrail next {folder} --points 3 --out plan.csv")
 
 
 def _praise(record: Record) -> list[str]:

@@ -193,8 +193,10 @@ def _threshold(given: object) -> Threshold:
     else:
         value, unit = number(given, "1", "threshold"), "1"
     if not 0.0 < value < (1.0 if unit == "1" else math.inf):
+        read = f'"{given}"' if isinstance(given, str) else f"{value:g} {unit.removesuffix('1')}".rstrip()
         raise ConfigurationError(
-            f"The threshold must be a share between 0 and 100 % or a rate greater than zero, not {value:g} {unit}."
+            'The threshold must be a share between 0 and 100 %, such as "10 %", or a rate greater than zero with its '
+            f'unit, such as "2 mm3/ms", not {read}.'
         )
     return Threshold(value, unit)
 
