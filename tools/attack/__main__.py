@@ -15,7 +15,7 @@ __all__ = ["cache", "cluster", "files", "journals", "main", "races", "verdict"]
 
 
 def main() -> None:
-    """Run the attacks whose name holds all the words; exit status 1 if any fell."""
+    """Run the attacks whose name holds all the words; exit status 1 if any fell, 2 if there is none to run."""
     parser = argparse.ArgumentParser(description="Attack what docs/reliability.md promises.")
     parser.add_argument("words", nargs="*", help="only attacks whose name holds these words")
     parser.add_argument("--short", action="store_true", help="few repetitions")
@@ -23,6 +23,9 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored when started in the background, by children too
     named = [one for one in ATTACKS if all(word in one.name for word in options.words)]
     chosen = [one for one in named if one.few or not options.short]
+    if not chosen:
+        names = "".join(f"\n  {one.name}" for one in ATTACKS)
+        parser.error(f"no attack to run has a name with all of {options.words}; they are:{names}")
     fallen = 0
     for one in chosen:
         said = verdict(one, options.short)
