@@ -84,6 +84,7 @@ def test_what_makes_no_sense_is_refused_with_its_place(tmp_path: Path, noise: st
         {"discrepancy": -1.0},
         {"length": float("inf")},
         {"relative": 0.01},
+        {"sigma": 1e-8, "relative": 2.0},
     ],
 )
 def test_numbers_out_of_range_are_refused(settings: dict[str, float]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ __all__ = ["SUMS", "check_sum", "listed", "summed"]
 
 SUMS = "SHA256SUMS"
 _LARGEST = 100_000  # [bytes]
+_LINE = re.compile("(?P<digest>[0-9a-f]{64})  (?P<name>.+)")
 
 
 @contextmanager
@@ -63,9 +65,23 @@ def check_sum(path: Path) -> None:
 
 
 def listed(sums: Path) -> dict[str, str]:
-    """Digests in a file of checksums by the names of the files."""
-    lines = read_plain(sums, _LARGEST).decode("utf-8", "replace").split("\n")
-    return {name: digest for digest, gap, name in (line.partition("  ") for line in lines) if gap}
+    """Digests in a file of checksums by the names of the files.
+
+    Raises
+    ------
+    InputError
+        If a line is not a digest, two spaces and a name.
+    """
+    found = {}
+    for i, line in enumerate(read_plain(sums, _LARGEST).decode("utf-8", "replace").splitlines(), 1):
+        parts = _LINE.fullmatch(line)
+        if parts is None:
+            raise InputError(
+                f"{sums}, line {i}: expected the SHA-256 of a file, two spaces and its name; the checksums are damaged: "
+                "take a copy of the run that is whole."
+            )
+        found[parts["name"]] = parts["digest"]
+    return found
 
 
 def _digest(path: Path) -> str:

@@ -110,6 +110,8 @@ class Noise:
                 raise ConfigurationError(f"The {what} of the noise must be zero or greater, not {value:g}.")
         if self.sigma is None and self.freedom < math.inf:
             raise ConfigurationError("The freedom of the noise is that of its sigma, which is missing; add it.")
+        if self.relative > 1.0:
+            raise ConfigurationError(f"The relative part of the noise must be at most 100 %, not {self.relative:.0%}.")
         if self.sigma is None and self.relative:
             raise ConfigurationError(
                 "The relative part of the noise has no sigma at a rate of zero beside it; state both, as in "
