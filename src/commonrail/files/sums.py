@@ -77,8 +77,8 @@ def listed(sums: Path) -> dict[str, str]:
         parts = _LINE.fullmatch(line)
         if parts is None:
             raise InputError(
-                f"{sums}, line {i}: expected the SHA-256 of a file, two spaces and its name; the checksums are damaged: "
-                "take a copy of the run that is whole."
+                f"{sums}, line {i}: expected the SHA-256 of a file, two spaces and its name; the checksums are "
+                "damaged: take a copy of the run that is whole."
             )
         found[parts["name"]] = parts["digest"]
     return found

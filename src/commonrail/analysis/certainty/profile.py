@@ -98,7 +98,8 @@ class _Ends:
         self.error = np.sqrt(np.where(np.isfinite(variance), variance, 0.25))[self.column]
         reach = student(freedom, level)[self.column]
         self.wanted = reach * estimate.covariance.beyond[self.column]
-        tangents = np.where(np.isfinite(variance), covariance / variance, 0.0).T
+        with np.errstate(invalid="ignore", divide="ignore"):  # of a parameter that nothing holds
+            tangents = np.where(np.isfinite(variance), covariance / variance, 0.0).T
         self.tangent = tangents[self.column]
         self.tangent[np.arange(len(self.column)), self.column] = 1.0
         self.limit = self._limits()
