@@ -175,3 +175,15 @@ def test_a_fit_without_any_interval_has_no_bands(monkeypatch: pytest.MonkeyPatch
     with pytest.raises(SimulationError, match="has no band: no parameter of the fit has an interval"):
         cr.predict(study, best, threads=1)
     assert module.judged_bands(study, within, truth[None], 1) == {}
+
+
+def test_bands_hold_what_an_interval_holds_beside_the_noise(file: Path) -> None:
+    """As the errors of time step and drift, which no block of the likelihood knows, and a wider error by noise."""
+    study = load_study(file)
+    found = certify(study, {study.space.names[0]: A_HOLE}, threads=1).within.found
+    known = found.covariance
+    more = known._replace(noise=2.0 * known.noise, discrepancy=known.discrepancy + 3.0 * known.noise)
+    kept = floored(replace(found, covariance=more), [study.data[0]]).covariance
+    # stated tolerances may raise the noise, and lower nothing
+    assert (np.diag(kept.noise) >= np.diag(more.noise) * (1.0 - 1e-12)).all()
+    np.testing.assert_array_equal(kept.discrepancy, more.discrepancy)

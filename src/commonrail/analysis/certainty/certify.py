@@ -334,7 +334,7 @@ def _intervals(within: Within, profiled: Mapping[str, Profile], level: float) ->
             if (below, above) == (low[i], high[i]):
                 continue
         low[i], high[i] = below, above
-        labels[i] = PROFILED + (", uncertain quantities added" if wider[i] else "") + fitted
+        labels[i] = ", ".join([PROFILED, *(_added(found) if wider[i] else [])]) + fitted
     return low, high, labels
 
 
@@ -347,9 +347,14 @@ def _local_label(found: Estimate) -> str:
     if Law.STUDENT.value in laws:
         parts.append("outliers, their scale and freedom integrated out")
     parts.append("t quantile" if (found.covariance.freedom < MANY).any() else "normal quantile")
-    parts.append("error of the time step added")
+    return ", ".join([*parts, *_added(found)])
+
+
+def _added(found: Estimate) -> list[str]:
+    """What an interval holds beside the noise."""
+    parts = ["error of the time step added"]
     if found.likelihood.nuisances:
         parts.append("uncertain quantities added")
     if any(block.noise.discrepancy for block in found.likelihood.blocks):
         parts.append("discrepancy added")
-    return ", ".join(parts)
+    return parts

@@ -23,7 +23,17 @@ from commonrail.calibration.sampling import sample_feasible
 from commonrail.errors import SimulationError
 from commonrail.kinds.noise import Law
 
-__all__ = ["ROUNDS", "Estimate", "estimate", "estimate_at", "library", "pulls_of", "starts_from", "with_outliers"]
+__all__ = [
+    "ROUNDS",
+    "Estimate",
+    "estimate",
+    "estimate_at",
+    "library",
+    "pulls_of",
+    "starts_from",
+    "with_outliers",
+    "with_step_error",
+]
 
 Floats = NDArray[np.float64]
 
@@ -292,20 +302,10 @@ def _ended(found: Estimate) -> Estimate:
     Central differences see a smoother likelihood than the search does: a small fall that they promise and that none of
     the steps brings is its ripple.
     """
-    own = found.likelihood
     for _ in range(LAST_STEPS):
-        if found.gain < SETTLED:
+        before, found = found, _stepped(found)
+        if found.unit is before.unit:
             break
-        step, _ = _promised(own, found.unit, found.slopes, found.errors, found.covariance)
-        ends = Walls.of(own.space).within(np.tile(found.unit, (len(SHARES), 1)), found.unit + SHARES[:, None] * step)
-        points = own.space.from_unit(ends)
-        errors = own.residuals(points)
-        costs = own.block_costs(own.whiten(errors)).sum(axis=1) + own.priors.costs(points)
-        costs = np.where(np.isfinite(costs), costs, np.inf)
-        best = int(np.argmin(costs))
-        if costs[best] >= found.cost:
-            return replace(found, gain=0.0) if found.gain < AGREED else found
-        found = estimate_at(own, ends[best], errors[best], own.jacobian(ends[best][None])[0])
     return found
 
 
@@ -316,33 +316,34 @@ def _over_intervals(found: Estimate) -> Estimate:
         slopes = secant_slopes(own, found.unit, found.errors, found.slopes, found.covariance)
         again = estimate_at(own, found.unit, found.errors, slopes)
         before, after = (np.diag(one.covariance.noise) for one in (found, again))
-        found = _moved(again)
+        found = _stepped(again, slopes)
         with np.errstate(invalid="ignore", divide="ignore"):
             ratios = np.nan_to_num(after / before, nan=1.0, posinf=1.0)
         if found is again and (np.abs(np.log(np.maximum(ratios, 1e-300))) < AGREEING).all():
             break
-    return replace(found, covariance=with_step_error(wider(found.covariance, local), found))
+    return with_step_error(replace(found, covariance=wider(found.covariance, local)))
 
 
-def with_step_error(known: Covariance, found: Estimate) -> Covariance:
-    """The covariance with what the time step of the simulations moves the estimates by.
+def with_step_error(found: Estimate) -> Estimate:
+    """The estimate, its covariance with what the time step of the simulations moves the values by."""
+    own, known = found.likelihood, found.covariance
+    shift = own.step_error(found.point)
+    if not np.isfinite(shift).all():
+        return found
+    whitened = own.whiten(np.stack([*found.slopes, found.errors, shift]))
+    move = moved_by(own, known.inverse, whitened[:-2], whitened[-2], whitened[-1:])
+    return replace(found, covariance=known._replace(discrepancy=known.discrepancy + move.T @ move))
+
+
+def _stepped(found: Estimate, slopes: Floats | None = None) -> Estimate:
+    """The estimate after one step of its linear model, or a share of it, if that lowers the cost.
 
     Parameters
     ----------
-    known : Covariance
     found : Estimate
+    slopes : (d, n), optional
+        Derivatives to take there; central differences by default.
     """
-    own = found.likelihood
-    shift = own.step_error(found.point)
-    if not np.isfinite(shift).all():
-        return known
-    whitened = own.whiten(np.stack([*found.slopes, found.errors, shift]))
-    move = moved_by(own, known.inverse, whitened[:-2], whitened[-2], whitened[-1:])
-    return known._replace(discrepancy=known.discrepancy + move.T @ move)
-
-
-def _moved(found: Estimate) -> Estimate:
-    """The estimate after one step of its linear model, if that lowers the cost."""
     own = found.likelihood
     if found.gain < SETTLED:
         return found
@@ -355,7 +356,8 @@ def _moved(found: Estimate) -> Estimate:
     best = int(np.argmin(costs))
     if costs[best] >= found.cost:
         return replace(found, gain=0.0) if found.gain < AGREED else found
-    return estimate_at(own, ends[best], errors[best], found.slopes)
+    slopes = own.jacobian(ends[best][None])[0] if slopes is None else slopes
+    return estimate_at(own, ends[best], errors[best], slopes)
 
 
 def _promised(

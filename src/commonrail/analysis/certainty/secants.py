@@ -1,4 +1,4 @@
-"""Derivatives over the width of the intervals: differences between points two standard errors to both sides.
+"""Derivatives over the width of the intervals: differences between points three standard errors to both sides.
 
 A likelihood ripples where timing moves samples on steep flanks, the more so where correlated noise is whitened: within
 a fraction of a standard error its slope differs from that over the whole interval. Derivatives at a point then state
@@ -19,7 +19,7 @@ __all__ = ["secant_slopes", "wider"]
 
 Floats = NDArray[np.float64]
 
-REACH = 3.0
+REACH = 3.0  # standard errors; chosen, beyond the two at which an interval of 95 % ends
 LONGEST = 0.1  # of the range of a parameter: beyond it curvature counts, which the ripple is not
 SHORTEST = 0.1  # of the reach, below which bounds and constraints leave no difference to be taken
 
@@ -27,8 +27,9 @@ SHORTEST = 0.1  # of the reach, below which bounds and constraints leave no diff
 def secant_slopes(own: Likelihood, unit: Floats, errors: Floats, slopes: Floats, covariance: Covariance) -> Floats:
     """Derivatives (d, n) of the residuals with respect to the positions, from differences along the principal axes.
 
-    2 d points are simulated in one batch. Along an axis that bounds and constraints close, or where a simulation fails,
-    the given derivatives stay; so do those of parameters that nothing holds.
+    2 d points are simulated in one batch, within the bounds and straight constraints (see `Walls`). Along an axis
+    that these close, or where a simulation fails, the given derivatives stay; so do those of parameters that nothing
+    holds.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ def secant_slopes(own: Likelihood, unit: Floats, errors: Floats, slopes: Floats,
     walls = Walls.of(own.space)
     ahead, behind = (np.minimum(reach, _distance(walls, unit, sign * axes)) for sign in (1.0, -1.0))
     points = np.concatenate([unit + ahead[:, None] * axes, unit - behind[:, None] * axes])
-    found = own.residuals(own.space.from_unit(np.clip(points, 0.0, 1.0)))
+    found = own.residuals(own.space.from_unit(np.clip(points, 0.0, 1.0)))  # cuts rounding only
     difference = found[: len(axes)] - found[len(axes) :]
     local = axes @ slopes
     usable = (ahead + behind > SHORTEST * reach) & np.isfinite(difference).all(axis=1)

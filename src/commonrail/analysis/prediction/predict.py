@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import places_of
-from commonrail.analysis.certainty.estimate import Estimate, estimate, estimate_at, with_outliers
+from commonrail.analysis.certainty.estimate import Estimate, estimate, estimate_at, with_outliers, with_step_error
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.within import Within
 from commonrail.analysis.neighbourhood import around
@@ -327,4 +327,4 @@ def _about(found: Estimate, point: Floats) -> Estimate:
         covariance = found.covariance
         return replace(found, covariance=covariance._replace(discrepancy=covariance.discrepancy + np.outer(away, away)))
     errors = own.residuals(point[None])[0]
-    return with_outliers(estimate_at(own, unit, errors, own.jacobian(unit[None])[0]))
+    return with_outliers(with_step_error(estimate_at(own, unit, errors, own.jacobian(unit[None])[0])))

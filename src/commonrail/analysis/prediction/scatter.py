@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from commonrail.analysis.certainty.covariance import covariance_of
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of, with_outliers
 from commonrail.analysis.certainty.laws import sample_count, scale_of
+from commonrail.analysis.certainty.secants import wider
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import Law
 
@@ -140,7 +141,11 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
     wide = own.with_noises(noises)
     covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, pulls_of(wide, found.unit))
     fitted_moves, linear = found.covariance.nuisances, covariance.nuisances  # other weights, and no further fits
-    covariance = covariance._replace(nuisances=np.where(np.abs(fitted_moves) > np.abs(linear), fitted_moves, linear))
+    covariance = covariance._replace(
+        nuisances=np.where(np.abs(fitted_moves) > np.abs(linear), fitted_moves, linear),
+        discrepancy=found.covariance.discrepancy,  # the errors of time step and drift are in it, but not in the blocks
+    )
+    covariance = wider(covariance, found.covariance)
     return with_outliers(replace(found, likelihood=wide, covariance=covariance))
 
 
