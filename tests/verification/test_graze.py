@@ -140,9 +140,15 @@ def test_the_quantity_does_not_jump_where_the_needle_begins_to_touch_its_seat(gr
 
 
 @pytest.mark.slow
-def test_steps_and_engines_stay_on_one_branch_at_a_graze(grazing: Injector) -> None:
-    point = OperatingPoint(160e6, 702.35e-6, horizon=LONG)
+# 702.5 us is where the needle begins to touch: steps of 1 us place that some 0.3 us early, where 1 us takes 1 mm³, so
+# that they are 1.0 % off there, and steps of 0.25 us 0.1 %. 705.35 us is 3 us beyond, with a touch at every step.
+@pytest.mark.parametrize(("energising_time", "limit"), [(702.5e-6, 1.5e-2), (705.35e-6, 2e-3)])
+def test_steps_and_engines_stay_on_one_branch_at_a_graze(
+    grazing: Injector, energising_time: float, limit: float
+) -> None:
+    point = OperatingPoint(160e6, energising_time, horizon=LONG)
     coarse, fine = (simulate(grazing, point, time_step=step).injected_volume for step in (1e-6, 5e-8))
     exact = simulate(grazing, point, "reference").injected_volume
     # 0.2 %: five times the distance of the engines in main injections; the branches were 4 % apart
-    assert (coarse, fine) == pytest.approx((exact, exact), rel=2e-3)
+    assert fine == pytest.approx(exact, rel=2e-3)
+    assert coarse == pytest.approx(exact, rel=limit)
