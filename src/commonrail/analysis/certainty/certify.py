@@ -351,7 +351,7 @@ def _local_label(found: Estimate) -> str:
 
 
 def _added(found: Estimate) -> list[str]:
-    """What an interval holds beside the noise."""
+    """Names of the errors beside the noise that an interval holds."""
     parts = ["error of the time step added"]
     if found.likelihood.nuisances:
         parts.append("uncertain quantities added")
