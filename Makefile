@@ -43,7 +43,7 @@ test-generic: $(VENV)/.dev ## run the tests with kernels for any x86-64 processo
 	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= $(BIN)/python $(TESTS)
 
 test-busy: $(VENV)/.dev ## run the tests beside six processes that keep the machine busy
-	$(BIN)/python tools/busy.py 6 $(BIN)/python $(TESTS)
+	$(BIN)/python -m tools.busy 6 $(BIN)/python $(TESTS)
 
 test-lowest: ## run the tests with the lowest versions that pyproject.toml admits, on Python 3.11
 	$(PYTHON_LOWEST) -m venv --clear $(LOWEST)
@@ -77,16 +77,16 @@ fuzz: $(VENV)/.dev ## feed 100,000 damaged files to every reader
 	$(BIN)/python -m tools.fuzz 100000
 
 soak: $(VENV)/.runtime ## kill the paper's study 200 times at random instants and resume it
-	$(BIN)/python tools/soak.py 200
+	$(BIN)/python -m tools.soak 200
 
 attack: $(VENV)/.dev ## attack files, folders, caches and workers as docs/reliability.md says; each held or fallen
 	$(BIN)/python -m tools.attack
 
 fleet: $(VENV)/.runtime ## calibrate a synthetic fleet of 200, killed once and restarted once
-	$(BIN)/python tools/fleet_trial.py
+	$(BIN)/python -m tools.fleet_trial
 
 disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status 77, without leave to mount)
-	$(BIN)/python tools/no_room.py || test $$? -eq 77
+	$(BIN)/python -m tools.no_room || test $$? -eq 77
 
 kernels: $(VENV)/.runtime ## compile the simulations of the catalogue into libraries: later starts need no compiler
 	$(BIN)/python -m commonrail.export.lane_library

@@ -20,7 +20,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import make_fleet
+from tools import make_fleet
 
 SMALL, LARGE, WORKERS = 20, 200, 2
 KILLED_AT = 0.4  # of the large fleet

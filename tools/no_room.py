@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import soak
+from tools import soak
 
 SIZES = (60, 100, 130, 180, 250, 330, 400, 500, 560, 620, 700, 2000, 5500, 12000)  # [kB]
 SKIPPED = 77
