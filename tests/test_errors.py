@@ -14,6 +14,7 @@ EXIT_CODES = {
     "ConfigurationError": 2,
     "StudyError": 2,
     "OutputError": 3,
+    "PluginError": 2,
     "SimulationError": 4,
 }
 

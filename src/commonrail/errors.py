@@ -16,6 +16,7 @@ __all__ = [
     "ConfigurationError",
     "InputError",
     "OutputError",
+    "PluginError",
     "SimulationError",
     "StudyError",
     "nearest",
@@ -56,6 +57,12 @@ class ConfigurationError(CommonrailError):
 
 class StudyError(CommonrailError):
     """A study that cannot be started, continued or read back."""
+
+    exit_code: ClassVar[int] = 2
+
+
+class PluginError(CommonrailError):
+    """An installed plug-in that cannot be loaded."""
 
     exit_code: ClassVar[int] = 2
 

@@ -1,0 +1,50 @@
+"""Parts of installed plug-ins, found by entry points of a distribution that lies on the path."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from commonrail import registry
+from commonrail.errors import PluginError
+
+
+@pytest.fixture
+def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Distribution with a reader that works, one whose module cannot be imported and one that does not exist."""
+    (tmp_path / "example_tdms.py").write_text("SHEET = 'sheet of TDMS'\n", encoding="utf-8")
+    (tmp_path / "example_broken.py").write_text("raise OSError('no driver')\n", encoding="utf-8")
+    info = tmp_path / "example_plugin-1.2.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: example-plugin\nVersion: 1.2\n", encoding="utf-8")
+    (info / "entry_points.txt").write_text(
+        "[commonrail.readers]\ntdms = example_tdms:SHEET\nbroken = example_broken:SHEET\nabsent = example_tdms:OTHER\n",
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    registry.installed.cache_clear()
+    yield
+    registry.installed.cache_clear()
+
+
+@pytest.mark.usefixtures("plugin")
+def test_a_part_of_an_installed_package_is_loaded_by_its_name() -> None:
+    entry = registry.find("readers", "tdms")
+    assert entry is not None
+    assert (entry.distribution, entry.version, entry.load()) == ("example-plugin", "1.2", "sheet of TDMS")
+    assert "tdms" in registry.entries("readers")
+
+
+@pytest.mark.usefixtures("plugin")
+@pytest.mark.parametrize(("name", "reason"), [("broken", "no driver"), ("absent", "OTHER")])
+def test_a_broken_plug_in_is_named_with_its_reason(name: str, reason: str) -> None:
+    entry = registry.find("readers", name)
+    assert entry is not None
+    with pytest.raises(PluginError, match=rf"example-plugin 1\.2: \"{name}\".*{reason}"):
+        entry.load()
+
+
+def test_a_name_that_nobody_registers_has_no_part() -> None:
+    assert registry.find("readers", "no-such-ending") is None
