@@ -12,7 +12,7 @@ import numpy as np
 from commonrail.choices import Actuation, Body, Engine, Precision
 from commonrail.cli.console import SIMULATING, say
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.simulate import simulate
+from commonrail.engine.simulate import simulate as simulated
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.errors import InputError, SimulationError
@@ -79,7 +79,7 @@ def solve(injector: Injector, point: OperatingPoint, settings: Settings) -> Solu
     if settings.engine is not Engine.REFERENCE:
         say(SIMULATING)
     engine, step, precision = settings
-    solution = simulate(injector, point, engine, step, precision=precision)
+    solution = simulated(injector, point, engine, step, precision=precision)
     if solution.status.failed:
         raise SimulationError(f"{injector.name}: {solution.sentence}")
     if solution.status is Status.STILL_INJECTING:

@@ -15,7 +15,7 @@ from commonrail.errors import InputError, nearest
 from commonrail.files.atomic import write_text
 from commonrail.fleet.supply import DEAD_TIMES, INJECTOR, Layout, check_name, checked_names
 from commonrail.fleet.table import Table, find_column, names_of, read_table
-from commonrail.reading.csv_file import MOST_ROWS
+from commonrail.reading.csv_file import MOST_ROWS as LONGEST_TABLE
 from commonrail.reading.guarded_file import LARGEST_FILE, sha256
 
 __all__ = ["RowSupply"]
@@ -92,10 +92,10 @@ class _Part:
         for start in range(0, len(self.rows), AT_A_TIME):
             cells = self.table.cells(self.rows[start : start + AT_A_TIME])
             writer.writerows([row[i] for i in self.form.columns] for row in cells)
-            if start + len(cells) > MOST_ROWS or stream.tell() > LARGEST_FILE:
+            if start + len(cells) > LONGEST_TABLE or stream.tell() > LARGEST_FILE:
                 raise InputError(
                     f"{self.table.place(int(self.rows[0]))}: the rows of this injector are more than the "
-                    f"{MOST_ROWS} or the {LARGEST_FILE / 1e6:g} MB that are read; keep only what is needed."
+                    f"{LONGEST_TABLE} or the {LARGEST_FILE / 1e6:g} MB that are read; keep only what is needed."
                 )
         return stream.getvalue()
 

@@ -13,10 +13,10 @@ from commonrail.reading.toml_file import read_toml
 
 __all__ = ["ModelFile", "read_model_file"]
 
-_Model = TypeVar("_Model", bound=FileModel)
+_FileContent = TypeVar("_FileContent", bound=FileModel)
 
 
-class ModelFile(NamedTuple, Generic[_Model]):
+class ModelFile(NamedTuple, Generic[_FileContent]):
     """Content of a file.
 
     Attributes
@@ -30,13 +30,13 @@ class ModelFile(NamedTuple, Generic[_Model]):
         The file as given.
     """
 
-    model: _Model
+    model: _FileContent
     at: Place
     reach: Reach
     text: str
 
 
-def read_model_file(kind: type[_Model], file: Path) -> ModelFile[_Model]:
+def read_model_file(kind: type[_FileContent], file: Path) -> ModelFile[_FileContent]:
     """Read and check a file.
 
     Parameters

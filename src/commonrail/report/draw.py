@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 from commonrail.display.chart import Bars, Boxes, Figure, Panel, Series
 from commonrail.report.axis import Axis, span
 from commonrail.report.lettering import LONGEST, SIZE, cut, text_width, upright
-from commonrail.report.pane import DASHES, TENTHS, colour_of, line_of, marker_path, pane_svg
+from commonrail.report.pane import DASHES, INK, TENTHS, colour_of, line_of, marker_path, pane_svg
 
 __all__ = [
     "FONT",
@@ -24,7 +24,7 @@ __all__ = [
     "small_html",
 ]
 
-INK, SOFT, GRID = "#1d2733", "#586472", "#e3e7eb"
+SOFT, GRID = "#586472", "#e3e7eb"
 FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
 WIDE, NARROW = 760, 352  # widths that figures are drawn for [px]: a page and a sheet of paper, a telephone
 LINE = 16.0  # of a legend [px]
