@@ -20,7 +20,26 @@ from typing import Any, NamedTuple
 from commonrail.errors import PluginError
 
 PACKAGE = "commonrail"
-GROUPS = ("verbs", "data", "optimisers", "readers", "injectors", "fuels", "meters", "results")
+GROUPS = (
+    "verbs",
+    "data",
+    "optimisers",
+    "readers",
+    "injectors",
+    "fuels",
+    "meters",
+    "results",
+    "studies",
+    "after_fit",
+    "pages",
+    "inspectors",
+)
+
+
+def load(target: str) -> Any:
+    """Import and return the object ``module:object``."""
+    module, _, attribute = target.partition(":")
+    return getattr(import_module(module), attribute)
 
 
 class Entry(NamedTuple):
@@ -31,7 +50,11 @@ class Entry(NamedTuple):
     group : str
         One of `GROUPS`.
     name : str
-        Of the verb, method, kind of data, file ending without its point, injector, fuel, meter or kind of result.
+        Of the verb, method, kind of data, injector, fuel or meter; of "readers" and "inspectors" the ending of a file
+        without its point; of "results" the record file by which a folder tells its kind, such as "comparison.json"; of
+        "studies" NAME where the file has the format "commonrail-NAME/1" and a run folder keeps it as "NAME.toml"; of
+        "pages" the file in a run folder; of "after_fit" any, and they are called in alphabetical order of it after
+        those that ship.
     target : str
         ``module:object``.
     distribution : str
@@ -54,11 +77,10 @@ class Entry(NamedTuple):
         PluginError
             If the import of an installed plug-in fails, whatever its reason.
         """
-        module, _, attribute = self.target.partition(":")
         if self.distribution == PACKAGE:
-            return getattr(import_module(module), attribute)
+            return load(self.target)
         try:
-            return getattr(import_module(module), attribute)
+            return load(self.target)
         except Exception as error:
             raise PluginError(
                 f'plug-in {self.distribution} {self.version}: "{self.name}" of {PACKAGE}.{self.group} cannot be loaded '

@@ -1,18 +1,17 @@
-"""Effects of free parameters near the best values, and, of a calibration, the certainty of each."""
+"""Effects of free parameters near the best values, and what the plug-ins of "after_fit" add for a calibration."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.analysis.certainty.certify import certify
-from commonrail.analysis.certainty.verdict import LIMIT, Verdict
+from commonrail import notice, registry
 from commonrail.analysis.influence import Influence, influence_of
 from commonrail.analysis.neighbourhood import around
-from commonrail.analysis.prediction.predict import judged_bands
 from commonrail.arguments import instance
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.members import equal_ends, fitted_values
@@ -21,36 +20,77 @@ from commonrail.calibration.prior import Priors
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
 from commonrail.elementary import norm, product
+from commonrail.errors import PluginError
 from commonrail.kinds import Role, of_role
 from commonrail.linear import least_squares
 
 Floats = NDArray[np.float64]
 
 NORMAL = 1.96  # standard errors of half an interval of 95 %
+LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
+
+
+class Verdict(StrEnum):
+    """Statement of the data on a parameter."""
+
+    PINNED = "pinned"
+    COMBINED = "only in combination"
+    AT_BOUND = "at a bound"
+    CONSTRAINED = "held by a constraint"
+    UNSEEN = "not seen by these data"
+    WITHDRAWN = "withdrawn"
 
 
 class Identified(dict[str, dict[str, Any]]):
-    """Findings of each free parameter by name, and in `summary` those of the fit as a whole.
+    """Findings of each free parameter by name.
 
-    The summary is that of `Influence.record`, `influence` what it was made of; None where the best values could not be
-    simulated. `bands` are those of `judged_bands`, by the name of the data set; `refits` the record of `refits_of`,
-    for the result of a run that has made them. `certainty` is the record of `certify`, from which standard errors and
-    verdicts are; empty where a point was judged by `identify_at` alone.
+    Attributes
+    ----------
+    influence : Influence or None
+        None where the best values could not be simulated.
+    sections : dict
+        Sections of result.json on the fit as a whole, by their keys; "identifiability" is `Influence.record`.
+    bands : dict
+        Section "band" of a data set, by its name.
     """
 
-    summary: dict[str, Any] | None = None
-    influence: Influence | None = None
-    bands: Mapping[str, dict[str, Any]] = {}
-    refits: Mapping[str, Any] = {}
-    certainty: Mapping[str, Any] = {}
+    def __init__(self, influence: Influence | None = None) -> None:
+        super().__init__()
+        self.influence = influence
+        self.sections: dict[str, Any] = {}
+        self.bands: dict[str, dict[str, Any]] = {}
+
+
+@dataclass(frozen=True)
+class FinishedFit:
+    """Fit that functions of the group "after_fit" judge, each called with it.
+
+    Attributes
+    ----------
+    calibration : Calibration
+    identified : Identified
+        What the function adds to or replaces: findings of parameters, sections, bands.
+    optima : (k, d)
+        Best values [SI], then other optima that explain the data as well.
+    threads : int or None
+        None: all usable processors.
+    shared : dict
+        What a function leaves to those after it, by the name of its part.
+    """
+
+    calibration: Calibration
+    identified: Identified
+    optima: Floats
+    threads: int | None
+    shared: dict[str, Any] = field(default_factory=dict)
 
 
 def identify(calibration: Calibration, threads: int | None = None) -> Identified:
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
-    Standard errors and verdicts are those of the likelihood near the best values, see `certify`; effects are those of
-    `identify_at`. With `same_bits` all are those of `identify_at`, and there are no bands; `commonrail certainty` and
-    `commonrail predict` compute the others on demand.
+    Effects are those of `identify_at`; standard errors, verdicts and bands those of the parts registered as "after_fit",
+    which ships `certify` and `judged_bands`. With `same_bits` all are those of `identify_at`, and there are no bands;
+    `commonrail certainty` and `commonrail predict` compute the others on demand.
     """
     study = calibration.study
     fitted = of_role(study.data, Role.FIT)
@@ -60,12 +100,15 @@ def identify(calibration: Calibration, threads: int | None = None) -> Identified
     )
     best = np.array([calibration.best[name] for name in study.space.names])
     found = identify_at(study.space, objective, best)
-    if found.influence and not study.same_bits:  # LAPACK, which the likelihood uses, has other bits elsewhere
-        certain = certify(study, calibration.best, threads=threads)
-        found.bands = judged_bands(study, certain.within, np.array([best, *_others(calibration)]), threads)
-        found.certainty = certain.record()
-        for one in found.certainty["parameters"]:
-            found[one["name"]] |= {key: one[key] for key in ("standard_error", "verdict")}
+    if found.influence:
+        fit = FinishedFit(calibration, found, np.array([best, *_others(calibration)]), threads)
+        for part in registry.entries("after_fit").values():
+            try:
+                judge = part.load()
+            except PluginError as error:  # the others judge the fit all the same
+                notice.note(str(error))
+            else:
+                judge(fit)
     return found
 
 
@@ -113,8 +156,9 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
     stated = all(data.discrepancy(data.measured) is not None for data in objective.data)  # not in mm³/ms, as curves are
     known = np.where(usable, jacobian, 0.0)
     influence = influence_of(own, known, pulls, stated) if np.isfinite(own).all() else None
-    found = Identified()
-    found.influence, found.summary = influence, influence.record(space.names) if influence else None
+    found = Identified(influence)
+    if influence:
+        found.sections["identifiability"] = influence.record(space.names)
     for i, p in enumerate(space.parameters):
         alone, joint = _leverage(jacobian, usable, i)
         error = spread / joint if joint > 0.0 else np.inf

@@ -70,8 +70,7 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         **({"loss_scale": study.loss_scale} if study.loss is Loss.SOFT_L1 else {}),
         **({"convergence": calibration.convergence.record()} if calibration.convergence else {}),
         "objective": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
-        **_identifiability(identified),
-        **({CERTAINTY: certainty} if (certainty := getattr(identified, "certainty", {})) else {}),
+        **getattr(identified, "sections", {}),
         "data": _banded(data_records(study.data, calibration.scores), identified),
         **meter_records(calibration.meters),
         "warnings": warning_records(calibration.warnings),
@@ -153,12 +152,6 @@ def _banded(records: list[dict[str, Any]], identified: Mapping[str, Any]) -> lis
     """Records of data sets with their bands, if `identified` has them."""
     bands = getattr(identified, "bands", {})
     return [{**one, "band": bands[one["name"]]} if one["name"] in bands else one for one in records]
-
-
-def _identifiability(identified: Mapping[str, Any]) -> dict[str, Any]:
-    """Effective parameters, combinations and further searches, if `identified` has them."""
-    summary, refits = getattr(identified, "summary", None), getattr(identified, "refits", None)
-    return ({"identifiability": summary} if summary else {}) | ({"refits": refits} if refits else {})
 
 
 def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -2,4 +2,9 @@
 
 from __future__ import annotations
 
-SHIPPED: dict[str, dict[str, str]] = {}
+SHIPPED: dict[str, dict[str, str]] = {
+    "after_fit": {
+        "certainty": "commonrail.analysis.certainty.certify:judge",
+        "prediction": "commonrail.analysis.prediction.predict:judge",
+    },
+}

@@ -185,7 +185,8 @@ def _run(journal: Journal, study: Study, checkpoint: Checkpoint | None, listener
         listener.note("judging how well the data determine each parameter ...")
         identified = identify(calibration, how["threads"])
         workers = how["workers"]
-        identified.refits = refits_of(calibration, threads=how["threads"], workers=workers, note=listener.note)
+        refits = refits_of(calibration, threads=how["threads"], workers=workers, note=listener.note)
+        identified.sections |= {"refits": refits} if refits else {}
         journal.check_place()
         write_judgement(journal.folder, calibration, identified)
         journal.end_session(calibration.status, calibration.reason)

@@ -23,15 +23,17 @@ from commonrail.analysis.certainty.record import certainty_record
 from commonrail.analysis.certainty.ripple import Ripple, ripple_of
 from commonrail.analysis.certainty.verdict import LIMIT, Judged, Verdict, verdicts_of, withdrawal
 from commonrail.analysis.certainty.within import Within, estimate_within
+from commonrail.analysis.identifiability import FinishedFit
 from commonrail.arguments import instance, number, thread_count, whole
 from commonrail.calibration.constraint_text import parse_constraints
+from commonrail.calibration.result import CERTAINTY
 from commonrail.calibration.study import Study
 from commonrail.display.shown import Shown
 from commonrail.display.text import listed
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.noise import Law
 
-__all__ = ["Certainty", "certify", "friction_withdraws"]
+__all__ = ["Certainty", "certify", "friction_withdraws", "judge"]
 
 Floats = NDArray[np.float64]
 
@@ -208,6 +210,21 @@ def certify(
         _gain(found, point),
         ripple,
     )
+
+
+def judge(fit: FinishedFit) -> None:
+    """Replace standard errors and verdicts by those of `certify`, and add its record; the part "certainty" after a fit.
+
+    Nothing is done with `same_bits`: LAPACK, which the likelihood uses, has other bits on other processors.
+    """
+    study = fit.calibration.study
+    if study.same_bits:
+        return
+    found = certify(study, fit.calibration.best, threads=fit.threads)
+    record = found.record()
+    fit.shared[CERTAINTY], fit.identified.sections[CERTAINTY] = found, record
+    for one in record["parameters"]:
+        fit.identified[one["name"]] |= {key: one[key] for key in ("standard_error", "verdict")}
 
 
 def _gain(found: Estimate, point: Floats) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.lack_of_fit import LackOfFit
 from commonrail.analysis.certainty.sensitivity import Assumed, unstated
 from commonrail.analysis.certainty.steps import Walls
+from commonrail.analysis.identifiability import LIMIT, Verdict
 from commonrail.display.text import listed, significant
 from commonrail.units import to_text
 
@@ -21,23 +21,11 @@ __all__ = ["LIMIT", "Judged", "Verdict", "verdicts_of", "withdrawal"]
 
 Floats = NDArray[np.float64]
 
-LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
 NAMED = 0.5  # correlation from which another parameter is named
 MOST_NAMED = 3
 NOTICED = 1.1  # half width with what is assumed over that without, from which both are given
 MOSTLY = 0.5  # share of the variance from which an uncertain quantity is blamed
 MOST_TOLD = 10.0  # half width over value, above which it is no figure any more
-
-
-class Verdict(StrEnum):
-    """Statement of the data on a parameter."""
-
-    PINNED = "pinned"
-    COMBINED = "only in combination"
-    AT_BOUND = "at a bound"
-    CONSTRAINED = "held by a constraint"
-    UNSEEN = "not seen by these data"
-    WITHDRAWN = "withdrawn"
 
 
 class Judged(NamedTuple):

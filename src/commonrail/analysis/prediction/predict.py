@@ -19,12 +19,14 @@ from commonrail.analysis.certainty.block import places_of
 from commonrail.analysis.certainty.estimate import Estimate, estimate, estimate_at, with_outliers, with_step_error
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.within import Within
+from commonrail.analysis.identifiability import FinishedFit
 from commonrail.analysis.neighbourhood import around
 from commonrail.analysis.posterior.proposals import bounded
 from commonrail.analysis.prediction.band import Band, Edges, band_from_draws, band_from_slopes, union
 from commonrail.analysis.prediction.ensemble import drawn_about, falls_below_zero
 from commonrail.analysis.prediction.scatter import Scatter, curve_scatter, floored, scatter_of
 from commonrail.arguments import instance, instances, number, thread_count
+from commonrail.calibration.result import CERTAINTY
 from commonrail.calibration.study import Study
 from commonrail.display.shown import Shown
 from commonrail.display.text import listed
@@ -33,7 +35,7 @@ from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.kinds import DataSet, QuantityData, Role, in_order, of_role
 from commonrail.kinds.simulator import Simulator
 
-__all__ = ["LEVEL", "LEVELS", "Prediction", "judged_bands", "predict"]
+__all__ = ["LEVEL", "LEVELS", "Prediction", "judge", "judged_bands", "predict"]
 
 Floats = NDArray[np.float64]
 
@@ -154,6 +156,13 @@ def predict(
     fit = _fit(study, estimate(own, own.space.to_unit(point)[None]), point[None], threads)._replace(draws=draws)
     bands = [_band(data, fit, shares, not wanted) for data in sets]
     return Prediction(bands, shares, _label(fit, bands), fit.scatter)
+
+
+def judge(fit: FinishedFit) -> None:
+    """Add the bands of all data about the calibrated values, if the certainty of the fit is known."""
+    if CERTAINTY in fit.shared:
+        within = fit.shared[CERTAINTY].within
+        fit.identified.bands.update(judged_bands(fit.calibration.study, within, fit.optima, fit.threads))
 
 
 def judged_bands(study: Study, within: Within, points: Floats, threads: int | None = None) -> dict[str, dict[str, Any]]:
