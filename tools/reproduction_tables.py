@@ -26,10 +26,10 @@ from commonrail.analysis.virtual_bench import Bench
 from commonrail.display.table import Table
 from commonrail.display.text import duration, fixed, percent, signed
 from commonrail.files.injector_file import load_injector
-from commonrail.files.reproduction_folder import read_reproduction
 from commonrail.files.truth_file import load_truth
 from commonrail.report import reproduction_tables as tables
-from commonrail.report.reproduction import check_reproduction, verdicts
+from commonrail.report.paper import RESULT
+from commonrail.report.reproduction import verdicts
 from commonrail.reproduction import paper
 from commonrail.reproduction.repetition import measure, search
 
@@ -183,7 +183,7 @@ def main() -> None:
     parser.add_argument("run", type=Path, help="folder of commonrail reproduce")
     parser.add_argument("ideal", type=Path, help="folder of the same with --truth virtual-lino-2016-ideal")
     given = parser.parse_args()
-    records = [check_reproduction(read_reproduction(folder)[0], str(folder)) for folder in (given.run, given.ideal)]
+    records = [RESULT.read(folder) for folder in (given.run, given.ideal)]
     PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), blocks(*map(dict, records))), encoding="utf-8")
     print(PAGE)
 

@@ -202,7 +202,7 @@ def test_validate_says_what_it_needs(command: Command, study: Path, options: tup
 
 
 def test_report_says_which_command_makes_a_fleet_s(command: Command, tmp_path: Path) -> None:
-    (tmp_path / "fleet.json").write_text("{}", encoding="utf-8")
+    (tmp_path / "fleet.json").write_text('{"schema": 1, "kind": "fleet"}', encoding="utf-8")
     done = command("report", tmp_path)
     assert done.status == 2
     assert f"`commonrail fleet FLEET --out {tmp_path}`" in done.sentence

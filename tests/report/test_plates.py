@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from commonrail.errors import InputError
-from commonrail.report.build import draw_plates, write_report
-from commonrail.report.plates import make_plates
+from commonrail.report.build import write_report
+from commonrail.report.paper import draw_plates, make_plates
 from commonrail.report.reproduction import PLATES
 from tests.report.reproduction_sample import record, traces
 
@@ -69,7 +69,7 @@ def test_without_matplotlib_a_sentence_names_the_extra(
     assert f"`commonrail report {run}` draws them" in sentence
     assert not (run / "figures").exists()
     assert "For print" not in page
-    monkeypatch.setattr("commonrail.report.plates.make_plates", lambda *read: plates)
+    monkeypatch.setattr("commonrail.report.paper.make_plates", lambda *read: plates)
     assert draw_plates(run) == ""
     assert len(list((run / "figures").iterdir())) == 6
     assert "figures/fig6.pdf" in write_report(run).read_text(encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from commonrail.display.text import MISSING
 from commonrail.errors import InputError
 from commonrail.report import reproduction_figures as figures
 from commonrail.report import reproduction_tables as tables
-from commonrail.report.reproduction import FEWEST, check_reproduction, reproduction_html, verdicts
+from commonrail.report.paper import RESULT
+from commonrail.report.reproduction import FEWEST, reproduction_html, verdicts
 from tests.report.reproduction_sample import former_record, record, traces
 
 
@@ -41,7 +43,7 @@ def test_six_seeds_are_the_fewest_that_can_tell_a_claim_from_chance() -> None:
 
 def test_a_record_of_the_first_version_is_still_read() -> None:
     found = former_record()
-    assert check_reproduction(found, "run") is found
+    assert found["schema"] in RESULT.schemas
     page = reproduction_html(found, traces())
     assert "rigid body, fitted" not in page
     assert tables.rigid_tables(found) == []
@@ -183,6 +185,7 @@ def test_figure_6_shows_one_seed_with_gaps_where_a_simulation_failed() -> None:
 @pytest.mark.parametrize(
     "broken", [{}, {"kind": "calibration", "schema": 1}, {"kind": "reproduction", "schema": 9}, []]
 )
-def test_another_record_is_refused(broken: object) -> None:
-    with pytest.raises(InputError, match="reproduce again"):
-        check_reproduction(broken, str(Path("run")))  # type: ignore[arg-type]
+def test_another_record_is_refused(tmp_path: Path, broken: object) -> None:
+    (tmp_path / "reproduce.json").write_text(json.dumps(broken), encoding="utf-8")
+    with pytest.raises(InputError, match=r"reproduce\.json"):
+        RESULT.read(tmp_path)

@@ -88,8 +88,8 @@ class FinishedFit:
 def identify(calibration: Calibration, threads: int | None = None) -> Identified:
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
-    Effects are those of `identify_at`; standard errors, verdicts and bands those of the parts registered as "after_fit",
-    which ships `certify` and `judged_bands`. With `same_bits` all are those of `identify_at`, and there are no bands;
+    Effects are those of `identify_at`; standard errors, verdicts and bands those of the parts in the group "after_fit":
+    as shipped `certify` and `judged_bands`. With `same_bits` all are those of `identify_at`, and there are no bands;
     `commonrail certainty` and `commonrail predict` compute the others on demand.
     """
     study = calibration.study

@@ -54,6 +54,8 @@ class Comparison(Shown):
         By label and data set, the points that have no number.
     """
 
+    presenter = "commonrail.report.faces:COMPARISON"
+
     models: dict[str, Injector]
     studies: tuple[Study, ...]
     data: tuple[DataSet, ...]

@@ -69,6 +69,8 @@ class Calibration(Shown):
         Of the optima whose mean is scored, the calibrated injector first; empty where there is none.
     """
 
+    presenter = "commonrail.report.faces:CALIBRATION"
+
     study: Study
     injector: Injector
     best: dict[str, float]

@@ -111,6 +111,8 @@ class Study(Shown):
         leaves the fuel's range of temperature or has a free quantity that no data set sees.
     """
 
+    presenter = "commonrail.report.faces:STUDY"
+
     title: str
     injector: Injector
     data: tuple[DataSet, ...]

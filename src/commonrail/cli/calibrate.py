@@ -44,15 +44,13 @@ def calibrate(
     Example:
       commonrail calibrate cases/paper/study.toml --out runs/paper --seed 1
     """
+    from commonrail.cli.study_kind import RunOptions, kind_of_study
     from commonrail.cli.study_run import print_outcome, run_study
     from commonrail.files.study_file import load_study
-    from commonrail.foreign.study_file import is_fmu_study
 
-    if is_fmu_study(study):
-        from commonrail.cli.fmu_run import print_fmu, refuse_workers, run_fmu
-
-        refuse_workers(workers, cluster)
-        print_fmu(run_fmu(study, out or free_run_folder(stem_of(study)), seed, threads), json)
+    kind = kind_of_study(study)
+    if kind and kind.calibrate:
+        kind.calibrate(study, out, RunOptions(seed, threads=threads, workers=workers, cluster=cluster, json=json))
         return
     loaded = load_study(study)
     if seed is not None:

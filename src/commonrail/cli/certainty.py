@@ -50,7 +50,8 @@ def certainty(
       commonrail certainty runs/first --profile plunger_needle.k7 --combination "plunger_needle.k2 + plunger_needle.k3"
     """
     from commonrail.analysis.certainty.certify import certify
-    from commonrail.files.run_folder import keep_certainty, read_fit, write_likely
+    from commonrail.files.certainty_file import keep_certainty, write_likely
+    from commonrail.files.run_folder import read_fit
     from commonrail.report.build import write_report
     from commonrail.report.certainty import certainty_lines, certainty_tables
 

@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_rows, print_table, say
+from commonrail.cli.options import open_workers
+from commonrail.cli.study_kind import RunOptions, StudyKind
 from commonrail.cli.study_run import end_if_stopped, reported
+from commonrail.errors import InputError
 from commonrail.units import to_text
 
 if TYPE_CHECKING:
@@ -18,7 +21,7 @@ if TYPE_CHECKING:
     from commonrail.store.run import Listener
     from commonrail.workers.workers import Workers
 
-__all__ = ["FamilyOutcome", "print_family", "print_type", "resume_run", "run_family", "type_record"]
+__all__ = ["STUDY", "FamilyOutcome", "print_family", "print_type", "resume_run", "run_family", "type_record"]
 
 
 class FamilyOutcome(NamedTuple):
@@ -104,6 +107,19 @@ def resume_run(folder: Path, *, as_begun: bool, threads: int | None, workers: Wo
         return resume_family(folder, as_begun=as_begun, threads=threads, workers=workers, listener=listener)
 
     return _told(f"resuming {folder}", folder, resumed)
+
+
+def _resume(run: Path, options: RunOptions) -> None:
+    from commonrail.family.run import TYPE
+
+    if options.generations:
+        raise InputError(f"--generations: {run} is the run of a family; state them in a new family file.")
+    with open_workers(options.workers, options.cluster) as workers:
+        outcome = resume_run(run, as_begun=options.as_begun, threads=options.threads, workers=workers)
+    print_family(outcome, options.json, run / TYPE)
+
+
+STUDY = StudyKind(_resume)
 
 
 def _told(title: str, folder: Path, work: Callable[[Listener], FamilyFit]) -> FamilyOutcome:

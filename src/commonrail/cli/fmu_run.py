@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_table
+from commonrail.cli.output import free_run_folder, stem_of
 from commonrail.cli.progress import Stage
+from commonrail.cli.study_kind import RunOptions, StudyKind
 from commonrail.cli.study_run import end_if_stopped, reported
 from commonrail.errors import InputError
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from commonrail.foreign.fit import FmuFit
     from commonrail.store.run import Listener
 
-__all__ = ["FmuOutcome", "print_fmu", "refuse_workers", "resume_fmu_run", "run_fmu"]
+__all__ = ["FmuOutcome", "STUDY", "print_fmu", "resume_fmu_run", "run_fmu"]
 
 
 class FmuOutcome(NamedTuple):
@@ -29,16 +31,27 @@ class FmuOutcome(NamedTuple):
     record: dict[str, Any]
 
 
-def refuse_workers(workers: int | None, cluster: str | None) -> None:
-    """Refuse options that have no meaning for an FMU.
-
-    Raises
-    ------
-    InputError
-    """
-    if workers is not None or cluster is not None:
-        name = "--workers" if cluster is None else "--cluster"
+def _refuse_workers(options: RunOptions) -> None:
+    """Refuse options that have no meaning for an FMU."""
+    if options.workers is not None or options.cluster is not None:
+        name = "--workers" if options.cluster is None else "--cluster"
         raise InputError(f"{name}: an FMU is simulated in processes of this machine; give their number by --threads.")
+
+
+def _calibrate(study: Path, out: Path | None, options: RunOptions) -> None:
+    _refuse_workers(options)
+    folder = out or free_run_folder(stem_of(study))
+    print_fmu(run_fmu(study, folder, options.seed, options.threads), options.json)
+
+
+def _resume(run: Path, options: RunOptions) -> None:
+    _refuse_workers(options)
+    if options.generations:
+        raise InputError(f"--generations: {run} is the run of an FMU; state them in a new study file.")
+    print_fmu(resume_fmu_run(run, as_begun=options.as_begun, processes=options.threads), options.json)
+
+
+STUDY = StudyKind(_resume, _calibrate)
 
 
 def run_fmu(source: Path, folder: Path, seed: int | None, processes: int | None) -> FmuOutcome:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from commonrail import registry
 from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_pairs, say
 from commonrail.cli.options import Json
@@ -50,8 +51,8 @@ def inspect(
     from commonrail.reading.map_table import GivenUnits
 
     check_file(out, "--out")
-    if file.suffix.lower() == ".dcm":
-        _show(_dcm(file), json)
+    if part := registry.find("inspectors", file.suffix.lower().removeprefix(".")):
+        _show({"file": str(file), **part.load()(file)}, json)
         return
     given = GivenUnits(pressure_unit, time_unit, quantity_unit)
     found = survey(file, FileForm(check_encoding(encoding, "--encoding") if encoding else "", sheet=sheet or ""), given)
@@ -65,19 +66,6 @@ def inspect(
     _show(facts | ({"files": [str(out)]} if out is not None else {}), json)
     if out is not None and not json:
         say(f"wrote {out}")
-
-
-def _dcm(file: Path) -> dict[str, Any]:
-    from commonrail.files.dcm import read_dcm
-
-    maps = read_dcm(file)
-    if not maps:
-        raise InputError(f"{file}: there is no map in this DCM file; single values and curves are passed over.")
-    facts: dict[str, Any] = {"file": str(file), "taken for": "calibration data, DCM 2"}
-    for m in maps:
-        (ny, nx), axes = m.values.shape, f"{m.x.unit or 'no unit'} × {m.y.unit or 'no unit'}"
-        facts[m.label] = f"{nx} × {ny} over {axes}, values in {m.unit or 'no unit'}"
-    return facts
 
 
 def _write(path: Path, found: FoundMap, source: Path) -> None:

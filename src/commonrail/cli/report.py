@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+from commonrail import registry
 from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, say
 from commonrail.cli.options import Json
@@ -33,18 +34,14 @@ def report(
       commonrail report runs/paper-1 --pdf
       commonrail report runs/paper-1 --page
     """
-    from commonrail.fleet.results import RECORD
-    from commonrail.report.build import draw_plates, write_report
+    from commonrail.report.build import write_report
     from commonrail.report.pdf import browser, print_pdf
+    from commonrail.report.result_kind import kind_of
 
-    if (run / RECORD).is_file():
-        raise InputError(
-            f"{run}: this is the folder of a fleet; `commonrail fleet FLEET --out {run}` makes its report."
-        )
     if pdf:
         browser()  # refuse before anything is written
     bench = _make_page(run) if page else None
-    lacking = draw_plates(run)
+    lacking = kind_of(run).extra(run)
     path = write_report(run)
     if lacking:
         say(lacking)
@@ -60,15 +57,16 @@ def _make_page(run: Path) -> Path:
     """The bench page of a run, written into its folder."""
     from commonrail.files.atomic import write_text
     from commonrail.files.run_folder import RESULT
-    from commonrail.page.build import page_html
-    from commonrail.page.subject import read_subject
     from commonrail.report.build import BENCH
 
+    part = registry.find("pages", BENCH)
+    if part is None:
+        raise InputError(f"--page: no installed package makes {BENCH}; omit --page.")
     if not (run / RESULT).is_file():
         raise InputError(
             f"{run}: --page needs the folder of a calibration, and there is no {RESULT} in it; omit --page, or make a "
             "page of an injector with `commonrail page`."
         )
     path = run / BENCH
-    write_text(path, page_html(read_subject(str(run))))
+    write_text(path, part.load()(run))
     return path

@@ -46,7 +46,8 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     from commonrail.files.reproduction_folder import write_reproduction
     from commonrail.files.run_folder import new_run_folder
     from commonrail.files.truth_file import load_truth
-    from commonrail.report.build import draw_plates, write_report
+    from commonrail.report.build import write_report
+    from commonrail.report.paper import draw_plates
     from commonrail.reproduction.record import reproduction_record
     from commonrail.reproduction.run import reproduce
     from commonrail.workers.interrupt import held_interrupts

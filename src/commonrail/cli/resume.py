@@ -7,7 +7,6 @@ from typing import Annotated
 
 from commonrail.cli import typer_later as typer
 from commonrail.cli.options import ClusterAddress, Json, Threads, WorkerCount, open_workers
-from commonrail.errors import InputError
 
 __all__ = ["resume"]
 
@@ -36,25 +35,14 @@ def resume(
     Example:
       commonrail resume runs/paper-1 --generations 30
     """
-    from commonrail.cli.family_run import print_family, resume_run
+    from commonrail.cli.study_kind import RunOptions, kind_of_run
     from commonrail.cli.study_run import print_outcome, resume_study
-    from commonrail.family.run import TYPE, is_family_run
-    from commonrail.foreign.run import is_fmu_run
 
-    if is_fmu_run(run):
-        from commonrail.cli.fmu_run import print_fmu, refuse_workers, resume_fmu_run
-
-        refuse_workers(workers, cluster)
-        if generations:
-            raise InputError(f"--generations: {run} is the run of an FMU; state them in a new study file.")
-        print_fmu(resume_fmu_run(run, as_begun=as_begun, processes=threads), json)
-        return
-    if is_family_run(run):
-        if generations:
-            raise InputError(f"--generations: {run} is the run of a family; state them in a new family file.")
-        with open_workers(workers, cluster) as crew:
-            joint = resume_run(run, as_begun=as_begun, threads=threads, workers=crew)
-        print_family(joint, json, run / TYPE)
+    if kind := kind_of_run(run):
+        options = RunOptions(
+            generations=generations, as_begun=as_begun, threads=threads, workers=workers, cluster=cluster, json=json
+        )
+        kind.resume(run, options)
         return
     with open_workers(workers, cluster) as crew:
         outcome = resume_study(run, generations=generations, as_begun=as_begun, threads=threads, workers=crew)

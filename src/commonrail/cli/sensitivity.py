@@ -135,13 +135,13 @@ def sensitivity(
 
 def _into(folder: Path, work: Any) -> Sensitivity:
     """Run a study into a new folder, which is removed again if nothing comes of it."""
-    from commonrail.files.analysis_folder import SENSITIVITY, write_analysis
+    from commonrail.files.analysis_folder import write_analysis
     from commonrail.files.run_folder import new_run_folder
     from commonrail.report.build import write_report
 
     with new_run_folder(folder):
         found: Sensitivity = work()
-        write_analysis(folder, SENSITIVITY, found.record(), found.rows())
+        write_analysis(folder, "sensitivity", found.record(), found.rows())
     write_report(folder)
     return found
 

@@ -73,7 +73,7 @@ def _run(loaded: Tolerances, threads: int | None) -> ToleranceResult:
 
 def _into(folder: Path, loaded: Tolerances, threads: int | None) -> ToleranceResult:
     """Run a study into a new folder, which is removed again if nothing comes of it."""
-    from commonrail.files.analysis_folder import TOLERANCE, write_analysis
+    from commonrail.files.analysis_folder import write_analysis
     from commonrail.files.atomic import write_text
     from commonrail.files.run_folder import new_run_folder
     from commonrail.report.build import write_report
@@ -81,7 +81,7 @@ def _into(folder: Path, loaded: Tolerances, threads: int | None) -> ToleranceRes
 
     with held_interrupts(), new_run_folder(folder):  # what is simulated is written whatever keys are pressed
         found = _run(loaded, threads)
-        write_analysis(folder, TOLERANCE, found.record(), found.rows())
+        write_analysis(folder, "tolerance", found.record(), found.rows())
         write_text(folder / "tolerances.toml", loaded.text)
         write_report(folder)
     return found

@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from typing import Any
+from typing import Any, ClassVar
 
 __all__ = ["Shown", "lend"]
 
 FACES = "commonrail.report.notebook"  # named, not imported: a result below knows no drawing
 
-# Results of rooms whose every source line is part of the stamp of compiled kernels: they are given the faces when they
-# are loaded, instead of deriving from `Shown`.
+# Results of packages whose every source line is part of the stamp of compiled kernels: they are given methods and
+# presenter when they are loaded, instead of deriving from `Shown`.
 _LENT = {
-    "commonrail.engine.solution": ("Solution", "Batch"),
-    "commonrail.injector.definition": ("Injector",),
+    "commonrail.engine.solution": {
+        "Solution": "commonrail.report.faces:SOLUTION",
+        "Batch": "commonrail.report.faces:BATCH",
+    },
+    "commonrail.injector.definition": {"Injector": "commonrail.report.faces:INJECTOR"},
 }
 _METHODS = ("__repr__", "_repr_html_", "plot", "to_pandas", "to_xarray")
 
 
 class Shown:
-    """Result that can be shown, drawn, and handed on as a table or as named arrays."""
+    """Result that can be shown, drawn, and handed on as a table or as named arrays.
+
+    Attributes
+    ----------
+    presenter : str
+        ``module:object`` of the `commonrail.report.presenter.Presenter` of its class, imported when it is needed.
+    """
+
+    presenter: ClassVar[str]
 
     def __repr__(self) -> str:
         """One line on the result."""
@@ -67,10 +78,11 @@ def _faces() -> Any:
 
 def lend() -> None:
     """Give the methods of `Shown` to the results of the physics rooms that are loaded."""
-    for home, names in _LENT.items():
+    for home, presenters in _LENT.items():
         module = sys.modules.get(home)
-        for name in names:
-            own = getattr(module, name, None)
+        for name, presenter in presenters.items():
+            own: Any = getattr(module, name, None)
             if own is not None and not hasattr(own, "_repr_html_"):
+                own.presenter = presenter
                 for method in _METHODS:
                     setattr(own, method, vars(Shown)[method])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from commonrail.arguments import file_path, instance, thread_count
 from commonrail.calibration.checkpoint import Checkpoint
@@ -14,10 +13,10 @@ from commonrail.family.result import family_record
 from commonrail.family.study import Family, load_family
 from commonrail.files.atomic import writing
 from commonrail.files.injector_file import dump_injector
-from commonrail.files.record_file import FAMILY_RECORD, read_record, write_record
+from commonrail.files.record_file import write_record
 from commonrail.files.run_folder import TRACES, rate_curves
 from commonrail.files.sums import summed
-from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
+from commonrail.files.traces_file import Curve, write_traces
 from commonrail.files.type_file import dump_type
 from commonrail.kinds.records import LABELS, MEASURED
 from commonrail.store.content import content_of, fingerprint_of
@@ -27,9 +26,9 @@ from commonrail.store.run import Listener
 from commonrail.store.targets import other_targets
 from commonrail.workers.workers import Workers
 
-__all__ = ["FAMILY", "MODELS", "RECORD", "TYPE", "fit_into", "is_family_run", "read_family_run", "resume_family"]
+__all__ = ["FAMILY", "MODELS", "RECORD", "TYPE", "fit_into", "resume_family"]
 
-FAMILY, RECORD, TYPE, MODELS = "family.toml", FAMILY_RECORD, "type.toml", "models"
+FAMILY, RECORD, TYPE, MODELS = "family.toml", "family.json", "type.toml", "models"
 SILENT = Listener()
 
 
@@ -137,18 +136,6 @@ def _content(family: Family) -> str:
     )
 
 
-def read_family_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
-    """family.json, and per injection curve of a part the arrays time_s [s] and rates [m³/s] by label.
-
-    Raises
-    ------
-    InputError
-        If the folder is not that of a joint fit, or a file of it is broken or not the one that was written.
-    """
-    path = file_path(folder, "folder")
-    return read_record(path / RECORD, "commonrail family"), read_traces(path / TRACES)
-
-
 def _write(folder: Path, fit: FamilyFit) -> None:
     """Write type.toml, family.json, traces.csv, their checksums, and the injectors of the parts."""
     models = folder / MODELS
@@ -181,4 +168,3 @@ _FOLDER = FolderFit(
     ("name", "seed"),
     _write,
 )
-is_family_run = _FOLDER.is_run

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.calibration.comparison import Comparison
-from commonrail.files.record_file import read_record, write_record
+from commonrail.files.record_file import write_record
 from commonrail.files.run_folder import TRACES, rate_curves
 from commonrail.files.sums import summed
-from commonrail.files.traces_file import Traces, read_traces, write_traces
+from commonrail.files.traces_file import write_traces
 from commonrail.kinds.records import MEASURED
 
-__all__ = ["COMPARISON", "read_comparison", "write_comparison"]
+__all__ = ["COMPARISON", "write_comparison"]
 
 COMPARISON = "comparison.json"
 
@@ -30,14 +30,3 @@ def write_comparison(folder: Path, comparison: Comparison, record: Mapping[str, 
     with summed(folder, COMPARISON, TRACES):
         write_record(folder / COMPARISON, record)
         write_traces(folder / TRACES, notes, (MEASURED, *comparison.models), curves)
-
-
-def read_comparison(folder: Path) -> tuple[dict[str, Any], Traces]:
-    """comparison.json, and per injection curve the arrays time_s [s] and rates [m³/s] by label.
-
-    Raises
-    ------
-    InputError
-        If the folder was not left by ``commonrail compare``, or a file of it is broken.
-    """
-    return read_record(folder / COMPARISON, "commonrail compare"), read_traces(folder / TRACES)

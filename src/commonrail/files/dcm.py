@@ -19,7 +19,7 @@ from commonrail.files.atomic import write_text
 from commonrail.maps.table import Axis, MapTable
 from commonrail.reading.text_file import read_text
 
-__all__ = ["number_text", "read_dcm", "write_dcm"]
+__all__ = ["facts_of", "number_text", "read_dcm", "write_dcm"]
 
 NUMBERS = 6  # in a line
 LARGEST = 20_000_000  # [bytes]
@@ -164,3 +164,21 @@ def _checked(path: Path, start: int, label: str, size: tuple[int, int], found: t
     values = np.array(numbers["WERT"]).reshape(ny, nx)
     states = tuple(("",) * nx for _ in range(ny))
     return MapTable(label, texts.get("LANGNAME", ""), "value", texts.get("EINHEIT_W", ""), x, y, values, states)
+
+
+def facts_of(file: Path) -> dict[str, str]:
+    """Maps in a DCM file, for `commonrail inspect`: size, axes and unit of each by its label.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or holds no map.
+    """
+    maps = read_dcm(file)
+    if not maps:
+        raise InputError(f"{file}: there is no map in this DCM file; single values and curves are passed over.")
+    facts = {"taken for": "calibration data, DCM 2"}
+    for m in maps:
+        (ny, nx), axes = m.values.shape, f"{m.x.unit or 'no unit'} × {m.y.unit or 'no unit'}"
+        facts[m.label] = f"{nx} × {ny} over {axes}, values in {m.unit or 'no unit'}"
+    return facts

@@ -12,10 +12,7 @@ from commonrail.files.atomic import write_text
 from commonrail.files.sums import check_sum
 from commonrail.reading.text_file import read_text
 
-__all__ = ["FAMILY_RECORD", "FMU_RECORD", "LARGEST_RECORD", "REPRODUCTION_RECORD", "read_record", "write_record"]
-
-# Records of rooms that take long to import; a report finds by them the kind of a folder.
-FAMILY_RECORD, FMU_RECORD, REPRODUCTION_RECORD = "family.json", "fmu-result.json", "reproduce.json"
+__all__ = ["LARGEST_RECORD", "read_record", "write_record"]
 
 LARGEST_RECORD = 20_000_000  # [bytes]; its tables take up to 30 times as much
 

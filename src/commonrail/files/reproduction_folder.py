@@ -8,17 +8,17 @@ from typing import Any
 
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text
-from commonrail.files.record_file import REPRODUCTION_RECORD, read_record, write_record
+from commonrail.files.record_file import read_record, write_record
 from commonrail.files.sums import summed
 from commonrail.files.traces_file import Curve, Trace, read_curves, write_traces
 from commonrail.reproduction.repetition import LABELS, Repetition
 from commonrail.reproduction.run import Reproduction
 
-__all__ = ["read_reproduction", "write_reproduction"]
+__all__ = ["RECORD", "read_reproduction", "write_reproduction"]
 
 Traces = dict[int, dict[str, Trace]]
 
-RECORD, TRACES, TRUTH = REPRODUCTION_RECORD, "traces.csv", "truth.toml"
+RECORD, TRACES, TRUTH = "reproduce.json", "traces.csv", "truth.toml"
 EXPERIMENT = "experiment"
 BEFORE = ("seed",)
 

@@ -8,31 +8,30 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.arguments import file_path, instance, mapping
-from commonrail.calibration.result import CERTAINTY, result_record
+from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_text, writing
 from commonrail.files.injector_file import dump_injector
-from commonrail.files.posterior_file import POSTERIOR
 from commonrail.files.record_file import read_record, write_record
 from commonrail.files.stopped import note_stopped
 from commonrail.files.study_file import load_study
 from commonrail.files.sums import summed
 from commonrail.files.traces_file import Curve, Traces, read_traces, write_traces
-from commonrail.injector.definition import Source
 from commonrail.kinds import DataSet, Score
 from commonrail.kinds.records import LABELS, MEAN, MEASURED
 from commonrail.observation.quantities import is_of_meter
 from commonrail.reading.toml_file import read_toml
 
 __all__ = [
+    "CALIBRATED",
     "LIKELY",
     "MEMBER",
     "RESULT",
     "TRACES",
     "create_run_folder",
-    "keep_certainty",
+    "members_of",
     "new_run_folder",
     "rate_curves",
     "read_fit",
@@ -41,7 +40,6 @@ __all__ = [
     "refuse_foreign",
     "refuse_used",
     "write_judgement",
-    "write_likely",
     "write_results",
     "write_run",
 ]
@@ -136,7 +134,7 @@ def write_results(folder: Path, calibration: Calibration, identified: Mapping[st
     others = {MEMBER.format(number): one for number, one in enumerate(calibration.members[1:], 2)}
     with summed(folder, RESULT, CALIBRATED, TRACES, *others):
         dump_injector(calibration.injector, folder / CALIBRATED, notes, meters=calibration.meters)
-        for name in {LIKELY, *_members(folder)} - set(others):  # of the run before it was extended
+        for name in {LIKELY, *members_of(folder)} - set(others):  # of the run before it was extended
             with writing(folder / name):
                 (folder / name).unlink(missing_ok=True)
         for name, injector in others.items():
@@ -156,7 +154,7 @@ def write_judgement(folder: Path, calibration: Calibration, identified: Mapping[
     identified : mapping
         As `identify(calibration)` returns it.
     """
-    with summed(folder, RESULT, CALIBRATED, TRACES, *_members(folder)):
+    with summed(folder, RESULT, CALIBRATED, TRACES, *members_of(folder)):
         write_record(folder / RESULT, result_record(calibration, identified))
 
 
@@ -205,33 +203,6 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     return study, best
 
 
-def write_likely(folder: Path, study: Study, values: Mapping[str, float]) -> Path:
-    """Write the most likely values of a fit as an injector with its meters, most-likely.toml; return its path.
-
-    `keep_certainty`, which follows, writes its checksum.
-
-    Parameters
-    ----------
-    folder : Path
-        Run folder.
-    study : Study
-        Of the run.
-    values : mapping of str to float
-        [SI], of all free parameters.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
-    source = Source("F", f'most likely values of "{study.title}"')
-    fitted = {name: value for name, value in values.items() if not is_of_meter(name)}
-    meters = tuple(meter.with_best(values, source) for meter in study.meters)
-    path = folder / LIKELY
-    dump_injector(study.injector.with_values(fitted), path, dict.fromkeys(fitted, source.text), meters=meters)
-    return path
-
-
 def refuse_foreign(folder: Path, record: Mapping[str, Any]) -> None:
     """Refuse a result that is not of the study beside it, such as one copied from another run with its checksums.
 
@@ -262,38 +233,7 @@ def refuse_foreign(folder: Path, record: Mapping[str, Any]) -> None:
         )
 
 
-def keep_certainty(folder: str | Path, certainty: Mapping[str, Any]) -> dict[str, Any]:
-    """Write the certainty of a fit into its result.json, and return the whole record.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Run folder.
-    certainty : mapping
-        Of `Certainty.record`; with a key "posterior" if posterior.npz was written.
-
-    Raises
-    ------
-    InputError
-        If the folder is not a run folder.
-    OutputError
-        If the file cannot be written.
-    """
-    folder = file_path(folder, "folder")
-    record = read_result(folder)
-    record[CERTAINTY] = dict(certainty)
-    known = {one["name"]: one for one in certainty["parameters"]}
-    for parameter in record["parameters"]:
-        parameter.update({key: known[parameter["name"]][key] for key in ("standard_error", "verdict")})
-    if "posterior" not in certainty:  # that of a former certainty has other noise
-        with writing(folder / POSTERIOR):
-            (folder / POSTERIOR).unlink(missing_ok=True)
-    with summed(folder, RESULT, CALIBRATED, TRACES, POSTERIOR, LIKELY, *_members(folder)):
-        write_record(folder / RESULT, record)
-    return record
-
-
-def _members(folder: Path) -> list[str]:
+def members_of(folder: Path) -> list[str]:
     """Names of the members' files in a run folder."""
     return sorted(path.name for path in folder.glob(MEMBER.format("*")))
 

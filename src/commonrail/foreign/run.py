@@ -9,7 +9,7 @@ from typing import Any
 from commonrail.arguments import file_path, instance
 from commonrail.calibration.checkpoint import Checkpoint
 from commonrail.files.atomic import write_csv
-from commonrail.files.record_file import FMU_RECORD, read_record, write_record
+from commonrail.files.record_file import read_record, write_record
 from commonrail.files.sums import summed
 from commonrail.foreign.fit import FmuFit, calibrate_fmu
 from commonrail.foreign.result import fmu_record
@@ -20,9 +20,9 @@ from commonrail.store.folder_fit import FolderFit, FolderWords
 from commonrail.store.journal import Journal
 from commonrail.store.run import Listener
 
-__all__ = ["RECORD", "STUDY", "VALUES", "calibrate_fmu_into", "is_fmu_run", "read_fmu_run", "resume_fmu"]
+__all__ = ["RECORD", "STUDY", "VALUES", "calibrate_fmu_into", "read_fmu_run", "resume_fmu"]
 
-STUDY, RECORD, VALUES = "fmu-study.toml", FMU_RECORD, "values.csv"
+STUDY, RECORD, VALUES = "fmu-study.toml", "fmu-result.json", "values.csv"
 SILENT = Listener()
 
 
@@ -133,4 +133,3 @@ _FOLDER = FolderFit(
     ("seed",),
     _write,
 )
-is_fmu_run = _FOLDER.is_run

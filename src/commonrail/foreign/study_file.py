@@ -30,10 +30,9 @@ from commonrail.reading.place import Place, located
 from commonrail.reading.reach import Reach
 from commonrail.reading.sheet import Column
 from commonrail.reading.tables import read_columns
-from commonrail.reading.toml_file import read_toml
 from commonrail.units import parse, parse_difference
 
-__all__ = ["FORMAT", "is_fmu_study", "load_fmu_study"]
+__all__ = ["FORMAT", "load_fmu_study"]
 
 FORMAT = "commonrail-fmu-study/1"
 MOST_OUTPUTS = 100
@@ -107,14 +106,6 @@ class _Reading(NamedTuple):
     fmu: Fmu
     settings: Mapping[str, Setting]
     reach: Reach
-
-
-def is_fmu_study(path: Path) -> bool:
-    """Return whether a TOML file says that it is a study of an FMU; False for one that cannot be read."""
-    try:
-        return str(read_toml(path)[0].get("format", "")).startswith("commonrail-fmu-study")
-    except InputError:
-        return False
 
 
 def load_fmu_study(path: str | Path) -> FmuStudy:

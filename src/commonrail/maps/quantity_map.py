@@ -54,6 +54,8 @@ class InjectionMap(Shown):
         Of measured quantities, where a fit tells them.
     """
 
+    presenter = "commonrail.report.map:INJECTION_MAP"
+
     injector: Injector
     axes: MapAxes
     conditions: Conditions

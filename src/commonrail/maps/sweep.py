@@ -80,6 +80,8 @@ class Sweep(Shown):
         Of the first of two injections alone; `OK` for a single injection.
     """
 
+    presenter = "commonrail.report.sweep:SWEEP"
+
     injector: Injector
     base: Base
     variables: tuple[Variable, ...]

@@ -6,6 +6,7 @@ import base64
 import json
 from importlib.metadata import version
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined, select_autoescape
@@ -16,9 +17,9 @@ from commonrail.notice import ALL_ENTRIES, lasting
 from commonrail.page.content import content
 from commonrail.page.module import wasm_module
 from commonrail.page.sliders import variant_of
-from commonrail.page.subject import Subject
+from commonrail.page.subject import Subject, read_subject
 
-__all__ = ["FIRST_POINT", "page_html"]
+__all__ = ["FIRST_POINT", "page_html", "page_of_run"]
 
 FIRST_POINT = OperatingPoint(100e6, 700e-6)  # of a page whose subject has no data
 
@@ -53,6 +54,11 @@ def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
         script=_script("numbers.js", "simulation.js", "plot.js", "bench.js"),
         footer=f"Made by commonrail {program}. The page holds all it needs and loads nothing.",
     )
+
+
+def page_of_run(folder: Path) -> str:
+    """Page of a calibration's run folder, beside whose report it lies."""
+    return page_html(read_subject(str(folder)))
 
 
 def _asset(name: str) -> str:

@@ -1,15 +1,12 @@
-"""report.html of a run folder: of a calibration (of an FMU too), a joint fit, a comparison or a reproduction."""
+"""report.html of a folder, whatever kind of result it holds, and the page of a calibration."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from importlib.util import find_spec
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import UndefinedError
 from numpy.typing import NDArray
 
 from commonrail.arguments import file_path
@@ -17,11 +14,9 @@ from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.display.chart import Figure
 from commonrail.display.text import duration, number, significant
 from commonrail.errors import InputError
-from commonrail.files.analysis_folder import SENSITIVITY, TOLERANCE, read_analysis
-from commonrail.files.atomic import replacing, write_text, writing
-from commonrail.files.comparison_folder import COMPARISON, read_comparison
-from commonrail.files.record_file import FAMILY_RECORD, FMU_RECORD, REPRODUCTION_RECORD
-from commonrail.files.run_folder import RESULT, TRACES, read_run
+from commonrail.files.atomic import write_text
+from commonrail.files.run_folder import RESULT, TRACES, refuse_foreign
+from commonrail.files.traces_file import read_traces
 from commonrail.kinds.records import Record
 from commonrail.report.certainty import certainty_lines, certainty_tables
 from commonrail.report.draw import drawings, figure_html, small_html
@@ -32,23 +27,18 @@ from commonrail.report.headline import headline, parameter_lines, synthetic_note
 from commonrail.report.html import render
 from commonrail.report.judgement import combination_table, judgement_lines, judgement_tables
 from commonrail.report.parameters import parameter_rows
-from commonrail.report.record import check_record, texts_of
+from commonrail.report.record import texts_of
 from commonrail.report.rerun import rerun_lines
+from commonrail.report.result_kind import ResultKind, kind_of
 from commonrail.report.tables import tables_of
 from commonrail.report.verdict import verdict
 
-__all__ = ["BENCH", "draw_plates", "report_html", "write_report"]
+__all__ = ["BENCH", "report_html", "write_report"]
 
 Floats = NDArray[np.float64]
 
 BENCH = "bench.html"  # page with sliders, which a report links where it lies beside
 MANY = 6  # figures; more are set beside one another, below a table of contents
-
-NO_PLATES = (
-    "figures for print (SVG, PDF) are left out, because they need matplotlib: install it with "
-    "pip install 'commonrail[plates]', then `commonrail report {}` draws them"
-)
-_BROKEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, UndefinedError)
 
 
 def write_report(folder: str | Path) -> Path:
@@ -57,7 +47,7 @@ def write_report(folder: str | Path) -> Path:
     Parameters
     ----------
     folder : str or Path
-        Folder that ``commonrail calibrate``, ``family``, ``compare`` or ``reproduce`` left.
+        Folder that ``commonrail calibrate``, ``family``, ``compare``, ``reproduce`` or a plug-in's verb left.
 
     Returns
     -------
@@ -79,132 +69,22 @@ def write_report(folder: str | Path) -> Path:
             f"{folder}: this is no folder; name one that `commonrail calibrate`, `family`, `compare` or "
             "`reproduce` left."
         )
-    name, verb, make = next((k for k in _KINDS if (folder / k[0]).is_file()), _KINDS[-1])
-    with _complete(folder, name, verb):
-        page = make(folder)
+    kind = kind_of(folder)
+    with kind.refusing_broken(folder):
+        page = kind.page(kind.read(folder), folder)
     path = folder / "report.html"
     write_text(path, page)
     return path
 
 
-def draw_plates(folder: Path) -> str:
-    """Draw the figures for print of a reproduction's folder, those that are missing.
-
-    Parameters
-    ----------
-    folder : Path
-        Run folder; one of another kind has no such figures.
-
-    Returns
-    -------
-    str
-        Empty, or a sentence with the extra that is to be installed.
-
-    Raises
-    ------
-    InputError
-        If the folder is not whole.
-    OutputError
-        If they cannot be written.
-    """
-    if not (folder / REPRODUCTION_RECORD).is_file() or _has_plates(folder):
-        return ""
-    if find_spec("matplotlib") is None:
-        return NO_PLATES.format(folder)
-    from commonrail.files.reproduction_folder import read_reproduction
-    from commonrail.report.plates import make_plates
-    from commonrail.report.reproduction import PLATE_FOLDER
-
-    plates = folder / PLATE_FOLDER
-    with _complete(folder, REPRODUCTION_RECORD, "reproduce"):
-        drawn = make_plates(*read_reproduction(folder))
-    with writing(plates):
-        plates.mkdir(exist_ok=True)
-    for file, content in drawn.items():
-        with replacing(plates / file, "wb") as stream:
-            stream.write(content)
-    return ""
-
-
-@contextmanager
-def _complete(folder: Path, name: str, verb: str) -> Iterator[None]:
-    """Turn what a broken record leads to into a sentence."""
-    try:
-        yield
-    except _BROKEN as error:
-        raise InputError(
-            f"{folder}: {name} or {TRACES} is incomplete ({type(error).__name__}: {error}); {verb} again."
-        ) from error
-
-
-def _calibrated(folder: Path) -> str:
-    record, traces = read_run(folder)
+def _page(record: Record, folder: Path) -> str:
+    refuse_foreign(folder, record)
     bench = (folder / BENCH).is_file()
-    return report_html(check_record(record, str(folder)), traces, folder.as_posix() or "RUN", bench)
+    return report_html(record, read_traces(folder / TRACES), folder.as_posix() or "RUN", bench)
 
 
-def _compared(folder: Path) -> str:
-    from commonrail.report.comparison import comparison_html
-
-    record, traces = read_comparison(folder)
-    return comparison_html(check_record(record, str(folder), "comparison"), traces, folder.as_posix() or "DIR")
-
-
-def _reproduced(folder: Path) -> str:
-    from commonrail.files.reproduction_folder import read_reproduction
-    from commonrail.report.reproduction import check_reproduction, reproduction_html
-
-    record, traces = read_reproduction(folder)
-    run = folder.as_posix() or "RUN"
-    return reproduction_html(check_reproduction(record, str(folder)), traces, run, _has_plates(folder))
-
-
-def _sensitive(folder: Path) -> str:
-    from commonrail.report.sensitivity import sensitivity_html
-
-    record = check_record(read_analysis(folder, SENSITIVITY), str(folder), "sensitivity")
-    return sensitivity_html(record, folder.as_posix() or "DIR")
-
-
-def _tolerated(folder: Path) -> str:
-    from commonrail.report.tolerance import tolerance_html
-
-    record = check_record(read_analysis(folder, TOLERANCE), str(folder), "tolerance")
-    return tolerance_html(record, folder.as_posix() or "DIR")
-
-
-def _fitted_together(folder: Path) -> str:
-    from commonrail.family.run import read_family_run
-    from commonrail.report.family import family_html
-
-    record, traces = read_family_run(folder)
-    return family_html(check_record(record, str(folder), "family"), traces, folder.as_posix() or "RUN")
-
-
-def _of_fmu(folder: Path) -> str:
-    from commonrail.foreign.run import read_fmu_run
-    from commonrail.report.foreign import fmu_html
-
-    record = check_record(read_fmu_run(folder), str(folder), "fmu calibration")
-    return fmu_html(record, folder.as_posix() or "RUN")
-
-
-def _has_plates(folder: Path) -> bool:
-    from commonrail.report.reproduction import PLATE_FOLDER, PLATES
-
-    return all((folder / PLATE_FOLDER / f"{name}.{kind}").is_file() for name in PLATES for kind in ("svg", "pdf"))
-
-
-# File that tells a folder's kind, the verb that leaves it, and what makes its page.
-_KINDS: tuple[tuple[str, str, Callable[[Path], str]], ...] = (
-    (COMPARISON, "compare", _compared),
-    (SENSITIVITY.record, SENSITIVITY.verb, _sensitive),
-    (TOLERANCE.record, TOLERANCE.verb, _tolerated),
-    (REPRODUCTION_RECORD, "reproduce", _reproduced),
-    (FAMILY_RECORD, "family", _fitted_together),
-    (FMU_RECORD, "calibrate", _of_fmu),
-    (RESULT, "calibrate", _calibrated),
-)
+KEYS = ("title", "seed", "status", "injector", "parameters", "objective", "data", "generations")
+CALIBRATION = ResultKind(RESULT, "calibration", "calibrate", _page, KEYS)
 
 
 def report_html(

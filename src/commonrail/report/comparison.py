@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from pathlib import Path
 
 from commonrail.display.text import listed, number, significant
+from commonrail.files.comparison_folder import COMPARISON
+from commonrail.files.run_folder import TRACES
+from commonrail.files.traces_file import read_traces
 from commonrail.kinds.records import Record, Traces
 from commonrail.report.comparison_tables import comparison_tables, difference_table
 from commonrail.report.draw import figure_html
@@ -13,8 +17,17 @@ from commonrail.report.figures import comparison_figures
 from commonrail.report.headline import synthetic_notes
 from commonrail.report.html import render
 from commonrail.report.record import by_kind, texts_of
+from commonrail.report.result_kind import ResultKind
 
 __all__ = ["comparison_commands", "comparison_html", "comparison_lines"]
+
+
+def _page(record: Record, folder: Path) -> str:
+    return comparison_html(record, read_traces(folder / TRACES), folder.as_posix() or "DIR")
+
+
+KEYS = ("title", "labels", "models", "differences", "studies", "data")
+RESULT = ResultKind(COMPARISON, "comparison", "compare", _page, KEYS)
 
 
 def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:

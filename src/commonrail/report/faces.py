@@ -1,64 +1,30 @@
-"""Content that notebooks show of each kind of result: sentences, tables and figures, those of the reports."""
+"""Presenters of simulations, injectors, studies, fits and comparisons: what notebooks show of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
 
-from commonrail.analysis.certainty.certify import Certainty
-from commonrail.analysis.design.next import Plan
-from commonrail.analysis.posterior.sample import Posterior
-from commonrail.analysis.prediction.predict import Prediction
-from commonrail.analysis.sensitivity.result import Sensitivity
-from commonrail.analysis.tolerance.result import ToleranceResult
+import numpy as np
+
 from commonrail.calibration.comparison import Comparison
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
-from commonrail.display.chart import Figure
-from commonrail.display.heat_map import HeatMap
 from commonrail.display.table import Table, tabulated
 from commonrail.display.text import fixed, quantity, significant
 from commonrail.engine.solution import Batch, Solution
 from commonrail.files.run_folder import rate_curves
 from commonrail.injector.definition import Injector
 from commonrail.kinds.base import DataSet
-from commonrail.maps.quantity_map import InjectionMap
-from commonrail.maps.sweep import Sweep
 from commonrail.report.error_map import error_maps
 from commonrail.report.figures import convergence_figure, figures_of
-from commonrail.report.fit_faces import (
-    certainty_face_lines,
-    certainty_face_tables,
-    plan_line,
-    posterior_lines,
-    posterior_tables,
-    prediction_lines,
-    prediction_tables,
-)
-from commonrail.report.map import map_figures, map_lines, map_tables
-from commonrail.report.next import plan_lines, plan_tables
 from commonrail.report.parameters import parameter_table
-from commonrail.report.sensitivity import sensitivity_figures, sensitivity_lines, sensitivity_tables
+from commonrail.report.presenter import Array, Arrays, Drawn, Presenter, in_common_unit
 from commonrail.report.simulation import course_figure
-from commonrail.report.sweep import sweep_figures, sweep_lines
 from commonrail.report.tables import tables_of
-from commonrail.report.tolerance import tolerance_figures, tolerance_lines, tolerance_tables
-
-__all__ = ["Drawn", "Face", "face_of"]
 
 MICRO, MM3 = 1e6, 1e9
 LONGEST = 100  # letters of a title within a line
-
-Drawn = Figure | HeatMap
-
-
-class Face(NamedTuple):
-    """Content that a notebook shows of one kind of result: sentences, the first being its line, tables, figures."""
-
-    lines: Callable[[Any], Sequence[str]]
-    tables: Callable[[Any], Sequence[Table]] = lambda _: ()
-    figures: Callable[[Any], Sequence[Drawn]] = lambda _: ()
 
 
 def _solution_lines(s: Solution) -> list[str]:
@@ -143,49 +109,68 @@ def _calibration_figures(c: Calibration) -> Iterator[Drawn]:
         yield convergence_figure(record["generations"])
 
 
-def _map_figures(found: InjectionMap) -> list[Drawn]:
-    heats, curves = map_figures({found.injector.name: found})
-    return [*heats, *curves]
+def _comparison_lines(c: Comparison) -> list[str]:
+    return [f"{len(c.models)} models on {len(c.data)} data sets: {', '.join(c.models)}"]
 
 
-_FACES: tuple[tuple[type, Face], ...] = (
-    (Solution, Face(_solution_lines, figures=lambda s: [course_figure({"": s})])),
-    (Batch, Face(_batch_lines)),
-    (Injector, Face(_injector_lines)),
-    (Study, Face(_study_lines, _study_tables)),
-    (Calibration, Face(_calibration_lines, _calibration_tables, lambda c: list(_calibration_figures(c)))),
-    (
-        InjectionMap,
-        Face(lambda m: map_lines({m.injector.name: m}), lambda m: map_tables({m.injector.name: m}), _map_figures),
-    ),
-    (Sweep, Face(sweep_lines, figures=sweep_figures)),
-    (
-        Sensitivity,
-        Face(
-            lambda s: [s.title, *sensitivity_lines(s.record())],
-            lambda s: sensitivity_tables(s.record()),
-            lambda s: sensitivity_figures(s.record()),
-        ),
-    ),
-    (
-        ToleranceResult,
-        Face(
-            lambda t: [t.tolerances.title, *tolerance_lines(t.record())],
-            lambda t: tolerance_tables(t.record()),
-            lambda t: tolerance_figures(t.record()),
-        ),
-    ),
-    (Certainty, Face(certainty_face_lines, certainty_face_tables)),
-    (Prediction, Face(prediction_lines, prediction_tables)),
-    (Posterior, Face(posterior_lines, posterior_tables)),
-    (Plan, Face(lambda p: [plan_line(p), *plan_lines(p)], plan_tables)),
-    (
-        Comparison,
-        Face(lambda c: [f"{len(c.models)} models on {len(c.data)} data sets: {', '.join(c.models)}"]),
-    ),
+_CHANNELS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N", "coefficient": "1"}
+
+
+def _solution_arrays(found: Solution) -> Arrays:
+    """Middles of the samples; a channel there is the mean of both bounds."""
+    values = {"rate": in_common_unit(("time",), found.rate, "m3/s")}
+    for name, channel in found.channels.items():
+        unit = next((u for ending, u in _CHANNELS.items() if name.endswith(ending)), "")
+        values[name] = in_common_unit(("time",), 0.5 * (channel[1:] + channel[:-1]), unit)
+    return Arrays({"time": in_common_unit(("time",), found.sample_time, "s")}, values, "Course of an injection")
+
+
+def _batch_arrays(found: Batch) -> Arrays:
+    axes = ("candidate", "point")
+    sizes = zip(axes, found.injected_mass.shape, strict=True)
+    values = {
+        "injected_volume": in_common_unit(axes, found.injected_volume, "m3"),
+        "returned_volume": in_common_unit(axes, found.returned_volume, "m3"),
+        **{name: in_common_unit(axes, getattr(found, name), "s") for name in ("opening", "closing", "first_closing")},
+        "greatest_lift": in_common_unit(axes, found.greatest_lift, "m"),
+        "status": Array(axes, found.status),
+    }
+    return Arrays({name: Array((name,), np.arange(size)) for name, size in sizes}, values, "Figures of injections")
+
+
+def _calibration_arrays(found: Calibration) -> Arrays:
+    arrays = _study_arrays(found.study)
+    best = np.array([found.best[name] for name in found.study.space.names])
+    return arrays._replace(values={"calibrated": Array(("parameter",), best), **arrays.values})
+
+
+def _study_arrays(found: Study) -> Arrays:
+    """Free parameters in SI units."""
+    own = found.space.parameters
+    axis = ("parameter",)
+    values = {key: Array(axis, np.array([getattr(p, name) for p in own])) for key, name in _BOUNDS.items()}
+    return Arrays({"parameter": Array(axis, np.array([p.name for p in own]))}, values, found.title)
+
+
+_BOUNDS = {"start": "reference", "lower": "lower", "upper": "upper", "unit": "unit"}
+
+
+def _injector_arrays(found: Injector) -> Arrays:
+    names = list(found.values)
+    axis = ("parameter",)
+    values = {
+        "value": Array(axis, np.array([found.values[name] for name in names])),
+        "unit": Array(axis, np.array([found.quantities[name].unit for name in names])),
+        "meaning": Array(axis, np.array([found.quantities[name].meaning for name in names])),
+    }
+    return Arrays({"parameter": Array(axis, np.array(names))}, values, found.title)
+
+
+SOLUTION = Presenter(_solution_lines, figures=lambda s: [course_figure({"": s})], arrays=_solution_arrays)
+BATCH = Presenter(_batch_lines, arrays=_batch_arrays)
+INJECTOR = Presenter(_injector_lines, arrays=_injector_arrays)
+STUDY = Presenter(_study_lines, _study_tables, arrays=_study_arrays)
+CALIBRATION = Presenter(
+    _calibration_lines, _calibration_tables, lambda c: list(_calibration_figures(c)), _calibration_arrays
 )
-
-
-def face_of(result: Any) -> Face:
-    """Face of a result."""
-    return next(face for kind, face in _FACES if isinstance(result, kind))
+COMPARISON = Presenter(_comparison_lines)

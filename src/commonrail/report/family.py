@@ -4,24 +4,37 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.display.chart import MARKERS, Figure, Panel, Series
 from commonrail.display.table import Column, Table, tabulated
 from commonrail.display.text import duration, fixed, listed, quantity, significant
-from commonrail.family.result import TEXTS
+from commonrail.family.result import KIND, TEXTS
+from commonrail.family.run import RECORD
+from commonrail.files.run_folder import TRACES
+from commonrail.files.traces_file import read_traces
 from commonrail.kinds.records import Record, Traces
 from commonrail.report.draw import drawings, figure_html
 from commonrail.report.figures import convergence_figure, figures_of
 from commonrail.report.fleet import short_names
 from commonrail.report.headline import baseline_lines, data_lines
 from commonrail.report.html import render
+from commonrail.report.result_kind import ResultKind
 from commonrail.report.tables import tables_of
 
 __all__ = ["family_figures", "family_html", "family_lines", "family_tables"]
 
 FAR = 2.0  # spreads from the type's value beyond which a part's value is named
+
+
+def _page(record: Record, folder: Path) -> str:
+    return family_html(record, read_traces(folder / TRACES), folder.as_posix() or "RUN")
+
+
+KEYS = ("title", "seed", "status", "synthetic", "objective", "parts", "parameters", "generations")
+RESULT = ResultKind(RECORD, KIND, "family", _page, KEYS)
 
 
 def family_html(record: Record, traces: Traces, run: str) -> str:

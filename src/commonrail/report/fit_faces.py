@@ -1,34 +1,24 @@
-"""Content that notebooks show of judgements of a fit: certainty, predictions, posterior and measuring plan."""
+"""Presenters of the certainty of a fit and of draws from its posterior: what notebooks show of them."""
 
 from __future__ import annotations
 
 from collections import Counter
 
+import numpy as np
+
 from commonrail.analysis.certainty.certify import Certainty
 from commonrail.analysis.certainty.record import certainty_record
-from commonrail.analysis.certainty.verdict import Verdict
-from commonrail.analysis.design.next import Plan
+from commonrail.analysis.identifiability import Verdict
 from commonrail.analysis.posterior.record import posterior_record
 from commonrail.analysis.posterior.sample import Posterior
-from commonrail.analysis.prediction.predict import Prediction
 from commonrail.display.table import Table
 from commonrail.display.text import counted, fixed, significant
 from commonrail.kinds.records import Record
 from commonrail.report.certainty import certainty_lines, certainty_tables, posterior_table
-from commonrail.report.prediction import coverage_table, points_table
-
-__all__ = [
-    "certainty_face_lines",
-    "certainty_face_tables",
-    "plan_line",
-    "posterior_lines",
-    "posterior_tables",
-    "prediction_lines",
-    "prediction_tables",
-]
+from commonrail.report.presenter import Array, Arrays, Presenter, column_arrays
 
 
-def certainty_face_lines(found: Certainty) -> list[str]:
+def _lines(found: Certainty) -> list[str]:
     """Number of parameters by verdict, then the sentences of the report."""
     counts = Counter(judged.verdict for judged in found.verdicts)
     size = counted(len(found.verdicts), "parameter")
@@ -36,7 +26,7 @@ def certainty_face_lines(found: Certainty) -> list[str]:
     return [f"{size}: {', '.join(named)}", *certainty_lines(_kept(found))]
 
 
-def certainty_face_tables(found: Certainty) -> list[Table]:
+def _tables(found: Certainty) -> list[Table]:
     """Tables of the report."""
     return certainty_tables(_kept(found))
 
@@ -48,21 +38,7 @@ def _kept(found: Certainty) -> Record:
     return {"parameters": parameters, "certainty": certainty_record(found)}
 
 
-def prediction_lines(found: Prediction) -> list[str]:
-    """Number of predicted values and measured ones inside, and the estimator."""
-    levels = " and ".join(fixed(level, 0, 100.0) for level in found.levels)
-    sets = [f"{counted(len(band.values), 'value')} of {band.data.name}" for band in found.bands[:4]]
-    more = ", …" if len(found.bands) > 4 else ""
-    return [f"{', '.join(sets)}{more} with bands of {levels} %", f"Bands: {found.estimator}."]
-
-
-def prediction_tables(found: Prediction) -> list[Table]:
-    """Predicted quantities of operating points, or how many measured values the bands hold."""
-    record = found.record()
-    return [coverage_table(record) if any(band.measured for band in found.bands) else points_table(record)]
-
-
-def posterior_lines(found: Posterior) -> list[str]:
+def _posterior_lines(found: Posterior) -> list[str]:
     """Number of draws and agreement of the chains."""
     chains, steps, size = found.unit.shape
     state = f"refused: {found.refusal}" if found.refusal else "chains agree"
@@ -73,13 +49,33 @@ def posterior_lines(found: Posterior) -> list[str]:
     ]
 
 
-def posterior_tables(found: Posterior) -> list[Table]:
+def _posterior_tables(found: Posterior) -> list[Table]:
     """Table of the report: medians and intervals, R-hat, effective draws."""
     units = dict(zip(found.names, found.estimate.likelihood.units, strict=True))
     return [posterior_table(posterior_record(found), units)]
 
 
-def plan_line(found: Plan) -> str:
-    """Number of measurements, cost and gain."""
-    gain = f"; standard deviation times {fixed(found.measurements[-1].factor, 3)}" if found.measurements else ""
-    return f"{counted(len(found.measurements), 'measurement')} at cost {found.cost:g}{gain}"
+def _arrays(found: Certainty) -> Arrays:
+    """Values and intervals of the parameters in SI units, which a column names."""
+    own = found.estimate.likelihood
+    columns = {
+        "value": np.asarray(found.estimate.point),
+        "lower": found.low,
+        "upper": found.high,
+        "unit": np.array(own.units),
+        "verdict": np.array([judged.verdict.value for judged in found.verdicts]),
+        "estimator": np.array(found.estimators),
+    }
+    return column_arrays("parameter", own.names, columns, "Certainty of a fit")
+
+
+def _posterior_arrays(found: Posterior) -> Arrays:
+    """Draws, a column for each parameter in SI units."""
+    points = found.points()
+    names = zip(found.names, found.estimate.likelihood.units, strict=True)
+    values = {name: Array(("draw",), points[:, i], unit.removesuffix("1")) for i, (name, unit) in enumerate(names)}
+    return Arrays({"draw": Array(("draw",), np.arange(len(points)))}, values, "Draws from the posterior")
+
+
+CERTAINTY = Presenter(_lines, _tables, arrays=_arrays)
+POSTERIOR = Presenter(_posterior_lines, _posterior_tables, arrays=_posterior_arrays)

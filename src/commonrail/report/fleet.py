@@ -10,12 +10,15 @@ from commonrail.display.chart import Boxes, Figure, Panel, Series
 from commonrail.display.heat_map import HeatMap
 from commonrail.display.table import Column, Table, tabulated
 from commonrail.display.text import duration, fixed, listed, number, percent, quantity, significant
+from commonrail.errors import InputError
 from commonrail.files.atomic import write_text
+from commonrail.fleet.results import RECORD
 from commonrail.kinds.records import Record
 from commonrail.report.draw import drawings, small_html
 from commonrail.report.draw_map import heat_map_html
 from commonrail.report.html import render
 from commonrail.report.population import correlation_map, each_injector, histograms, outlier_table
+from commonrail.report.result_kind import ResultKind
 
 __all__ = [
     "fleet_figures",
@@ -36,6 +39,16 @@ _QUARTILES = {
     "q3": "upper quartile",
     "maximum": "greatest",
 }
+
+
+def _page(record: Record, folder: Path) -> str:
+    """Refuse: the page names the file of the fleet, which the folder does not hold."""
+    raise InputError(
+        f"{folder}: this is the folder of a fleet; `commonrail fleet FLEET --out {folder}` makes its report."
+    )
+
+
+RESULT = ResultKind(RECORD, "fleet", "fleet", _page)
 
 
 def write_fleet_report(folder: Path, record: Record, command: str) -> Path:

@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
 
 from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.display.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.display.table import Column, Table, tabulated
 from commonrail.display.text import duration, quantity, significant
+from commonrail.foreign.result import KIND
+from commonrail.foreign.run import RECORD
 from commonrail.kinds.records import Record, origin_of, present
 from commonrail.report.draw import drawings, figure_html
 from commonrail.report.figures import convergence_figure
 from commonrail.report.html import render
+from commonrail.report.result_kind import ResultKind
 
 __all__ = ["fmu_figures", "fmu_html", "fmu_lines", "fmu_tables"]
 
 
 TOLD = 0.1  # tolerances that half the communication step moves a value by
+
+
+def _page(record: Record, folder: Path) -> str:
+    return fmu_html(record, folder.as_posix() or "RUN")
+
+
+KEYS = ("title", "seed", "status", "fmu", "parameters", "objective", "data", "evaluations", "generations")
+RESULT = ResultKind(RECORD, KIND, "calibrate", _page, KEYS)
 
 
 def fmu_html(record: Record, run: str) -> str:

@@ -21,6 +21,7 @@ from commonrail.report.draw import drawings
 from commonrail.report.draw_map import heat_map_html
 from commonrail.report.html import render
 from commonrail.report.map_bands import band_about, band_heats, band_sentences
+from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
 __all__ = ["map_figures", "map_html", "map_lines", "map_tables"]
 
@@ -342,3 +343,38 @@ def _inverse_curves(m: InjectionMap) -> Figure:
         "quantity, mm³",
         (Panel("energising time, µs", tuple(series)),),
     )
+
+
+def _arrays(found: InjectionMap) -> Arrays:
+    forward, back = ("rail_pressure", "energising_time"), ("rail_pressure", "quantity")
+    names = np.vectorize(lambda state: CellState(int(state)).name)
+    axes = {
+        "rail_pressure": in_common_unit(("rail_pressure",), found.axes.rail_pressure, "Pa"),
+        "energising_time": in_common_unit(("energising_time",), found.axes.energising_time, "s"),
+        "quantity": in_common_unit(("quantity",), found.axes.quantity, "m3"),
+    }
+    values = {
+        "injected_volume": in_common_unit(forward, found.volume, "m3"),
+        "ballistic": Array(forward, found.ballistic),
+        "time_for_quantity": in_common_unit(back, found.inverse.energising_time, "s"),
+        "state": Array(back, names(found.inverse.state)),
+    }
+    if found.bands is not None:
+        for stem, axis, edges in (
+            ("injected_volume", forward, found.bands.quantity),
+            ("delivered", back, found.bands.delivered),
+        ):
+            for level, pair in edges.items():
+                for side, volume in zip(("lower", "upper"), pair, strict=True):
+                    values[f"{stem}_{100.0 * level:g}_{side}"] = in_common_unit(axis, volume, "m3")
+    return Arrays(axes, values, f"Quantity map of {found.injector.name}")
+
+
+def _all_figures(found: InjectionMap) -> list[HeatMap | Figure]:
+    heats, curves = map_figures({found.injector.name: found})
+    return [*heats, *curves]
+
+
+INJECTION_MAP = Presenter(
+    lambda m: map_lines({m.injector.name: m}), lambda m: map_tables({m.injector.name: m}), _all_figures, _arrays
+)

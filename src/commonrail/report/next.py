@@ -1,12 +1,15 @@
-"""Tables and sentences of a measuring plan."""
+"""Tables and sentences of a measuring plan, and what notebooks show of it."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from commonrail.analysis.design.candidates import place_of
 from commonrail.analysis.design.criteria import Criterion
 from commonrail.analysis.design.next import Measurement, Plan
 from commonrail.display.table import Table, tabulated
-from commonrail.display.text import fixed, significant
+from commonrail.display.text import counted, fixed, significant
+from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
 __all__ = ["plan_lines", "plan_tables"]
 
@@ -63,3 +66,30 @@ def plan_lines(plan: Plan) -> list[str]:
 
 def _dwell(one: Measurement) -> str:
     return fixed(place_of(one.candidate.point)[2], 0, 1e6) if len(one.candidate.point.pulses) > 1 else "–"
+
+
+def _first_line(found: Plan) -> str:
+    """Number of measurements, cost and gain."""
+    gain = f"; standard deviation times {fixed(found.measurements[-1].factor, 3)}" if found.measurements else ""
+    return f"{counted(len(found.measurements), 'measurement')} at cost {found.cost:g}{gain}"
+
+
+def _arrays(found: Plan) -> Arrays:
+    """Measurements in their order."""
+    ones = found.measurements
+    places = np.array([place_of(one.candidate.point) for one in ones]).reshape(-1, 3)
+    axis = ("measurement",)
+    values = {
+        "kind": Array(axis, np.array([one.candidate.kind for one in ones])),
+        "rail_pressure": in_common_unit(axis, places[:, 0], "Pa"),
+        "energising_time": in_common_unit(axis, places[:, 1], "s"),
+        "dwell": in_common_unit(axis, places[:, 2], "s"),
+        "cost": Array(axis, np.array([one.candidate.cost for one in ones])),
+        "expected": in_common_unit(axis, [one.value for one in ones], "m3"),
+        "deviation": in_common_unit(axis, [one.deviation for one in ones], "m3"),
+        "factor": Array(axis, np.array([one.factor for one in ones])),
+    }
+    return Arrays({"measurement": Array(axis, np.arange(1, len(ones) + 1))}, values, "Next measurements")
+
+
+PLAN = Presenter(lambda plan: [_first_line(plan), *plan_lines(plan)], plan_tables, arrays=_arrays)

@@ -11,11 +11,10 @@ from markupsafe import Markup, escape
 from commonrail.display.heat_map import HeatMap
 from commonrail.display.table import Table
 from commonrail.errors import ConfigurationError
-from commonrail.report.arrays import Arrays, arrays_of
 from commonrail.report.draw import figure_svg
 from commonrail.report.draw_map import heat_map_svg
-from commonrail.report.faces import Drawn, face_of
 from commonrail.report.html import render
+from commonrail.report.presenter import Arrays, Drawn, presenter_of
 
 __all__ = ["Picture", "dataset_of", "frame_of", "html_of", "line_of", "plot_of"]
 
@@ -58,7 +57,7 @@ def line_of(result: Any) -> str:
     """One line on a result, which never fails: it is what a debugger shows."""
     name = type(result).__name__
     try:
-        words = next(iter(face_of(result).lines(result)))
+        words = next(iter(presenter_of(result).lines(result)))
     except Exception:  # a result that is only half made
         return f"<{name}>"
     return f"<{name}: {words if len(words) <= 2 * LONGEST else words[: 2 * LONGEST] + '…'}>"
@@ -66,9 +65,9 @@ def line_of(result: Any) -> str:
 
 def html_of(result: Any) -> str:
     """Sentences and tables of a result."""
-    face = face_of(result)
-    lines = "".join(f"<p>{escape(line)}</p>" for line in face.lines(result))
-    return f'<div class="commonrail">{lines}{"".join(map(_table_html, face.tables(result)))}</div>'
+    shown = presenter_of(result)
+    lines = "".join(f"<p>{escape(line)}</p>" for line in shown.lines(result))
+    return f'<div class="commonrail">{lines}{"".join(map(_table_html, shown.tables(result)))}</div>'
 
 
 def plot_of(result: Any) -> Picture:
@@ -79,14 +78,14 @@ def plot_of(result: Any) -> Picture:
     ConfigurationError
         If there are none.
     """
-    figures = list(face_of(result).figures(result))
+    figures = list(presenter_of(result).figures(result))
     if not figures:
         raise ConfigurationError(
             f"A {type(result).__name__} of this kind has nothing to draw; its tables are its HTML."
         )
     shown = figures[:MOST_FIGURES]
     more = f", the first {MOST_FIGURES} of {len(figures)}" if len(figures) > MOST_FIGURES else ""
-    return Picture(f"{next(iter(face_of(result).lines(result)))[:LONGEST]}{more}", shown)
+    return Picture(f"{next(iter(presenter_of(result).lines(result)))[:LONGEST]}{more}", shown)
 
 
 def frame_of(result: Any) -> Any:
@@ -134,12 +133,12 @@ def _headed(name: str, unit: str) -> str:
 
 
 def _arrays(result: Any) -> Arrays:
-    found = arrays_of(result)
-    if found is None:
+    make = presenter_of(result).arrays
+    if make is None:
         raise ConfigurationError(
             f"A {type(result).__name__} has no table of values; read its attributes or its record()."
         )
-    return found
+    return make(result)
 
 
 def _library(name: str) -> Any:

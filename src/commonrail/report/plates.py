@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from io import BytesIO
 from typing import Any
 
@@ -14,10 +14,8 @@ from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from commonrail.display.chart import MARKERS, Band, Boxes, Figure, Panel, Series
-from commonrail.kinds.records import Record
-from commonrail.report import reproduction_figures
 
-__all__ = ["make_plates"]
+__all__ = ["COLUMN", "PAGE", "printed", "side_by_side", "single"]
 
 Floats = NDArray[np.float64]
 
@@ -52,21 +50,8 @@ _STYLE: Any = {  # matplotlib's own type for it lists every key there is
 }
 
 
-def make_plates(record: Record, traces: Mapping[int, Mapping[str, Mapping[str, Floats]]]) -> dict[str, bytes]:
-    """Figures 4, 5 and 6 of a reproduction as SVG and PDF, by the names of their files."""
-    rates = reproduction_figures.rates(record, traces)
-    with mpl.rc_context(_STYLE):
-        sheets = {
-            "fig4": _single(reproduction_figures.convergence(record), (COLUMN, 66.0)),
-            "fig5": _single(reproduction_figures.search_boxes(record), (COLUMN, 66.0)),
-            "fig6": _pairs(rates, (PAGE, 62.0 * len(rates))),
-        }
-        dates = {"svg": "Date", "pdf": "CreationDate"}
-        return {f"{name}.{kind}": _file(sheet, kind, dates[kind]) for name, sheet in sheets.items() for kind in dates}
-
-
-def _single(figure: Figure, size: tuple[float, float]) -> Sheet:
-    """One panel."""
+def single(figure: Figure, size: tuple[float, float]) -> Sheet:
+    """One panel, of a width and height [mm]."""
     sheet = _sheet(size)
     axes = sheet.subplots()
     _panel(axes, figure.panels[0])
@@ -75,8 +60,8 @@ def _single(figure: Figure, size: tuple[float, float]) -> Sheet:
     return sheet
 
 
-def _pairs(figures: Sequence[Figure], size: tuple[float, float]) -> Sheet:
-    """One row for each figure, its panels side by side, as the paper's Fig. 6."""
+def side_by_side(figures: Sequence[Figure], size: tuple[float, float]) -> Sheet:
+    """One row for each figure, its two panels side by side, of a width and height [mm]."""
     sheet = _sheet(size)
     grid = sheet.subplots(len(figures), 2, squeeze=False, sharex=True)
     for row, figure in zip(grid, figures, strict=True):
@@ -160,7 +145,17 @@ def _boxes(axes: Axes, boxes: Boxes) -> None:
     drawn["boxes"][0].set_label(boxes.label)
 
 
-def _file(sheet: Sheet, kind: str, date: str) -> bytes:
+def printed(sheets: Mapping[str, Callable[[], Sheet]]) -> dict[str, bytes]:
+    """Sheets by name, made in the style of print, as files NAME.svg and NAME.pdf that are the same whenever made."""
+    with mpl.rc_context(_STYLE):
+        drawn = {name: make() for name, make in sheets.items()}
+        return {f"{name}.{kind}": _file(sheet, kind) for name, sheet in drawn.items() for kind in _DATES}
+
+
+_DATES = {"svg": "Date", "pdf": "CreationDate"}  # key of the date, which is left out
+
+
+def _file(sheet: Sheet, kind: str) -> bytes:
     stream = BytesIO()
-    sheet.savefig(stream, format=kind, metadata={date: None, "Creator": "commonrail"})
+    sheet.savefig(stream, format=kind, metadata={_DATES[kind]: None, "Creator": "commonrail"})
     return stream.getvalue()

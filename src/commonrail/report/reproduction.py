@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-import commonrail as cr
 from commonrail.display.text import duration, listed, percent, significant
 from commonrail.kinds.records import Record
 from commonrail.report import reproduction_figures as figures
@@ -16,30 +15,16 @@ from commonrail.report import reproduction_tables as tables
 from commonrail.report.draw import figure_html
 from commonrail.report.html import render
 
-__all__ = ["PLATES", "PLATE_FOLDER", "check_reproduction", "reproduction_html", "verdicts"]
+__all__ = ["PLATES", "PLATE_FOLDER", "reproduction_html", "verdicts"]
 
 Floats = NDArray[np.float64]
 Traces = Mapping[int, Mapping[str, Mapping[str, Floats]]]
 
-SCHEMAS = (1, 2, 3)  # 1 has no rigid body that is fitted, 1 and 2 have no true stiffness in Table 1
 FEWEST = 6  # seeds that can tell a claim from chance
 NOT_COMPARABLE = (
     "J depends on the data, so it cannot be compared with the paper's; what can be compared is the pattern."
 )
 PLATE_FOLDER, PLATES = "figures", ("fig4", "fig5", "fig6")  # for print, each as SVG and PDF
-
-
-def check_reproduction(record: Record, where: str) -> Record:
-    """Return the record if this version can read it.
-
-    Raises
-    ------
-    InputError
-        If it is not the record of a reproduction, or of another schema.
-    """
-    if not isinstance(record, Mapping) or record.get("kind") != "reproduction" or record.get("schema") not in SCHEMAS:
-        raise cr.InputError(f"{where}: not a reproduction that this version reads (schema 1 to 3); reproduce again.")
-    return record
 
 
 def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plates: bool = True) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from commonrail.display.chart import Bars, Figure, Panel, Points, Series
 from commonrail.display.table import Column, Table, tabulated
@@ -12,6 +13,8 @@ from commonrail.display.text import MISSING, duration, percent, quantity, signif
 from commonrail.kinds.records import Record
 from commonrail.report.draw import figure_html
 from commonrail.report.html import render
+from commonrail.report.presenter import Presenter
+from commonrail.report.result_kind import ResultKind
 
 __all__ = [
     "SHOWN",
@@ -38,6 +41,14 @@ def shown_unit(unit: str) -> tuple[float, str]:
 def bar_height(rows: int) -> int:
     """Height of a figure with bars [px]."""
     return 130 + HEIGHT_OF_A_ROW * rows
+
+
+def _page(record: Record, folder: Path) -> str:
+    return sensitivity_html(record, folder.as_posix() or "DIR")
+
+
+KEYS = ("title", "design", "samples", "ranges", "outputs", "injections", "clock")
+RESULT = ResultKind("sensitivity.json", "sensitivity", "sensitivity", _page, KEYS)
 
 
 def sensitivity_html(record: Record, folder: str = "DIR") -> str:
@@ -271,3 +282,10 @@ def time_and_software(record: Record) -> list[tuple[str, str]]:
     speed = f"{significant(record['injections'] / seconds, 3)} simulations/s" if seconds else MISSING
     versions = ", ".join(f"{name} {version}" for name, version in record["software"].items())
     return [("Time", f"{duration(seconds)}, {speed}"), ("Software", versions)]
+
+
+SENSITIVITY = Presenter(
+    lambda s: [s.title, *sensitivity_lines(s.record())],
+    lambda s: sensitivity_tables(s.record()),
+    lambda s: sensitivity_figures(s.record()),
+)

@@ -18,6 +18,7 @@ from commonrail.maps.table import notes_of
 from commonrail.maps.without_number import WithoutNumber, without_number
 from commonrail.report.draw import drawings
 from commonrail.report.html import render
+from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 from commonrail.units import convert
 
 __all__ = ["compensation_html", "compensation_table", "fusion_table", "sweep_figures", "sweep_html", "sweep_lines"]
@@ -219,3 +220,17 @@ def compensation_table(found: Compensation) -> Table:
         ],
         DWELL,
     )
+
+
+def _arrays(found: Sweep) -> Arrays:
+    axes = tuple(v.name for v in found.variables)
+    values = {
+        "injected_volume": in_common_unit(axes, found.volume, "m3"),
+        "opening": in_common_unit(axes, found.opening, "s"),
+    }
+    if found.two:
+        values |= {"second_volume": in_common_unit(axes, found.second, "m3"), "fused": Array(axes, found.fused)}
+    return Arrays({v.name: in_common_unit((v.name,), v.values, v.unit) for v in found.variables}, values, "Sweep")
+
+
+SWEEP = Presenter(sweep_lines, figures=sweep_figures, arrays=_arrays)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import replace
+from pathlib import Path
 
 from commonrail.display.chart import Bars, Figure, Panel, Series
 from commonrail.display.table import Column, Table, tabulated
@@ -11,12 +12,22 @@ from commonrail.display.text import MISSING, fixed, percent, quantity, significa
 from commonrail.kinds.records import MICROSECOND, MM3, Record
 from commonrail.report.draw import figure_html
 from commonrail.report.html import render
+from commonrail.report.presenter import Presenter
+from commonrail.report.result_kind import ResultKind
 from commonrail.report.sensitivity import SHOWN, bar_height, time_and_software
 
 __all__ = ["tolerance_html", "tolerance_lines", "tolerance_tables"]
 
 SHARES = "Of a cubic fit to the parts, with jackknife intervals; small intervals are hidden by the bars' ends."
 SMALL = 1e-3  # share of parts below which it is given in parts per million
+
+
+def _page(record: Record, folder: Path) -> str:
+    return tolerance_html(record, folder.as_posix() or "DIR")
+
+
+KEYS = ("title", "parts", "injector", "dimensions", "points", "trim", "injections", "clock")
+RESULT = ResultKind("tolerance.json", "tolerance", "tolerance", _page, KEYS)
 
 
 def tolerance_html(record: Record, folder: str = "DIR") -> str:
@@ -251,3 +262,10 @@ def _facts(record: Record) -> list[tuple[str, str]]:
         ("Time step", f"{significant(record['time_step'], 4, MICROSECOND)} µs, {record['precision']}"),
         *time_and_software(record),
     ]
+
+
+TOLERANCE = Presenter(
+    lambda t: [t.tolerances.title, *tolerance_lines(t.record())],
+    lambda t: tolerance_tables(t.record()),
+    lambda t: tolerance_figures(t.record()),
+)

@@ -81,6 +81,8 @@ class Certainty(Shown):
         were fitted as stated.
     """
 
+    presenter = "commonrail.report.fit_faces:CERTAINTY"
+
     estimate: Estimate
     level: float
     low: Floats

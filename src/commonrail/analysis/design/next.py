@@ -122,6 +122,8 @@ class Plan(Shown):
         What the plan takes for granted.
     """
 
+    presenter = "commonrail.report.next:PLAN"
+
     measurements: tuple[Measurement, ...]
     cost: float
     settings: DesignSettings

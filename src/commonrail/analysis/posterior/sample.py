@@ -60,6 +60,8 @@ class Posterior(Shown):
         Quantities that were drawn too, and are none of the parameters.
     """
 
+    presenter = "commonrail.report.fit_faces:POSTERIOR"
+
     estimate: Estimate
     unit: Floats
     log_density: Floats

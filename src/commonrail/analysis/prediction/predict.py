@@ -63,6 +63,8 @@ class Prediction(Shown):
         By the kind of the data.
     """
 
+    presenter = "commonrail.report.prediction:PREDICTION"
+
     bands: list[Band]
     levels: tuple[float, ...]
     estimator: str

@@ -89,6 +89,8 @@ class Sensitivity(Shown):
         Conditions that a reader must know.
     """
 
+    presenter = "commonrail.report.sensitivity:SENSITIVITY"
+
     title: str
     injector: str
     synthetic: str

@@ -51,6 +51,8 @@ class ToleranceResult(Shown):
     seconds : float
     """
 
+    presenter = "commonrail.report.tolerance:TOLERANCE"
+
     tolerances: Tolerances
     points: tuple[PointResult, ...]
     trim: Trimmed | None

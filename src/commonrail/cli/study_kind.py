@@ -1,0 +1,81 @@
+"""Kinds of study besides that of an injector, registered in the group "studies": what calibrates and resumes them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from commonrail import registry
+from commonrail.errors import InputError
+
+_FORMAT = re.compile(r"commonrail-(?P<name>.+)/\d+")
+
+
+class RunOptions(NamedTuple):
+    """Options of the command line for a search in a run folder.
+
+    Attributes
+    ----------
+    seed : int or None
+        None: that of the file.
+    generations : int
+        Number to be added to those of a run.
+    as_begun : bool
+        Resume although files outside the folder have changed.
+    threads : int or None
+        None: all processors.
+    workers : int or None
+        Number of processes that simulate.
+    cluster : str or None
+        Address of a cluster that simulates.
+    json : bool
+        Print one record.
+    """
+
+    seed: int | None = None
+    generations: int = 0
+    as_begun: bool = False
+    threads: int | None = None
+    workers: int | None = None
+    cluster: str | None = None
+    json: bool = False
+
+
+class StudyKind(NamedTuple):
+    """Kind of study, registered as NAME: its file has the format "commonrail-NAME/1", a run folder keeps "NAME.toml".
+
+    Attributes
+    ----------
+    resume : function of (Path, RunOptions)
+        Resumes the run in a folder and prints its result.
+    calibrate : function of (Path, Path or None, RunOptions), optional
+        Fits the study of a file into a new run folder, a free one of runs/ for None, and prints its result; without it
+        the kind has a verb of its own.
+    """
+
+    resume: Callable[[Path, RunOptions], None]
+    calibrate: Callable[[Path, Path | None, RunOptions], None] | None = None
+
+
+def kind_of_study(path: Path) -> StudyKind | None:
+    """Kind of the study in a file; None for that of an injector, and for what is no study."""
+    from commonrail.reading.toml_file import read_toml
+
+    try:
+        found = _FORMAT.fullmatch(str(read_toml(path)[0].get("format", "")))
+    except InputError:
+        return None
+    part = registry.find("studies", found["name"]) if found and found["name"] != "study" else None
+    return None if part is None else part.load()
+
+
+def kind_of_run(folder: Path) -> StudyKind | None:
+    """Kind of the study whose run a folder holds; None for that of an injector."""
+    from commonrail.store.journal import JOURNAL
+
+    if not (folder / JOURNAL).is_file():
+        return None
+    parts = registry.entries("studies").items()
+    return next((part.load() for name, part in parts if (folder / f"{name}.toml").is_file()), None)

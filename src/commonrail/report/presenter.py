@@ -1,0 +1,103 @@
+"""Content that a notebook shows of a kind of result: sentences, tables, figures, and named arrays in common units.
+
+A result names its presenter, as ``module:object``, in the class attribute `presenter`; see `commonrail.display.shown`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonrail import registry
+from commonrail.display.chart import Figure
+from commonrail.display.heat_map import HeatMap
+from commonrail.display.table import Table
+from commonrail.units import convert
+
+# Unit of the field for the values of an SI unit.
+_COMMON = {"Pa": "MPa", "s": "us", "m3": "mm3", "kg": "mg", "m": "um", "K": "degC", "m3/s": "mm3/ms"}
+
+Drawn = Figure | HeatMap
+
+
+class Array(NamedTuple):
+    """Named values over named axes.
+
+    Attributes
+    ----------
+    axes : tuple of str
+    values : array
+        One dimension for each axis.
+    unit : str
+        Empty for what has none.
+    """
+
+    axes: tuple[str, ...]
+    values: NDArray[Any]
+    unit: str = ""
+
+
+class Arrays(NamedTuple):
+    """Axes by name, arrays over them by name, and the title."""
+
+    axes: dict[str, Array]
+    values: dict[str, Array]
+    title: str
+
+
+class Presenter(NamedTuple):
+    """Content that a notebook shows of one kind of result, each made from the result.
+
+    Attributes
+    ----------
+    lines : function
+        Sentences; the first is the line that stands for the result.
+    tables, figures : function
+    arrays : function, optional
+        Values for pandas and xarray.
+    """
+
+    lines: Callable[[Any], Sequence[str]]
+    tables: Callable[[Any], Sequence[Table]] = lambda _: ()
+    figures: Callable[[Any], Sequence[Drawn]] = lambda _: ()
+    arrays: Callable[[Any], Arrays] | None = None
+
+
+def presenter_of(result: Any) -> Presenter:
+    """Presenter that a result names."""
+    found: Presenter = registry.load(result.presenter)
+    return found
+
+
+def in_common_unit(axes: tuple[str, ...], values: Any, unit: str) -> Array:
+    """Array in the unit of the field, such as MPa, from values in an SI unit.
+
+    Parameters
+    ----------
+    axes : tuple of str
+    values : array
+    unit : str
+        SI unit.
+    """
+    own = np.asarray(values)
+    common = _COMMON.get(unit, unit)
+    return Array(axes, convert(own, unit, common) if unit in _COMMON else own, common.removesuffix("1"))
+
+
+def column_arrays(axis: str, names: Sequence[str], columns: dict[str, NDArray[Any]], title: str) -> Arrays:
+    """Columns without units over one axis.
+
+    Parameters
+    ----------
+    axis : str
+        Its name.
+    names : sequence of str
+        Its values.
+    columns : dict of str to array
+    title : str
+    """
+    values = {name: Array((axis,), column) for name, column in columns.items()}
+    return Arrays({axis: Array((axis,), np.array(names))}, values, title)

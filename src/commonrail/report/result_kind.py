@@ -1,0 +1,99 @@
+"""Kinds of result that a folder may hold: each has one record, a JSON file by whose name the folder tells its kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from jinja2 import UndefinedError
+
+from commonrail import registry
+from commonrail.errors import InputError
+from commonrail.files.record_file import read_record
+from commonrail.files.run_folder import RESULT
+from commonrail.kinds.records import Record
+
+_BROKEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, UndefinedError)
+
+
+def _nothing(folder: Path) -> str:
+    return ""
+
+
+class ResultKind(NamedTuple):
+    """Kind of result, registered in the group "results" by the name of its record file.
+
+    Attributes
+    ----------
+    file : str
+        Record file.
+    name : str
+        Key "kind" of the record.
+    verb : str
+        Verb that leaves it.
+    page : function of (record, Path)
+        HTML of its report, from the record and the folder.
+    keys : tuple of str
+        Keys that the record must have.
+    schemas : tuple of int
+        Values of its key "schema" that the page reads.
+    extra : function of Path
+        Makes the files of the folder that the page shows beside itself, those that are missing; returns an empty text,
+        or a sentence on what it needs.
+    """
+
+    file: str
+    name: str
+    verb: str
+    page: Callable[[Record, Path], str]
+    keys: tuple[str, ...] = ()
+    schemas: tuple[int, ...] = (1,)
+    extra: Callable[[Path], str] = _nothing
+
+    def read(self, folder: Path) -> Record:
+        """Record of a folder.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, or is of another kind or schema, or incomplete.
+        """
+        record = read_record(folder / self.file, f"commonrail {self.verb}")
+        where = f"{folder}: {self.file}"
+        if record.get("kind") != self.name:
+            raise InputError(f"{where} is not the result of commonrail {self.verb}.")
+        if record.get("schema") not in self.schemas:
+            raise InputError(
+                f"{where} has schema {record.get('schema')!r} and this version reads "
+                f"{' and '.join(map(str, self.schemas))}; make the report with the version that left it, or "
+                f"{self.verb} again."
+            )
+        missing = [key for key in self.keys if key not in record]
+        if missing:
+            raise InputError(f'{where} lacks "{missing[0]}"; {self.verb} again.')
+        return record
+
+    @contextmanager
+    def refusing_broken(self, folder: Path) -> Iterator[None]:
+        """Turn what a broken record of a folder leads to into an `InputError`."""
+        try:
+            yield
+        except _BROKEN as error:
+            raise InputError(
+                f"{folder}: {self.file} or a file beside it is incomplete ({type(error).__name__}: {error}); "
+                f"{self.verb} again."
+            ) from error
+
+
+def kind_of(folder: Path) -> ResultKind:
+    """Kind of a folder; that of a calibration where no record is found."""
+    shipped = registry.shipped("results")
+    part = _first(shipped, folder) or _first(registry.installed("results"), folder) or shipped[RESULT]
+    found: ResultKind = part.load()
+    return found
+
+
+def _first(parts: Mapping[str, registry.Entry], folder: Path) -> registry.Entry | None:
+    return next((part for file, part in parts.items() if (folder / file).is_file()), None)
