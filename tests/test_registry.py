@@ -9,24 +9,18 @@ import pytest
 
 from commonrail import registry
 from commonrail.errors import PluginError
+from tests.distribution import distribution
 
 
 @pytest.fixture
-def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def plugin(tmp_path: Path) -> Iterator[None]:
     """Distribution with a reader that works, one whose module cannot be imported and one that does not exist."""
-    (tmp_path / "example_tdms.py").write_text("SHEET = 'sheet of TDMS'\n", encoding="utf-8")
-    (tmp_path / "example_broken.py").write_text("raise OSError('no driver')\n", encoding="utf-8")
-    info = tmp_path / "example_plugin-1.2.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: example-plugin\nVersion: 1.2\n", encoding="utf-8")
-    (info / "entry_points.txt").write_text(
-        "[commonrail.readers]\ntdms = example_tdms:SHEET\nbroken = example_broken:SHEET\nabsent = example_tdms:OTHER\n",
-        encoding="utf-8",
+    modules = {"example_tdms": "SHEET = 'sheet of TDMS'\n", "example_broken": "raise OSError('no driver')\n"}
+    parts = (
+        "[commonrail.readers]\ntdms = example_tdms:SHEET\nbroken = example_broken:SHEET\nabsent = example_tdms:OTHER\n"
     )
-    monkeypatch.syspath_prepend(tmp_path)
-    registry.installed.cache_clear()
-    yield
-    registry.installed.cache_clear()
+    with distribution(tmp_path, modules, parts):
+        yield
 
 
 @pytest.mark.usefixtures("plugin")
