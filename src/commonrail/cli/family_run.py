@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from commonrail.store.run import Listener
     from commonrail.workers.workers import Workers
 
-__all__ = ["STUDY", "FamilyOutcome", "print_family", "print_type", "resume_run", "run_family", "type_record"]
+__all__ = ["STUDY", "FamilyOutcome", "print_family", "print_type", "run_family", "type_record"]
 
 
 class FamilyOutcome(NamedTuple):
@@ -82,41 +82,20 @@ def run_family(
     return outcome
 
 
-def resume_run(folder: Path, *, as_begun: bool, threads: int | None, workers: Workers | None) -> FamilyOutcome:
-    """Resume a joint fit, with its progress on stderr.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    as_begun : bool
-        Accept files outside the folder that have changed.
-    threads : int or None
-        None: all processors.
-    workers : Workers or None
-        Simulate in place of this process.
-
-    Raises
-    ------
-    StudyError, OutputError
-        As `commonrail.family.run.resume_family`.
-    """
-    from commonrail.family.run import resume_family
-
-    def resumed(listener: Listener) -> FamilyFit:
-        return resume_family(folder, as_begun=as_begun, threads=threads, workers=workers, listener=listener)
-
-    return _told(f"resuming {folder}", folder, resumed)
-
-
-def _resume(run: Path, options: RunOptions) -> None:
-    from commonrail.family.run import TYPE
+def _resume(folder: Path, options: RunOptions) -> None:
+    from commonrail.family.run import TYPE, resume_family
 
     if options.generations:
-        raise InputError(f"--generations: {run} is the run of a family; state them in a new family file.")
+        raise InputError(f"--generations: {folder} is the run of a family; state them in a new family file.")
     with open_workers(options.workers, options.cluster) as workers:
-        outcome = resume_run(run, as_begun=options.as_begun, threads=options.threads, workers=workers)
-    print_family(outcome, options.json, run / TYPE)
+
+        def resumed(listener: Listener) -> FamilyFit:
+            return resume_family(
+                folder, as_begun=options.as_begun, threads=options.threads, workers=workers, listener=listener
+            )
+
+        outcome = _told(f"resuming {folder}", folder, resumed)
+    print_family(outcome, options.json, folder / TYPE)
 
 
 STUDY = StudyKind(_resume)

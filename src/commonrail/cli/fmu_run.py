@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_table
@@ -20,16 +20,6 @@ if TYPE_CHECKING:
     from commonrail.foreign.fit import FmuFit
     from commonrail.store.run import Listener
 
-__all__ = ["FmuOutcome", "STUDY", "print_fmu", "resume_fmu_run", "run_fmu"]
-
-
-class FmuOutcome(NamedTuple):
-    """Run folder, its report and the record."""
-
-    folder: Path
-    report: Path
-    record: dict[str, Any]
-
 
 def _refuse_workers(options: RunOptions) -> None:
     """Refuse options that have no meaning for an FMU."""
@@ -39,82 +29,33 @@ def _refuse_workers(options: RunOptions) -> None:
 
 
 def _calibrate(study: Path, out: Path | None, options: RunOptions) -> None:
-    _refuse_workers(options)
-    folder = out or free_run_folder(stem_of(study))
-    print_fmu(run_fmu(study, folder, options.seed, options.threads), options.json)
-
-
-def _resume(run: Path, options: RunOptions) -> None:
-    _refuse_workers(options)
-    if options.generations:
-        raise InputError(f"--generations: {run} is the run of an FMU; state them in a new study file.")
-    print_fmu(resume_fmu_run(run, as_begun=options.as_begun, processes=options.threads), options.json)
-
-
-STUDY = StudyKind(_resume, _calibrate)
-
-
-def run_fmu(source: Path, folder: Path, seed: int | None, processes: int | None) -> FmuOutcome:
-    """Calibrate the FMU of a study file in a new run folder, with progress on stderr.
-
-    Parameters
-    ----------
-    source : Path
-        Study file.
-    folder : Path
-        New or empty.
-    seed : int or None
-        None: that of the file.
-    processes : int or None
-        None: all processors.
-
-    Raises
-    ------
-    InputError, OutputError, StudyError, SimulationError
-        As `commonrail.foreign.run.calibrate_fmu_into`.
-    """
     from commonrail.foreign.run import calibrate_fmu_into
     from commonrail.foreign.study_file import load_fmu_study
 
-    study = load_fmu_study(source)
-    study = study if seed is None else replace(study, seed=seed)
+    _refuse_workers(options)
+    folder, fmu = out or free_run_folder(stem_of(study)), load_fmu_study(study)
+    fmu = fmu if options.seed is None else replace(fmu, seed=options.seed)
 
     def calibrated(listener: Listener) -> FmuFit:
-        return calibrate_fmu_into(folder, study, processes=processes, listener=listener)
+        return calibrate_fmu_into(folder, fmu, processes=options.threads, listener=listener)
 
-    return _told(study.title, folder, calibrated)
+    _run(fmu.title, folder, calibrated, options.json)
 
 
-def resume_fmu_run(folder: Path, *, as_begun: bool, processes: int | None) -> FmuOutcome:
-    """Resume a calibration of an FMU, with its progress on stderr.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    as_begun : bool
-        Accept files outside the folder that have changed.
-    processes : int or None
-        None: all processors.
-
-    Raises
-    ------
-    StudyError, OutputError
-        As `commonrail.foreign.run.resume_fmu`.
-    """
+def _resume(folder: Path, options: RunOptions) -> None:
     from commonrail.foreign.run import resume_fmu
 
+    _refuse_workers(options)
+    if options.generations:
+        raise InputError(f"--generations: {folder} is the run of an FMU; state them in a new study file.")
+
     def resumed(listener: Listener) -> FmuFit:
-        return resume_fmu(folder, as_begun=as_begun, processes=processes, listener=listener)
+        return resume_fmu(folder, as_begun=options.as_begun, processes=options.threads, listener=listener)
 
-    return _told(f"resuming {folder}", folder, resumed)
+    _run(f"resuming {folder}", folder, resumed, options.json)
 
 
-def _told(title: str, folder: Path, work: Callable[[Listener], FmuFit]) -> FmuOutcome:
-    from commonrail.foreign.run import read_fmu_run
-
-    report, _ = reported(title, folder, work, _stage_of)
-    return FmuOutcome(folder, report, read_fmu_run(folder))
+STUDY = StudyKind(_resume, _calibrate)
 
 
 def _stage_of(p: Progress) -> Stage:
@@ -123,18 +64,13 @@ def _stage_of(p: Progress) -> Stage:
     return Stage(p.phase, p.generation, p.generations, figures)
 
 
-def print_fmu(outcome: FmuOutcome, json: bool) -> None:
-    """Print the figures of a calibration of an FMU; exit status 130 if it was stopped.
-
-    Parameters
-    ----------
-    outcome : FmuOutcome
-    json : bool
-        Print the record instead of tables.
-    """
+def _run(title: str, folder: Path, search: Callable[[Listener], FmuFit], json: bool) -> None:
+    """Search with progress on stderr, and print the record or its figures; exit status 130 if it was stopped."""
+    from commonrail.foreign.run import read_fmu_run
     from commonrail.report.foreign import fmu_lines, fmu_tables
 
-    folder, report, record = outcome
+    report, _ = reported(title, folder, search, _stage_of)
+    record = read_fmu_run(folder)
     if json:
         print_json({"kind": "fmu calibration", "run": str(folder), "report": str(report), "result": record})
     else:

@@ -15,7 +15,7 @@ from commonrail.display.table import Table
 from commonrail.display.text import counted, fixed, significant
 from commonrail.kinds.records import Record
 from commonrail.report.certainty import certainty_lines, certainty_tables, posterior_table
-from commonrail.report.presenter import Array, Arrays, Presenter, column_arrays
+from commonrail.report.presenter import Array, Arrays, Presenter
 
 
 def _lines(found: Certainty) -> list[str]:
@@ -66,7 +66,8 @@ def _arrays(found: Certainty) -> Arrays:
         "verdict": np.array([judged.verdict.value for judged in found.verdicts]),
         "estimator": np.array(found.estimators),
     }
-    return column_arrays("parameter", own.names, columns, "Certainty of a fit")
+    values = {name: Array(("parameter",), column) for name, column in columns.items()}
+    return Arrays({"parameter": Array(("parameter",), np.array(own.names))}, values, "Certainty of a fit")
 
 
 def _posterior_arrays(found: Posterior) -> Arrays:

@@ -85,19 +85,3 @@ def in_common_unit(axes: tuple[str, ...], values: Any, unit: str) -> Array:
     own = np.asarray(values)
     common = _COMMON.get(unit, unit)
     return Array(axes, convert(own, unit, common) if unit in _COMMON else own, common.removesuffix("1"))
-
-
-def column_arrays(axis: str, names: Sequence[str], columns: dict[str, NDArray[Any]], title: str) -> Arrays:
-    """Columns without units over one axis.
-
-    Parameters
-    ----------
-    axis : str
-        Its name.
-    names : sequence of str
-        Its values.
-    columns : dict of str to array
-    title : str
-    """
-    values = {name: Array((axis,), column) for name, column in columns.items()}
-    return Arrays({axis: Array((axis,), np.array(names))}, values, title)
