@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,4 +35,6 @@ def distribution(folder: Path, modules: Mapping[str, str], parts: str) -> Iterat
         patch.syspath_prepend(folder)
         registry.installed.cache_clear()
         yield
+    for name in modules:
+        sys.modules.pop(name, None)
     registry.installed.cache_clear()

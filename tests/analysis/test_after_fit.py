@@ -1,4 +1,4 @@
-"""What is done after each fit: parts of other packages add to it, and without those that ship it is left out."""
+"""Judgement of each fit: parts of other packages add to it, and without those that ship it is left out."""
 
 from __future__ import annotations
 

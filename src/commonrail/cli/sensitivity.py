@@ -141,7 +141,7 @@ def _into(folder: Path, work: Any) -> Sensitivity:
 
     with new_run_folder(folder):
         found: Sensitivity = work()
-        write_analysis(folder, "sensitivity", found.record(), found.rows())
+        write_analysis(folder, "sensitivity.csv", found.record(), found.rows())
     write_report(folder)
     return found
 

@@ -81,7 +81,7 @@ def _into(folder: Path, loaded: Tolerances, threads: int | None) -> ToleranceRes
 
     with held_interrupts(), new_run_folder(folder):  # what is simulated is written whatever keys are pressed
         found = _run(loaded, threads)
-        write_analysis(folder, "tolerance", found.record(), found.rows())
+        write_analysis(folder, "tolerance.csv", found.record(), found.rows())
         write_text(folder / "tolerances.toml", loaded.text)
         write_report(folder)
     return found

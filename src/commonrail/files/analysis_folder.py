@@ -13,14 +13,14 @@ from commonrail.files.sums import summed
 __all__ = ["write_analysis"]
 
 
-def write_analysis(folder: Path, name: str, record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write record, table and their checksums.
+def write_analysis(folder: Path, table: str, record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write a record, a table and their checksums.
 
     Parameters
     ----------
     folder : Path
-    name : str
-        Of both files: NAME.json and NAME.csv.
+    table : str
+        File of the table, such as "tolerance.csv", beside which the record lies as "tolerance.json".
     record : mapping
     rows : sequence of mappings
         Rows of the table, SI; keys that only some have are columns too, and None is an empty cell.
@@ -37,9 +37,9 @@ def write_analysis(folder: Path, name: str, record: Mapping[str, Any], rows: Seq
         *([f"SYNTHETIC: {synthetic}"] if synthetic else []),
     )
     heads = list(dict.fromkeys(key for row in rows for key in row))
-    table = f"{name}.csv"
-    with summed(folder, f"{name}.json", table):
-        write_record(folder / f"{name}.json", record)
+    record_file = Path(table).with_suffix(".json").name
+    with summed(folder, record_file, table):
+        write_record(folder / record_file, record)
         atomic.write_csv(folder / table, notes, heads, ([_cell(row.get(head)) for head in heads] for row in rows))
 
 
