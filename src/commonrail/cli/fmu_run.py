@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_table
 from commonrail.cli.progress import Stage
 from commonrail.cli.study_run import end_if_stopped, reported
@@ -126,10 +127,10 @@ def print_fmu(outcome: FmuOutcome, json: bool) -> None:
         print_json({"kind": "fmu calibration", "run": str(folder), "report": str(report), "result": record})
     else:
         if record["synthetic"]:
-            typer.echo(f"SYNTHETIC: {record['synthetic']}")
+            click.echo(f"SYNTHETIC: {record['synthetic']}")
         for table in fmu_tables(record):
             print_table(table)
         for line in fmu_lines(record):
-            typer.echo(line)
-        typer.echo(f"report: {report}")
+            click.echo(line)
+        click.echo(f"report: {report}")
     end_if_stopped(record["status"], folder)
