@@ -10,8 +10,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from benchmarks import curves
 from benchmarks.methods import peer_methods, right_hand_side
 from benchmarks.searches import OPTIMISERS, reference_searches
@@ -19,6 +17,7 @@ from commonrail.bench.machine import version
 from commonrail.bench.record import TABLES, Columns, Make, column, number, tabulated, words
 from commonrail.bench.run import Stage, effort, run_bench, stages
 from commonrail.cli.bench import MEASURING, show, told
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.guard import guarded
 from commonrail.cli.output import check_file
 from commonrail.cli.progress import Bar
@@ -89,10 +88,11 @@ ALL_TABLES: dict[str, Make] = TABLES | {
 }
 
 
-@guarded
+@verb
+@guarded()
 def main(
-    record: Annotated[Path, typer.Argument(metavar="RECORD.json", help="File for the record.")],
-    quick: Annotated[bool, typer.Option("--quick", help="Shorter timings and fewer rows.")] = False,
+    record: Annotated[Path, Argument(metavar="RECORD.json", help="File for the record.")],
+    quick: Annotated[bool, Option("--quick", help="Shorter timings and fewer rows.")] = False,
 ) -> None:
     """Measure commonrail beside other solvers and optimisers, and its cost curves."""
     check_file(record, "RECORD.json")
@@ -104,4 +104,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    main()

@@ -180,7 +180,7 @@ def test_the_rooms_of_common_verbs_load_nothing_slow(modules: str) -> None:
 
 
 def test_a_verb_is_imported_when_it_is_called() -> None:
-    code = "import sys; from commonrail.cli.app import app; app(['simulate', '--help'], standalone_mode=False);"
+    code = "import sys; from commonrail.cli.grammar import cli; cli(['simulate', '--help'], standalone_mode=False);"
     code += "print('verbs:', *(m for m in ('simulate', 'calibrate', 'map') if f'commonrail.cli.{m}' in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "verbs: simulate"
@@ -188,12 +188,12 @@ def test_a_verb_is_imported_when_it_is_called() -> None:
 
 @pytest.mark.slow
 def test_a_calibration_without_refinements_loads_neither_scipy_nor_tomlkit(tmp_path: Path) -> None:
-    code = "from commonrail.cli.app import app\nfrom commonrail.files.scaffold import write_new\nimport pathlib\n"
+    code = "from commonrail.cli.grammar import cli\nfrom commonrail.files.scaffold import write_new\nimport pathlib\n"
     code += f"folder = pathlib.Path({str(tmp_path / 'small')!r})\nwrite_new(folder)\n"
     # refinements are SciPy's least squares, which a study without them does not need
     code += "path = folder / 'study.toml'\ntext = path.read_text('utf-8')\nassert 'polish = 3' in text\n"
     code += "path.write_text(text.replace('polish = 3', 'polish = 0'), 'utf-8')\n"
-    code += f"app(['calibrate', str(folder / 'study.toml'), '--out', {str(tmp_path / 'run')!r}], standalone_mode=False)"
+    code += f"cli(['calibrate', str(folder / 'study.toml'), '--out', {str(tmp_path / 'run')!r}], standalone_mode=False)"
     assert loaded(code, ("scipy", "tomlkit")) == []
     assert (tmp_path / "run" / "report.html").is_file()
 

@@ -19,7 +19,8 @@ from pathlib import Path
 import pytest
 
 import commonrail as cr
-from tests.test_pages import GROUP, ROOT
+from commonrail.cli.grammar import cli
+from tests.test_pages import ROOT, VERBS
 
 SRC = ROOT / "src" / "commonrail"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -123,7 +124,7 @@ def suite() -> Source:
 
 @functools.cache
 def options() -> frozenset[str]:
-    commands = [GROUP, *GROUP.commands.values()]
+    commands = [cli, *VERBS.values()]
     named = {option for command in commands for p in command.params for option in (*p.opts, *p.secondary_opts)}
     return frozenset(named | {"--help", "-h"} | {text for text in tools().texts if text.startswith("--")})
 
@@ -139,7 +140,7 @@ def words() -> frozenset[str]:
     parameters = {part for path in cr.parameter_quantities() for part in (path, *path.split("."))}
     files = {path.stem for path in SRC.rglob("*.toml")} | {path.name for path in (ROOT / "cases").iterdir()}
     rooms = {path.name for path in SRC.iterdir()} | {path.stem for path in SRC.iterdir()}
-    known = source().names | source().texts | parameters | files | rooms | set(GROUP.commands) | set(dir(builtins))
+    known = source().names | source().texts | parameters | files | rooms | set(VERBS) | set(dir(builtins))
     return frozenset(known | {"True", "False", "None", "commonrail", "cr"})
 
 

@@ -12,7 +12,7 @@ import pytest
 
 import commonrail
 
-HEAVY = ["jinja2", "numba", "numpy", "matplotlib", "pydantic", "rich", "scipy", "tomlkit", "typer"]
+HEAVY = ["click", "jinja2", "numba", "numpy", "matplotlib", "pydantic", "rich", "scipy", "tomlkit"]
 
 
 @pytest.mark.parametrize("name", commonrail.__all__)

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from typing import Any, NamedTuple
 
 from commonrail.errors import PluginError
@@ -98,6 +97,8 @@ def shipped(group: str) -> Mapping[str, Entry]:
 @cache
 def installed(group: str) -> Mapping[str, Entry]:
     """Parts that other installed packages register, by name in alphabetical order."""
+    from importlib.metadata import entry_points  # slow to import
+
     found = sorted(entry_points(group=f"{PACKAGE}.{group}"), key=lambda point: point.name)
     return {
         point.name: Entry(group, point.name, point.value, point.dist.name, point.dist.version)

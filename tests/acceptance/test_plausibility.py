@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from commonrail.calibration.run import calibrate, check_study
 from commonrail.calibration.study import Study
-from commonrail.cli.app import app
 from commonrail.files.injector_file import dump_injector, load_injector
 from commonrail.files.scaffold import write_new
 from commonrail.files.study_file import load_study
+from tests.cli.conftest import run_command
 from tests.report.test_build import Page
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
@@ -116,8 +115,8 @@ def spoilt(folder: Path, *spoils: Spoil) -> Path:
 
 def run(*arguments: object) -> tuple[int, str]:
     """Exit status and stderr of the command."""
-    done = CliRunner().invoke(app, [str(a) for a in arguments])
-    return done.exit_code, done.stderr
+    done = run_command(*arguments)
+    return done.status, done.err
 
 
 @pytest.mark.parametrize("name", NONSENSE)

@@ -13,6 +13,7 @@ from commonrail.bench.methods import own_methods
 from commonrail.bench.record import grids
 from commonrail.bench.run import SEEDS, Stage
 from commonrail.files.record_file import read_record
+from tests.cli.conftest import invoke
 
 
 def test_a_missing_peer_is_named_with_its_cure() -> None:
@@ -53,7 +54,7 @@ def test_the_record_is_written_where_figures_are_drawn_from(tmp_path: Path, monk
     row = {"cells": 60.0, "compiled_seconds": 1e-6, "from_python_seconds": 2e-6}
     monkeypatch.setattr(whole, "planned", lambda quick: [Stage("right_hand_side", "", 1, lambda: iter([row]))])
     path = tmp_path / "record.json"
-    whole.main(path, quick=True)
+    assert invoke(whole.main, path, "--quick").status == 0
     record = read_record(path, "commonrail bench")
     assert record["options"] == {"peers": True, "curves": True, "quick": True}
     assert record["right_hand_side"] == [row]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import click
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
-from commonrail.cli.app import app
+from commonrail.cli.grammar import cli
 from commonrail.files.scaffold import write_new
 
 
@@ -39,10 +41,19 @@ class Done(NamedTuple):
 Command = Callable[..., Done]
 
 
+# Below click 8.2 stderr is part of stdout unless it is taken apart, and from there always apart.
+APART: Any = {"mix_stderr": False} if "mix_stderr" in inspect.signature(CliRunner).parameters else {}
+
+
+def invoke(command: click.Command, *arguments: object) -> Done:
+    """Run a command of click with arguments."""
+    result = CliRunner(**APART).invoke(command, [str(a) for a in arguments], prog_name=command.name)
+    return Done(result.exit_code, result.stdout, result.stderr)
+
+
 def run_command(*arguments: object) -> Done:
     """Run ``commonrail`` with arguments."""
-    result = CliRunner().invoke(app, [str(a) for a in arguments])
-    return Done(result.exit_code, result.stdout, result.stderr)
+    return invoke(cli, *arguments)
 
 
 def check_made_again(command: Command, folder: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from commonrail.calibration.run import Progress
 from commonrail.errors import StudyError
 from commonrail.workers import link
-from tests.cli.conftest import Command, check_made_again
+from tests.cli.conftest import Command, check_made_again, run_command, small_study
 
 OWN = {"calibrated.toml", "result.json", "traces.csv", "SHA256SUMS", "report.html", "journal.sqlite", "journal.lock"}
 FILES = OWN | {"study.toml", "injector.toml", "data"}  # the study with all that it reads
@@ -21,17 +21,12 @@ FILES = OWN | {"study.toml", "injector.toml", "data"}  # the study with all that
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """A small study, calibrated once by the command."""
-    from typer.testing import CliRunner
-
-    from commonrail.cli.app import app
-    from tests.cli.conftest import small_study
-
     folder = tmp_path_factory.mktemp("calibrate")
     study, run = small_study(folder / "small"), folder / "run"
     arguments = ["calibrate", str(study), "--out", str(run), "--seed", "3", "--threads", "1"]
-    result = CliRunner().invoke(app, [*arguments, "--json"])
-    assert result.exit_code == 0, result.stderr
-    return {"study": study, "run": run, "out": result.stdout, "err": result.stderr}
+    result = run_command(*arguments, "--json")
+    assert result.status == 0, result.err
+    return {"study": study, "run": run, "out": result.out, "err": result.err}
 
 
 def test_the_run_folder_is_complete(finished: dict[str, Any]) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from commonrail.choices import Drive
 from commonrail.files.injector_file import dump_injector, load_injector
-from tests.cli.conftest import Command, check_made_again
+from tests.cli.conftest import Command, check_made_again, run_command
 
 NAME = "virtual-lino-2016"
 CASE = Path(__file__).resolve().parents[2] / "cases" / "paper" / "study.toml"
@@ -21,18 +21,14 @@ CASE = Path(__file__).resolve().parents[2] / "cases" / "paper" / "study.toml"
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Three models, one of which fails, on the paper's case, compared once into a folder."""
-    from typer.testing import CliRunner
-
-    from commonrail.cli.app import app
-
     folder = tmp_path_factory.mktemp("compare")
     weak = folder / "weak.toml"
     dump_injector(load_injector(NAME).with_values({"valve.spring_preload": 1.0}), weak)
     arguments = [NAME, f"stiff, one mass={NAME}@rigid", str(weak), "--data", str(CASE), "--threads", "1"]
     out = folder / "out"
-    result = CliRunner().invoke(app, ["compare", *arguments, "--out", str(out)])
-    assert result.exit_code == 0, result.stderr
-    return {"arguments": arguments, "folder": out, "out": result.stdout}
+    result = run_command("compare", *arguments, "--out", out)
+    assert result.status == 0, result.err
+    return {"arguments": arguments, "folder": out, "out": result.out}
 
 
 def record_of(done: dict[str, Any]) -> dict[str, Any]:

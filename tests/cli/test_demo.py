@@ -6,23 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
-from typer.testing import CliRunner
 
 from commonrail.cli import demo as module
-from commonrail.cli.guard import guarded
 from commonrail.cli.study_run import Outcome
-from commonrail.cli.typer_later import with_typer
-from tests.cli.conftest import Done
+from tests.cli.conftest import Done, invoke
 from tests.report.samples import map_record, rate_record
 
 
 def run(*arguments: object) -> Done:
     """Run the demo with arguments."""
-    app = typer.Typer()
-    app.command()(with_typer(guarded(module.demo)))
-    result = CliRunner().invoke(app, [str(a) for a in arguments])
-    return Done(result.exit_code, result.stdout, result.stderr)
+    return invoke(module.demo, *arguments)
 
 
 @pytest.fixture

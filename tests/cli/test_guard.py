@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 
+import click
 import pytest
-import typer
-from typer.main import get_command
-from typer.testing import CliRunner, Result
 
 from commonrail import errors
-from commonrail.cli.app import app
-from commonrail.cli.guard import MEMORY, guarded, show_traceback
+from commonrail.cli.grammar import Verbs, cli
+from commonrail.cli.guard import MEMORY
+from tests.cli.conftest import Done, run_command
 
 
-def end_with(error: BaseException) -> Result:
-    """Run a verb that raises."""
+def end_with(error: BaseException, *words: str, name: str = "runs") -> Done:
+    """Run a verb that raises in place of one of the command."""
 
     def verb() -> None:
         raise error
 
-    app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(guarded(verb))
-    return CliRunner().invoke(app, [])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Verbs, "get_command", lambda *_: click.Command(name, callback=verb))
+        return run_command(*words, name)
 
 
 @pytest.mark.parametrize(
@@ -52,70 +50,39 @@ def end_with(error: BaseException) -> Result:
     ],
 )
 def test_an_error_is_one_line_on_stderr(error: BaseException, status: int, sentence: str) -> None:
-    result = end_with(error)
-    assert result.exit_code == status
-    assert result.stdout == ""
-    assert result.stderr == f"commonrail: {sentence}\n"
+    assert end_with(error) == Done(status, "", f"commonrail: {sentence}\n")
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError("a\nb"), ModuleNotFoundError("a b", name="commonrail.absent")])
 def test_a_fault_of_the_program_asks_for_a_report(error: Exception) -> None:
-    result = end_with(error)
-    assert result.exit_code == 1
-    assert result.stderr.startswith(f"commonrail: internal fault ({type(error).__name__}: a b); please")
-    assert result.stderr.count("\n") == 1
+    done = end_with(error)
+    assert done.status == 1
+    assert done.err.startswith(f"commonrail: internal fault ({type(error).__name__}: a b); please")
+    assert done.err.count("\n") == 1
 
 
-def wish_by_option(patch: pytest.MonkeyPatch) -> None:
-    """As the option --traceback does."""
-    patch.setattr("commonrail.cli.guard.show_traceback", _Always())
+@pytest.mark.parametrize(("words", "variable"), [(["--traceback"], ""), ([], "1")])
+def test_a_traceback_is_shown_on_demand(monkeypatch: pytest.MonkeyPatch, words: list[str], variable: str) -> None:
+    monkeypatch.setenv("COMMONRAIL_TRACEBACK", variable)
+    done = end_with(ZeroDivisionError("a"), *words)
+    assert "Traceback (most recent call last)" in done.err
+    assert done.err.splitlines()[-1].startswith("commonrail: internal fault")
 
 
-def wish_by_variable(patch: pytest.MonkeyPatch) -> None:
-    """As a user's environment does."""
-    patch.setenv("COMMONRAIL_TRACEBACK", "1")
-
-
-class _Always:
-    def get(self) -> bool:
-        return True
-
-
-@pytest.mark.parametrize("wish", [wish_by_option, wish_by_variable])
-def test_a_traceback_is_shown_on_demand(
-    monkeypatch: pytest.MonkeyPatch, wish: Callable[[pytest.MonkeyPatch], None]
-) -> None:
-    wish(monkeypatch)
-    result = end_with(ZeroDivisionError("a"))
-    assert "Traceback (most recent call last)" in result.stderr
-    assert result.stderr.splitlines()[-1].startswith("commonrail: internal fault")
-
-
-def test_the_option_is_heard() -> None:
-    from commonrail.cli.app import options
-
-    options(traceback=True)
-    assert show_traceback.get()
-    options(traceback=False)
-    assert not show_traceback.get()
-
-
-@pytest.mark.parametrize("error", [typer.Exit(5), typer.BadParameter("no")])
-def test_what_typer_raises_is_left_to_typer(error: Exception) -> None:
-    assert "commonrail:" not in end_with(error).stderr
+@pytest.mark.parametrize(("error", "status"), [(click.exceptions.Exit(5), 5), (click.BadParameter("no"), 2)])
+def test_what_click_raises_is_left_to_click(error: Exception, status: int) -> None:
+    done = end_with(error)
+    assert done.status == status
+    assert "commonrail:" not in done.err
 
 
 @pytest.mark.parametrize("name", MEMORY)
 def test_the_cure_of_too_little_memory_is_one_that_the_verb_has(name: str) -> None:
-    options = {option for part in get_command(app).commands[name].params for option in part.opts}  # type: ignore[attr-defined]
+    verb = cli.get_command(click.Context(cli), name)
+    options = {option for part in verb.params for option in part.opts}
     assert set(re.findall(r"--[a-z-]+", MEMORY[name])) <= options
     assert ("--workers" in MEMORY[name]) == ("--workers" in options)
 
 
 def test_the_cure_of_too_little_memory_is_that_of_the_verb() -> None:
-    def fleet() -> None:
-        raise MemoryError
-
-    app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(guarded(fleet))
-    assert MEMORY["fleet"] in CliRunner().invoke(app, []).stderr
+    assert MEMORY["fleet"] in end_with(MemoryError(), name="fleet").sentence

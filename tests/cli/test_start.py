@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -10,9 +11,8 @@ import warnings
 import numpy as np
 import pytest
 
-from commonrail.cli import start
-from commonrail.cli.command import leave_out_warnings
-from commonrail.cli.guard import guarded
+from commonrail.cli import guard
+from commonrail.cli.start import leave_out_warnings
 
 # Ctrl-C arrives when a module is looked for, which no sleeping and no clock could hit as surely.
 PROGRAM = """
@@ -33,23 +33,25 @@ def _run(module: str, handler: str = "signal.default_int_handler") -> subprocess
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("module", ["typer", "commonrail.cli.new"])
+@pytest.mark.parametrize("module", ["click", "commonrail.cli.new"])
 def test_an_interrupt_before_a_verb_runs_is_a_sentence(module):
     done = _run(module)
-    assert (done.returncode, done.stdout) == (start.INTERRUPTED, "")
+    assert (done.returncode, done.stdout) == (guard.INTERRUPTED, "")
     assert done.stderr.split("\n") == ["", "commonrail: interrupted.", ""]
 
 
 def test_an_interrupt_that_is_ignored_stays_ignored():
-    done = _run("typer", "signal.SIG_IGN")
+    done = _run("click", "signal.SIG_IGN")
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_verb_meets_an_interrupt_as_an_exception():
-    before = signal.signal(signal.SIGINT, start._end)
+def test_a_verb_alone_meets_an_interrupt_as_an_exception():
+    before = signal.signal(signal.SIGINT, guard.end_process)
     try:
-        guarded(lambda: None)()
-        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        with guard.guarded():
+            guard.raise_interrupts()
+            assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        assert signal.getsignal(signal.SIGINT) is guard.end_process
     finally:
         signal.signal(signal.SIGINT, before)
 
@@ -72,19 +74,15 @@ def test_an_interrupt_after_the_verb_has_ended_does_not_kill_the_process():
     assert "cri2-16" in done.stdout
 
 
-def test_an_interrupt_between_the_verb_and_the_end_has_its_status(monkeypatch):
-    def interrupted():
-        raise KeyboardInterrupt
-
-    ended = []
-    monkeypatch.setattr("commonrail.cli.command.main", interrupted)
-    monkeypatch.setattr(start, "_end", lambda number, frame: ended.append(number))
-    before = signal.getsignal(signal.SIGINT)
-    try:
-        start.main()
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert ended == [signal.SIGINT]
+@pytest.mark.process
+@pytest.mark.skipif(os.name != "posix", reason="a closed pipe is told by a signal or an error on POSIX alone")
+def test_a_reader_that_closes_the_pipe_ends_it_quietly():
+    reading, writing = os.pipe()
+    os.close(reading)
+    words = [sys.executable, "-m", "commonrail", "catalogue", "parameters"]
+    done = subprocess.run(words, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (1, "")
 
 
 def test_warnings_of_numpy_are_left_out_of_the_terminal(monkeypatch):

@@ -77,7 +77,7 @@ def run_fleet(*arguments, progress, **how):
             os.kill(os.getpid(), signal.SIGKILL)
     return usual(*arguments, progress=stop, **how)
 module.run_fleet = run_fleet
-from commonrail.cli.command import main
+from commonrail.cli.start import main
 from tests.workers.forked import forked
 with forked():
     main()

@@ -8,13 +8,12 @@ import zipfile
 from dataclasses import replace
 
 import pytest
-from typer.testing import CliRunner
 
-from commonrail.cli.app import app
 from commonrail.errors import CommonrailError, StudyError
 from commonrail.foreign.run import calibrate_fmu_into, resume_fmu
 from commonrail.foreign.study_file import load_fmu_study
 from commonrail.store.run import Listener
+from tests.cli.conftest import run_command
 from tests.foreign.samples import TIMES, TRUTH, decay
 
 STUDY = """format = "commonrail-fmu-study/1"
@@ -154,9 +153,9 @@ def test_the_command_line_calibrates_reports_and_refuses_other_data(study, tmp_p
     run = ["calibrate", "study.toml", "--out", "run", "--threads", "1", "--json"]
     told = "The samples of decay are 100 ms apart, and the communication points 200 ms"
     with pytest.warns(RuntimeWarning, match=told):
-        done = CliRunner().invoke(app, run)
-    assert done.exit_code == 0, done.output
-    record = json.loads(done.stdout)
+        done = run_command(*run)
+    assert done.status == 0, done.err
+    record = done.record
     # half of the samples lie between communication points: a line is (k step)^2/8 = 1.5 % above exp(-k t) there
     assert record["result"]["parameters"][0]["best"] == pytest.approx(TRUTH, rel=1.5e-2)
     assert record["result"]["evaluations"]["failures"][0]["status"] == "fmu_error"
@@ -166,9 +165,9 @@ def test_the_command_line_calibrates_reports_and_refuses_other_data(study, tmp_p
     (tmp_path / "decay.csv").write_text("time [ms],x [mm]\n0.1,1\n")
     with pytest.raises(StudyError, match=r"decay\.csv has been changed"):
         resume_fmu(tmp_path / "run", processes=1)
-    refused = CliRunner().invoke(app, ["resume", "run", "--workers", "2"])
-    assert refused.exit_code == 2
-    assert "--threads" in refused.output
+    refused = run_command("resume", "run", "--workers", "2")
+    assert refused.status == 2
+    assert "--threads" in refused.sentence
 
 
 def test_an_fmu_with_a_huge_description_is_refused_before_it_is_read(study, monkeypatch):

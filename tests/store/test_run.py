@@ -323,7 +323,7 @@ def stage(p):
         resource.setrlimit(resource.RLIMIT_FSIZE, (os.path.getsize(log), resource.RLIM_INFINITY))
     return usual(p)
 module.stage_of = stage
-from commonrail.cli.command import main
+from commonrail.cli.start import main
 main()
 """
 

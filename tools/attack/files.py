@@ -148,7 +148,7 @@ def sparse_data(folder: Path, times: int) -> str:
     script = folder / "limited.py"
     script.write_text(
         "import resource\nresource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))\n"
-        "from commonrail.cli.command import main\nmain()\n",
+        "from commonrail.cli.start import main\nmain()\n",
         encoding="utf-8",
     )
     answer = python(script, "resume", run)

@@ -159,7 +159,7 @@ def main():
     settle = os.fsync
     os.fsync = lambda handle: (wait(0.05), settle(handle))[1]
     multiprocessing.set_start_method(sys.argv.pop(1))
-    from commonrail.cli.command import main
+    from commonrail.cli.start import main
     main()
 if __name__ == "__main__":
     main()

@@ -1,1 +1,1 @@
-"""The command `commonrail`: one file per verb. Only typer is imported before a verb runs."""
+"""The command `commonrail`: one file per verb, imported when the verb is called."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_pairs, print_rows, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads
 from commonrail.cli.output import check_file
 from commonrail.display.text import number
@@ -22,32 +24,31 @@ __all__ = ["adapt"]
 SHOWN = 10  # reference points in the table
 
 
+@verb
 def adapt(
-    injector_type: Annotated[Path, typer.Argument(metavar="TYPE.toml", help="Type file, as `family` writes it.")],
+    injector_type: Annotated[Path, Argument(metavar="TYPE.toml", help="Type file, as `family` writes it.")],
     *,
     points: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--from",
             metavar="POINTS.csv",
             help="Reference quantities of the part: columns rail_pressure, energising_time and quantity. With "
             "--advise candidates without quantity. [default with --advise: 40 to 160 MPa, 300 to 1400 us]",
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="MODEL.toml", help="Injector file to be written.")] = None,
+    out: Annotated[Path | None, Option(metavar="MODEL.toml", help="Injector file to be written.")] = None,
     advise: Annotated[
         bool,
-        typer.Option(
-            "--advise", help="Before anything is measured: rank reference points by the errors expected with each."
-        ),
+        Option("--advise", help="Before anything is measured: rank reference points by the errors expected with each."),
     ] = False,
     injector: Annotated[
         str | None,
-        typer.Option(help="Injector of the part: its nozzle and measured values. [default: the type's]"),
+        Option(help="Injector of the part: its nozzle and measured values. [default: the type's]"),
     ] = None,
-    cylinder_pressure: Annotated[str, typer.Option(help="Cylinder pressure of the points, e.g. 5MPa.")] = "5MPa",
+    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure of the points, e.g. 5MPa.")] = "5MPa",
     return_pressure: Annotated[
-        str, typer.Option(help="Pressure at the end of the return line of the points, e.g. 0.5MPa.")
+        str, Option(help="Pressure at the end of the return line of the points, e.g. 0.5MPa.")
     ] = "0.5MPa",
     threads: Threads = None,
     json: Json = False,
@@ -89,7 +90,7 @@ def adapt(
         print_json(_record(adapted, out))
     else:
         if adapted.injector.synthetic:
-            typer.echo(f"SYNTHETIC: {adapted.injector.synthetic}")
+            click.echo(f"SYNTHETIC: {adapted.injector.synthetic}")
         free = len(adapted.calibration.best)
         pairs = [("flow factor", f"{adapted.flow_factor:.4f}"), ("parameters fitted", f"{free}")]
         print_pairs(pairs, adapted.calibration.study.title)
@@ -119,7 +120,7 @@ def _advise(
         f"reference points of {injector_type.name}, best first",
         texts=0,
     )
-    typer.echo(
+    click.echo(
         f"without a reference: {advice.without * 1e9:.2f} mm3 rms. {advice.draws} parts were drawn from the spreads of "
         "the type, independently for each parameter; nothing measured on the part was used."
     )

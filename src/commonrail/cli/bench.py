@@ -7,8 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.grammar import Option, verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json
 from commonrail.cli.output import check_file
@@ -24,12 +26,11 @@ __all__ = ["MEASURING", "bench", "show", "told"]
 MEASURING = "measuring; leave the machine alone meanwhile"
 
 
+@verb
 def bench(
     *,
-    quick: Annotated[bool, typer.Option("--quick", help="Use shorter timings and fewer rows.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="JSON file to be written with the record.")
-    ] = None,
+    quick: Annotated[bool, Option("--quick", help="Use shorter timings and fewer rows.")] = False,
+    out: Annotated[Path | None, Option(metavar="FILE.json", help="JSON file to be written with the record.")] = None,
     json: Json = False,
 ) -> None:
     """Measure time and accuracy of simulations and searches.
@@ -78,9 +79,9 @@ def show(record: dict[str, Any], out: Path | None, json: bool, tables: Mapping[s
         for grid in grids(record, tables):
             print_rows(grid.heads, grid.rows, grid.title, texts=grid.texts)
         for sentence in sentences(record):
-            typer.echo(sentence)
+            click.echo(sentence)
     if out is not None:
         say(f"record: {out}")
     if record["status"] == "interrupted":
         say("commonrail: interrupted; what was measured so far is above.")
-        raise typer.Exit(INTERRUPTED)
+        raise SystemExit(INTERRUPTED)

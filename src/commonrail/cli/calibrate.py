@@ -6,29 +6,30 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from commonrail.cli import typer_later as typer
+from commonrail.cli.grammar import Option, verb
 from commonrail.cli.options import ClusterAddress, Json, StudyFile, Threads, WorkerCount, open_workers
 from commonrail.cli.output import free_run_folder, stem_of
 
 __all__ = ["calibrate"]
 
 
+@verb
 def calibrate(
     study: StudyFile,
     *,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="RUN", help="New run folder. [default: runs/<study>-<n>]"),
+        Option(metavar="RUN", help="New run folder. [default: runs/<study>-<n>]"),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of the random numbers. [default: as in the study file]")
+        int | None, Option(min=0, help="Seed of the random numbers. [default: as in the study file]")
     ] = None,
     threads: Threads = None,
     workers: WorkerCount = None,
     cluster: ClusterAddress = None,
     strict: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--strict", help="Treat warnings as errors: before the fit nothing is run, after it the exit status is 2."
         ),
     ] = False,

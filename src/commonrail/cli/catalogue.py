@@ -6,8 +6,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
 
 __all__ = ["Section", "catalogue"]
@@ -21,12 +21,15 @@ class Section(StrEnum):
     PARAMETERS = "parameters"
 
 
+@verb
 def catalogue(
-    section: Annotated[Section | None, typer.Argument(help="Section to be listed. [default: all three]")] = None,
+    section: Annotated[
+        Section | None, Argument(help="Section to be listed: fuels, injectors or parameters. [default: all three]")
+    ] = None,
     *,
-    search: Annotated[str, typer.Option(help="Text that the listed entries contain. [default: all entries]")] = "",
+    search: Annotated[str, Option(help="Text that the listed entries contain. [default: all entries]")] = "",
     gallery: Annotated[
-        Path | None, typer.Option(metavar="FILE.html", help="Page with curves, figures and sources of the injectors.")
+        Path | None, Option(metavar="FILE.html", help="Page with curves, figures and sources of the injectors.")
     ] = None,
     json: Json = False,
 ) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads
 
 if TYPE_CHECKING:
@@ -15,25 +17,26 @@ if TYPE_CHECKING:
 __all__ = ["certainty"]
 
 
+@verb
 def certainty(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
+    run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
     *,
-    starts: Annotated[int, typer.Option(min=1, max=1000, help="Starts of the search.")] = 8,
+    starts: Annotated[int, Option(min=1, max=1000, help="Starts of the search.")] = 8,
     profile: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Profile this parameter; repeat it. [default: all]")
-    ] = None,
-    local: Annotated[bool, typer.Option("--local", help="Omit the profiles.")] = False,
+        tuple[str, ...], Option(metavar="NAME", help="Profile this parameter; repeat it. [default: all]")
+    ] = (),
+    local: Annotated[bool, Option("--local", help="Omit the profiles.")] = False,
     combination: Annotated[
-        list[str] | None, typer.Option(metavar="SUM", help='Interval of a sum of parameters, e.g. "a + 2*b".')
-    ] = None,
+        tuple[str, ...], Option(metavar="SUM", help='Interval of a sum of parameters, e.g. "a + 2*b".')
+    ] = (),
     limit: Annotated[
-        float, typer.Option(min=0.1, max=99.0, help="Half width of an interval up to which a parameter is pinned [%].")
+        float, Option(min=0.1, max=99.0, help="Half width of an interval up to which a parameter is pinned [%].")
     ] = 10.0,
     posterior: Annotated[
-        bool, typer.Option("--posterior", help="Draw from the posterior too, into RUN/posterior.npz.")
+        bool, Option("--posterior", help="Draw from the posterior too, into RUN/posterior.npz.")
     ] = False,
-    most: Annotated[int, typer.Option(min=1000, help="Largest number of draws of the posterior.")] = 100_000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the draws of the posterior.")] = 0,
+    most: Annotated[int, Option(min=1000, help="Largest number of draws of the posterior.")] = 100_000,
+    seed: Annotated[int, Option(min=0, help="Seed of the draws of the posterior.")] = 0,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -62,7 +65,7 @@ def certainty(
         threads=threads,
         starts=starts,
         profiles=() if local else profile or None,
-        combinations=combination or (),
+        combinations=combination,
         limit=0.01 * limit,
         note=say,
     )
@@ -78,9 +81,9 @@ def certainty(
     for table in certainty_tables(record):
         print_table(table)
     for line in certainty_lines(record):
-        typer.echo(line)
-    typer.echo(f"most likely values: {likely}")
-    typer.echo(f"report: {report}")
+        click.echo(line)
+    click.echo(f"most likely values: {likely}")
+    click.echo(f"report: {report}")
 
 
 def _posterior(run: Path, found: Certainty, seed: int, most: int) -> dict[str, Any]:

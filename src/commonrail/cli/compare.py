@@ -6,8 +6,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads
 from commonrail.errors import SimulationError
 from commonrail.files.atomic import writing
@@ -18,19 +20,20 @@ if TYPE_CHECKING:
 __all__ = ["compare"]
 
 
+@verb
 def compare(
     models: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="MODEL...",
+        tuple[str, ...],
+        Argument(
+            metavar="MODEL",
             help="One to eight models: an injector file, a name of the catalogue, or a run folder of calibrate. LABEL= "
             "in front names a model; @rigid, @regulated,volume … behind it changes its variant.",
         ),
     ],
     *,
-    data: Annotated[list[Path], typer.Option(metavar="STUDY.toml", help="Study file whose data are used; repeatable.")],
+    data: Annotated[tuple[Path, ...], Option(metavar="STUDY.toml", help="Study file whose data are used; repeatable.")],
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="New folder for report.html, comparison.json and traces.csv.")
+        Path | None, Option(metavar="DIR", help="New folder for report.html, comparison.json and traces.csv.")
     ] = None,
     threads: Threads = None,
     json: Json = False,
@@ -54,7 +57,7 @@ def compare(
         return
     _print(record)
     if out is not None:
-        typer.echo(f"report: {out / 'report.html'}")
+        click.echo(f"report: {out / 'report.html'}")
 
 
 def _compared(models: Sequence[str], files: Sequence[Path], threads: int | None) -> tuple[Comparison, dict[str, Any]]:
@@ -94,9 +97,9 @@ def _print(record: dict[str, Any]) -> None:
     from commonrail.report.comparison_tables import comparison_tables
 
     if record["synthetic"]:
-        typer.echo(f"SYNTHETIC: {record['synthetic']}")
+        click.echo(f"SYNTHETIC: {record['synthetic']}")
     for line in comparison_lines(record):
-        typer.echo(line)
-    typer.echo("")
+        click.echo(line)
+    click.echo("")
     for table in comparison_tables(record):
         print_table(table)

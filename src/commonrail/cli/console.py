@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.grid import plain_pairs, plain_rows
 from commonrail.notice import duration
 
@@ -43,7 +44,7 @@ WIDTH_OF_A_FILE = 160  # columns where stdout is no terminal
 def say(text: str) -> None:
     """Print a line for the person, on stderr."""
     with suppress(OSError, ValueError, AttributeError):  # stderr is closed: continue the work
-        typer.echo(text, err=True)
+        click.echo(text, err=True)
 
 
 def say_of_ending(text: str) -> None:
@@ -85,7 +86,7 @@ def compiling() -> Iterator[None]:
 
 def print_json(record: Mapping[str, Any]) -> None:
     """Print one JSON object on stdout; it must not contain NaN."""
-    typer.echo(json.dumps(record, indent=1, allow_nan=False))
+    click.echo(json.dumps(record, indent=1, allow_nan=False))
 
 
 def print_table(table: Table) -> None:
@@ -93,8 +94,8 @@ def print_table(table: Table) -> None:
     rows = [[cell.plain for cell in row] for row in table.rows]
     print_rows(table.columns, rows, table.title, texts=table.texts)
     if table.note:
-        typer.echo(table.note)
-    typer.echo("")
+        click.echo(table.note)
+    click.echo("")
 
 
 def print_rows(
@@ -117,7 +118,7 @@ def print_rows(
     texts = len(columns) if texts is None else texts
     plain = None if sys.stdout.isatty() else plain_rows(shown, title, texts, WIDTH_OF_A_FILE)
     if plain is not None:
-        typer.echo("\n".join(plain))
+        click.echo("\n".join(plain))
         return
     from rich import box
     from rich.table import Table as Grid
@@ -133,10 +134,10 @@ def print_rows(
 def print_pairs(pairs: Sequence[tuple[str, str]], title: str) -> None:
     """Print names with their values."""
     shown = [list(map(_shown, pair)) for pair in pairs]
-    typer.echo(title)
+    click.echo(title)
     plain = None if sys.stdout.isatty() else plain_pairs(shown, WIDTH_OF_A_FILE)
     if plain is not None:
-        typer.echo("\n".join(plain))
+        click.echo("\n".join(plain))
         return
     from rich.table import Table as Grid
 
@@ -158,7 +159,7 @@ def _print(grid: Any) -> None:
     console = _console(sys.stdout)
     with console.capture() as captured:
         console.print(grid)
-    typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
+    click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
 def _shown(cell: str) -> str:

@@ -7,8 +7,10 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_table, say
+from commonrail.cli.grammar import Option, verb
 from commonrail.cli.guard import INTERRUPTED, guarded
 from commonrail.cli.options import Threads
 from commonrail.cli.reproduce import QUICK_SEEDS, TRUTH
@@ -17,7 +19,7 @@ from commonrail.cli.study_run import Outcome, run_study
 from commonrail.errors import InputError
 from commonrail.files.atomic import writing
 
-__all__ = ["demo", "main"]
+__all__ = ["demo"]
 
 CASES = ("paper", "cri2-16")
 STUDY = "paper-study"
@@ -25,9 +27,11 @@ BENCH_SEED = 1  # of the paper's case as its study file states it
 MARKER = ".commonrail-demo"
 
 
+@verb
+@guarded()
 def demo(
     *,
-    out: Annotated[Path, typer.Option(help="Folder of the demo; an earlier demo in it is replaced.")],
+    out: Annotated[Path, Option(help="Folder of the demo; an earlier demo in it is replaced.")],
     threads: Threads = None,
 ) -> None:
     """Calibrate the paper's case and a real injector, repeat the paper's study, and print the results."""
@@ -40,16 +44,16 @@ def demo(
     for name in CASES:
         outcomes.append(_calibrate(cases / name, out / name, threads))
         if outcomes[-1].interrupted:
-            raise typer.Exit(INTERRUPTED)
+            raise SystemExit(INTERRUPTED)
     study = run_reproduction(TRUTH, QUICK_SEEDS, out / STUDY, threads, quick=True)
     for outcome in outcomes:
         _print(outcome)
-    typer.echo(f"The paper's whole study, {QUICK_SEEDS} repetitions: {verdicts(study.record)}\n")
-    typer.echo(f"all took {time.perf_counter() - begin:.0f} s; open in a browser:")
+    click.echo(f"The paper's whole study, {QUICK_SEEDS} repetitions: {verdicts(study.record)}\n")
+    click.echo(f"all took {time.perf_counter() - begin:.0f} s; open in a browser:")
     for outcome in (*outcomes, study):
-        typer.echo(f"  {outcome.report}")
+        click.echo(f"  {outcome.report}")
     if study.interrupted:
-        raise typer.Exit(INTERRUPTED)
+        raise SystemExit(INTERRUPTED)
 
 
 def _cases_folder() -> Path:
@@ -89,23 +93,14 @@ def _print(outcome: Outcome) -> None:
     from commonrail.report.headline import headline
     from commonrail.report.tables import tables_of
 
-    typer.echo(outcome.record["title"])
+    click.echo(outcome.record["title"])
     if outcome.record["synthetic"]:
-        typer.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
+        click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
     for line in headline(outcome.record):
-        typer.echo(line)
+        click.echo(line)
     for table in tables_of(outcome.record["data"]):
         print_table(table)
 
 
-def main() -> None:
-    """Run the demo."""
-    from typer import Typer
-
-    app = Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-    app.command()(typer.with_typer(guarded(demo)))
-    app()
-
-
 if __name__ == "__main__":
-    main()
+    demo()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.grammar import verb
 from commonrail.cli.options import Json
 from commonrail.notice import duration
 
@@ -12,6 +12,7 @@ __all__ = ["doctor"]
 UNUSABLE = 2
 
 
+@verb
 def doctor(*, json: Json = False) -> None:
     """Look at this machine: does commonrail work well on it?
 
@@ -32,4 +33,4 @@ def doctor(*, json: Json = False) -> None:
         print_rows(("", "found", ""), [(fact.name, fact.value, fact.verdict) for fact in facts])
     if not well:
         say("commonrail: cannot be used on this machine as it is; the lines above say what to do.")
-        raise typer.Exit(UNUSABLE)
+        raise SystemExit(UNUSABLE)

@@ -6,8 +6,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
 from commonrail.cli.output import check_file, check_folder
 from commonrail.errors import InputError
@@ -26,26 +28,25 @@ class Form(StrEnum):
     FMU = "fmu"
 
 
+@verb
 def export(
-    form: Annotated[Form, typer.Argument(help="C library, or FMU for co-simulation.")],
+    form: Annotated[Form, Argument(help="C library, or FMU for co-simulation.")],
     model: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="Injector file, name of the catalogue, or run folder of calibrate; with @VARIANT another variant, "
             "e.g. cri2-16@ideal,current-trace."
         ),
     ],
     *,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the library, or file of the FMU. [default: the model's name]")
+        Path | None, Option(help="Folder of the library, or file of the FMU. [default: the model's name]")
     ] = None,
     platforms: Annotated[
         str | None,
-        typer.Option(
-            help="Platforms, e.g. linux64,win64; other than this machine's need zig. [default: this machine's]"
-        ),
+        Option(help="Platforms, e.g. linux64,win64; other than this machine's need zig. [default: this machine's]"),
     ] = None,
-    fmi: Annotated[int, typer.Option(help="Version of the FMI standard, 2 or 3.")] = 2,
+    fmi: Annotated[int, Option(help="Version of the FMI standard, 2 or 3.")] = 2,
     json: Json = False,
 ) -> None:
     """Write a model as a C library or an FMU.
@@ -77,7 +78,7 @@ def export(
         print_json({"kind": "export", "form": form.value, "out": str(place), "platforms": names, "files": written})
         return
     for line in written:
-        typer.echo(line)
+        click.echo(line)
     say(_next(form, named.injector, place))
 
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import ClusterAddress, Json, Threads, WorkerCount, open_workers
 from commonrail.cli.output import check_file, free_run_folder, stem_of
 from commonrail.errors import InputError
@@ -19,36 +19,37 @@ if TYPE_CHECKING:
 __all__ = ["family"]
 
 
+@verb
 def family(
     sources: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="SOURCE...",
+        tuple[Path, ...],
+        Argument(
+            metavar="SOURCE",
             help="Family file whose parts are fitted together; or run folders of `calibrate`, one for each part; or "
             "the folder of a fleet.",
         ),
     ],
     *,
-    out: Annotated[Path, typer.Option(metavar="TYPE.toml", help="Type file to be written.")],
-    name: Annotated[str | None, typer.Option(help="Name of the type. [default: that of the file]")] = None,
+    out: Annotated[Path, Option(metavar="TYPE.toml", help="Type file to be written.")],
+    name: Annotated[str | None, Option(help="Name of the type. [default: that of the file]")] = None,
     part_spread: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Assumed standard deviation between parts, e.g. 3%, for a type of one part. [default: the priors' of "
             "its study]"
         ),
     ] = None,
     run: Annotated[
         Path | None,
-        typer.Option(metavar="RUN", help="New run folder of a family file. [default: runs/<family>-<n>]"),
+        Option(metavar="RUN", help="New run folder of a family file. [default: runs/<family>-<n>]"),
     ] = None,
     models: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="New folder for the injector of each part of a family file."),
+        Option(metavar="FOLDER", help="New folder for the injector of each part of a family file."),
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option(min=0, help="Seed of the random numbers of a family file. [default: as in the file]"),
+        Option(min=0, help="Seed of the random numbers of a family file. [default: as in the file]"),
     ] = None,
     threads: Threads = None,
     workers: WorkerCount = None,

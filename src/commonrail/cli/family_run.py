@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_rows, print_table, say
 from commonrail.cli.options import open_workers
 from commonrail.cli.study_kind import RunOptions, StudyKind
@@ -125,11 +126,11 @@ def print_family(outcome: FamilyOutcome, json: bool, out: Path) -> None:
         print_json(type_record(fit.injector_type, out) | _record_of(outcome))
     else:
         for part, data in parts_data(fit).items():
-            typer.echo(part)
+            click.echo(part)
             for table in tables_of(data, TEXTS):
                 print_table(table)
         print_type(fit.injector_type)
-        typer.echo(f"report: {outcome.report}")
+        click.echo(f"report: {outcome.report}")
     if not names_injector(fit.injector_type):
         say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
     say(f"wrote {out}")
@@ -176,7 +177,7 @@ def print_type(found: InjectorType) -> None:
     from commonrail.injector.definition import parameter_quantities
 
     if found.synthetic:
-        typer.echo(f"SYNTHETIC: {found.synthetic}")
+        click.echo(f"SYNTHETIC: {found.synthetic}")
     units = {name: q.unit for name, q in parameter_quantities().items()}
     rows = [[p.name, to_text(p.value, units[p.name]), to_text(p.spread, units[p.name])] for p in found.parameters]
     rows += [[v.name, to_text(v.value, units[v.name]), "fixed"] for v in found.fixed]

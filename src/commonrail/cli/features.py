@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, read_energisings
 from commonrail.cli.output import check_file
 from commonrail.errors import InputError
@@ -21,51 +24,48 @@ if TYPE_CHECKING:
 __all__ = ["features"]
 
 
+@verb
 def features(
     source: Annotated[
-        Path, typer.Argument(metavar="FILE|RUN", help="File with a time and one or more rates, or a run folder.")
+        Path, Argument(metavar="FILE|RUN", help="File with a time and one or more rates, or a run folder.")
     ],
     *,
-    time: Annotated[str, typer.Option(help="Column of the time.")] = "time",
+    time: Annotated[str, Option(help="Column of the time.")] = "time",
     rate: Annotated[
-        list[str] | None,
-        typer.Option(help="Column of a rate, a shot each; repeatable. [default: all with a unit of a rate]"),
-    ] = None,
-    time_unit: Annotated[str | None, typer.Option(help="Unit of the time, if the file has none.")] = None,
-    rate_unit: Annotated[str | None, typer.Option(help="Unit of the rates, if the file has none.")] = None,
+        tuple[str, ...],
+        Option(help="Column of a rate, a shot each; repeatable. [default: all with a unit of a rate]"),
+    ] = (),
+    time_unit: Annotated[str | None, Option(help="Unit of the time, if the file has none.")] = None,
+    rate_unit: Annotated[str | None, Option(help="Unit of the rates, if the file has none.")] = None,
     centred: Annotated[
-        bool, typer.Option("--centred", help="Samples are means around their times, not before them.")
+        bool, Option("--centred", help="Samples are means around their times, not before them.")
     ] = False,
-    window: Annotated[str | None, typer.Option(metavar="BEGIN:END", help="Times that count. [default: all]")] = None,
+    window: Annotated[str | None, Option(metavar="BEGIN:END", help="Times that count. [default: all]")] = None,
     energising_time: Annotated[
-        str | None, typer.Option(help="Energising time from time 0, e.g. 700us; delays need it.")
+        str | None, Option(help="Energising time from time 0, e.g. 700us; delays need it.")
     ] = None,
     energising: Annotated[
-        list[str] | None, typer.Option(metavar="START:DURATION", help="One of several energisings; repeatable.")
-    ] = None,
+        tuple[str, ...], Option(metavar="START:DURATION", help="One of several energisings; repeatable.")
+    ] = (),
     threshold: Annotated[
-        str, typer.Option(help="Rate of opening and closing: a share of the largest, or e.g. 2mm3/ms.")
+        str, Option(help="Rate of opening and closing: a share of the largest, or e.g. 2mm3/ms.")
     ] = "10%",
-    split: Annotated[
-        str, typer.Option(help="Share of the smaller peak below which fused injections are divided.")
-    ] = "50%",
+    split: Annotated[str, Option(help="Share of the smaller peak below which fused injections are divided.")] = "50%",
     averaging: Annotated[
-        str | None, typer.Option(help="Time over which rates are averaged. [default: a sample; to 25us in noise]")
+        str | None, Option(help="Time over which rates are averaged. [default: a sample; to 25us in noise]")
     ] = None,
-    tail: Annotated[str, typer.Option(help="Time beyond opening and closing that counts for the quantity.")] = "500us",
+    tail: Annotated[str, Option(help="Time beyond opening and closing that counts for the quantity.")] = "500us",
     zero_at_rest: Annotated[
-        bool, typer.Option("--zero-at-rest", help="Subtract the mean rate before the first energising.")
+        bool, Option("--zero-at-rest", help="Subtract the mean rate before the first energising.")
     ] = False,
     separate: Annotated[
-        bool, typer.Option("--separate", help="The rates are of different operating points, no repeated shots.")
+        bool, Option("--separate", help="The rates are of different operating points, no repeated shots.")
     ] = False,
-    encoding: Annotated[
-        str | None, typer.Option(help="Encoding of a text, e.g. cp1252 or utf-16. [default: utf-8]")
-    ] = None,
-    decimal: Annotated[str, typer.Option(help='Decimal sign of a text, "." or ",".')] = ".",
-    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
-    model: Annotated[str, typer.Option(help="Simulation of a run: best, start or rigid.")] = "best",
-    out: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="Table of all features.")] = None,
+    encoding: Annotated[str | None, Option(help="Encoding of a text, e.g. cp1252 or utf-16. [default: utf-8]")] = None,
+    decimal: Annotated[str, Option(help='Decimal sign of a text, "." or ",".')] = ".",
+    sheet: Annotated[str | None, Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
+    model: Annotated[str, Option(help="Simulation of a run: best, start or rigid.")] = "best",
+    out: Annotated[Path | None, Option(metavar="FILE.csv", help="Table of all features.")] = None,
     json: Json = False,
 ) -> None:
     """Find delays, ramps, rates and quantities in traces.
@@ -87,18 +87,18 @@ def features(
     settings = FeatureSettings(
         threshold, split=parse(split, "1", "--split"), averaging=averaging, tail=tail, zero_at_rest=zero_at_rest
     )
-    pulses = _energisings(energising_time, energising or [])
+    pulses = _energisings(energising_time, energising)
     if source.is_dir():
         if rate or pulses:
             raise InputError(f"{source}: a run has its own rates and energisings; omit --rate and --energising.")
         _print_run(source, model, settings, out, json)
         return
     form = _form(encoding, decimal, sheet)
-    columns = RateColumns(time, tuple(rate or ()), time_unit, rate_unit, centred, _window(window), form)
+    columns = RateColumns(time, rate, time_unit, rate_unit, centred, _window(window), form)
     _print_file(source, _Wanted(columns, pulses, settings, not separate), out, json)
 
 
-def _energisings(duration: str | None, pulses: list[str]) -> tuple[Energising, ...]:
+def _energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energising, ...]:
     from commonrail.engine.operating_point import OperatingPoint
 
     if duration is None and not pulses:
@@ -152,9 +152,9 @@ def _print_file(path: Path, wanted: _Wanted, out: Path | None, json: bool) -> No
         if not shots and one.injections:
             print_table(feature_table(name, one))
         for line in feature_sentences(name, one):
-            typer.echo(line)
+            click.echo(line)
     if shots:
-        typer.echo("")
+        click.echo("")
         print_table(shot_table(shots, len(found)))
     if out is not None:
         say(f"wrote {out}")
@@ -174,7 +174,7 @@ def _print_run(folder: Path, model: str, settings: FeatureSettings, out: Path | 
     for one in found:
         print_table(compared_table(one))
         for line in (*feature_sentences(one.name, one.measured), *feature_sentences("simulated", one.simulated)):
-            typer.echo(line)
-        typer.echo("")
+            click.echo(line)
+        click.echo("")
     if out is not None:
         say(f"wrote {out}")

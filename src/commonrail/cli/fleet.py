@@ -6,8 +6,10 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import ClusterAddress, Json, check_workers
 from commonrail.cli.progress import Bar, Stage
@@ -21,19 +23,20 @@ __all__ = ["fleet"]
 REPORTED = 20  # failures that are reported as they occur; the tables list all
 
 
+@verb
 def fleet(
-    file: Annotated[Path, typer.Argument(metavar="FLEET.toml", help="Fleet file.")],
+    file: Annotated[Path, Argument(metavar="FLEET.toml", help="Fleet file.")],
     *,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of the fleet, new or begun earlier. [default: runs/<fleet>]"),
+        Option(metavar="DIR", help="Folder of the fleet, new or begun earlier. [default: runs/<fleet>]"),
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Number of worker processes; does not change the result. [default: all processors]"),
+        Option(min=1, help="Number of worker processes; does not change the result. [default: all processors]"),
     ] = None,
     cluster: ClusterAddress = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Repeat failed injectors.")] = False,
+    retry: Annotated[bool, Option("--retry", help="Repeat failed injectors.")] = False,
     json: Json = False,
 ) -> None:
     """Calibrate every injector of a fleet, each to its own data.
@@ -61,9 +64,9 @@ def fleet(
         _print(run, report)
     if run.interrupted:
         say(f"commonrail: interrupted; run the same command again to resume the fleet in {folder}.")
-        raise typer.Exit(INTERRUPTED)
+        raise SystemExit(INTERRUPTED)
     if run.record["counts"]["failed"]:
-        raise typer.Exit(SimulationError.exit_code)
+        raise SystemExit(SimulationError.exit_code)
 
 
 def _stem(file: Path) -> str:
@@ -86,18 +89,18 @@ def _print(run: FleetRun, report: Path) -> None:
     from commonrail.report.fleet import fleet_lines, fleet_tables, fleet_warnings
 
     if run.record["synthetic"]:
-        typer.echo(f"SYNTHETIC: {run.record['synthetic']}")
+        click.echo(f"SYNTHETIC: {run.record['synthetic']}")
     for line in fleet_lines(run.record):
-        typer.echo(line)
+        click.echo(line)
     for line in fleet_warnings(run.record):
-        typer.echo(f"warning: {line}")
+        click.echo(f"warning: {line}")
     clock: dict[str, Any] = run.record["clock"]
     if clock["calibrated_now"]:
         speed = clock["injectors_per_second"]
         steady = clock["after_the_first"]
         after = f", {steady:.2f} injectors/s once the workers were up" if steady else ""
-        typer.echo(f"{clock['calibrated_now']} injectors in {clock['seconds']:.1f} s: {speed:.2f} injectors/s{after}.")
-    typer.echo("")
+        click.echo(f"{clock['calibrated_now']} injectors in {clock['seconds']:.1f} s: {speed:.2f} injectors/s{after}.")
+    click.echo("")
     for table in fleet_tables(run.record):
         print_table(table)
-    typer.echo(f"report: {report}")
+    click.echo(f"report: {report}")

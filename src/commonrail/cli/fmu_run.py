@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_table
 from commonrail.cli.output import free_run_folder, stem_of
 from commonrail.cli.progress import Stage
@@ -75,10 +76,10 @@ def _run(title: str, folder: Path, search: Callable[[Listener], FmuFit], json: b
         print_json({"kind": "fmu calibration", "run": str(folder), "report": str(report), "result": record})
     else:
         if record["synthetic"]:
-            typer.echo(f"SYNTHETIC: {record['synthetic']}")
+            click.echo(f"SYNTHETIC: {record['synthetic']}")
         for table in fmu_tables(record):
             print_table(table)
         for line in fmu_lines(record):
-            typer.echo(line)
-        typer.echo(f"report: {report}")
+            click.echo(line)
+        click.echo(f"report: {report}")
     end_if_stopped(record["status"], folder)

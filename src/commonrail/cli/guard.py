@@ -1,23 +1,21 @@
-"""Exceptions of the verbs: one sentence on stderr and an exit status, no traceback."""
+"""Ends of the command but the good one: one sentence on stderr and an exit status, no traceback.
+
+It is imported before Ctrl-C is caught, and so imports little; `click` and the console come late.
+"""
 
 from __future__ import annotations
 
 import errno
-import functools
 import os
-import traceback
-from collections.abc import Callable, Mapping
-from contextvars import ContextVar
+import signal
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn
 
-from commonrail.cli import typer_later as typer
-from commonrail.cli.console import say
-from commonrail.cli.start import INTERRUPTED, raise_interrupts
 from commonrail.errors import CommonrailError, InputError, OutputError
 
-__all__ = ["INTERRUPTED", "guarded", "show_traceback"]
-
+INTERRUPTED = 130  # 128 + SIGINT, what a shell expects
 UNEXPECTED = 1
 UNUSABLE = 2
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
@@ -37,47 +35,53 @@ _DASH = Path("-")
 _OUTPUTS = ("out", "quantity_out", "report", "plot", "gallery")  # options with files that are written
 OTHERS = "close other programs or take a machine with more"
 
-show_traceback: ContextVar[bool] = ContextVar("show_traceback", default=False)
 
-_Verb = TypeVar("_Verb", bound=Callable[..., Any])
+def end_process(number: int, frame: Any) -> None:
+    """End the process at Ctrl-C: an exception could be raised in the middle of an import, which may swallow it."""
+    with suppress(OSError):
+        os.write(2, b"\ncommonrail: interrupted.\n")
+    os._exit(INTERRUPTED)
 
 
-def guarded(verb: _Verb) -> _Verb:
+def raise_interrupts() -> None:
+    """Let Ctrl-C raise `KeyboardInterrupt` again: a verb has begun, and something may have to be kept."""
+    if signal.getsignal(signal.SIGINT) is end_process:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@contextmanager
+def guarded() -> Iterator[None]:
     """Turn what a verb raises into a sentence and an exit status.
 
     A `CommonrailError` has its own status, an operating system's error 2, Ctrl-C 130; whatever else
     is raised is a fault of the program (1), whose traceback is shown on demand.
     """
-
-    @functools.wraps(verb)
-    def run(*args: Any, **options: Any) -> Any:
-        try:
-            raise_interrupts()
-            _refuse_dash(options)
-            _refuse_inputs_as_outputs(options)
-            return verb(*args, **options)
-        except CommonrailError as error:
-            _end(str(error), error.exit_code)
-        except KeyboardInterrupt:
-            _end("interrupted.", INTERRUPTED)
-        except BrokenPipeError:
-            raise  # the reader of stdout has closed it; typer ends quietly
-        except OSError as error:
-            if error.errno in NO_ROOM:
-                place = error.filename or "standard output"
-                _end(f"{place} cannot be written ({error.strerror}); make room there.", OutputError.exit_code)
-            place = f"{error.filename}: " if error.filename else ""
-            _end(f"{place}{error.strerror or error}.", UNUSABLE)
-        except ModuleNotFoundError as error:
-            _end(*_lacking(error))
-        except MemoryError:
-            _end(f"not enough memory; {MEMORY.get(verb.__name__, OTHERS)}.", UNUSABLE)
-        except Exception as error:
-            if type(error).__module__.partition(".")[0] == "typer":  # an end, or a mistake for typer to show
-                raise
-            _end(_fault(error), UNEXPECTED)
-
-    return run  # type: ignore[return-value]
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    except CommonrailError as error:
+        _end(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        _end("interrupted.", INTERRUPTED)
+    except BrokenPipeError:
+        raise  # the reader of stdout has closed it; click ends quietly
+    except OSError as error:
+        if error.errno in NO_ROOM:
+            place = error.filename or "standard output"
+            _end(f"{place} cannot be written ({error.strerror}); make room there.", OutputError.exit_code)
+        place = f"{error.filename}: " if error.filename else ""
+        _end(f"{place}{error.strerror or error}.", UNUSABLE)
+    except ModuleNotFoundError as error:
+        _end(*_lacking(error))
+    except MemoryError:
+        _end(f"not enough memory; {MEMORY.get(_state()[0], OTHERS)}.", UNUSABLE)
+    except Exception as error:
+        if type(error).__module__.partition(".")[0] == "click":  # an end, or a mistake for click to show
+            raise
+        _end(_fault(error), UNEXPECTED)
+    finally:
+        if before is end_process:
+            signal.signal(signal.SIGINT, before)
 
 
 def _lacking(error: ModuleNotFoundError) -> tuple[str, int]:
@@ -95,14 +99,25 @@ def _lacking(error: ModuleNotFoundError) -> tuple[str, int]:
     return _fault(error), UNEXPECTED
 
 
-def _refuse_dash(options: Mapping[str, Any]) -> None:
-    """Refuse "-" as the name of a file or folder: elsewhere it means standard input or output, here it would be a file.
+def check_paths(options: Mapping[str, Any]) -> None:
+    """Refuse "-" as a file, and an output that would take the place of an input.
+
+    Parameters
+    ----------
+    options : mapping
+        Options and arguments of a verb by name.
 
     Raises
     ------
     InputError
-        If an option or argument is it.
+        If there is one.
     """
+    _refuse_dash(options)
+    _refuse_inputs_as_outputs(options)
+
+
+def _refuse_dash(options: Mapping[str, Any]) -> None:
+    """Refuse "-" as the name of a file: elsewhere it means standard input or output, here it would be a file."""
     for name, given in options.items():
         if any(path == _DASH for path in _several(given)):
             raise InputError(
@@ -112,13 +127,7 @@ def _refuse_dash(options: Mapping[str, Any]) -> None:
 
 
 def _refuse_inputs_as_outputs(options: Mapping[str, Any]) -> None:
-    """Refuse an output that would take the place of a file that the command reads.
-
-    Raises
-    ------
-    InputError
-        If there is one.
-    """
+    """Refuse an output that would take the place of a file that the command reads."""
     outputs = [(name, path) for name in _OUTPUTS for path in _several(options.get(name)) if isinstance(path, Path)]
     inputs = [v for name, given in options.items() if name not in _OUTPUTS for v in _several(given)]
     for name, path in outputs:
@@ -130,8 +139,8 @@ def _refuse_inputs_as_outputs(options: Mapping[str, Any]) -> None:
                 )
 
 
-def _several(given: Any) -> list[Any]:
-    return given if isinstance(given, list) else [given]
+def _several(given: Any) -> tuple[Any, ...]:
+    return given if isinstance(given, tuple) else (given,)
 
 
 def _are_one(path: Path, given: str | Path) -> bool:
@@ -141,11 +150,23 @@ def _are_one(path: Path, given: str | Path) -> bool:
         return False
 
 
-def _end(sentence: str, status: int) -> None:
-    if show_traceback.get() or os.environ.get("COMMONRAIL_TRACEBACK"):
+def _end(sentence: str, status: int) -> NoReturn:
+    from commonrail.cli.console import say
+
+    if _state()[1] or os.environ.get("COMMONRAIL_TRACEBACK"):
+        import traceback
+
         say(traceback.format_exc().rstrip())
     say(f"commonrail: {' '.join(sentence.split())}")
-    raise typer.Exit(status) from None
+    raise SystemExit(status) from None
+
+
+def _state() -> tuple[str, bool]:
+    """Name of the verb that is run, and whether the command has the option --traceback."""
+    import click
+
+    ctx = click.get_current_context(silent=True)
+    return ("", False) if ctx is None else (ctx.invoked_subcommand or "", ctx.params.get("traceback", False))
 
 
 def _fault(error: Exception) -> str:

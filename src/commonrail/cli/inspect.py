@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from commonrail import registry
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_pairs, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
 from commonrail.cli.output import check_file
 from commonrail.errors import InputError
@@ -18,20 +18,19 @@ if TYPE_CHECKING:
 __all__ = ["inspect"]
 
 
+@verb
 def inspect(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="CSV, Excel, MDF, LabVIEW (.lvm), MAT, Parquet or DCM file.")
-    ],
+    file: Annotated[Path, Argument(metavar="FILE", help="CSV, Excel, MDF, LabVIEW (.lvm), MAT, Parquet or DCM file.")],
     *,
-    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
+    sheet: Annotated[str | None, Option(help="Sheet of a workbook. [default: the first with cells]")] = None,
     encoding: Annotated[
-        str | None, typer.Option(help="Encoding of a text, e.g. cp1252 or utf-16. [default: detected]")
+        str | None, Option(help="Encoding of a text, e.g. cp1252 or utf-16. [default: detected]")
     ] = None,
-    pressure_unit: Annotated[str, typer.Option(help="Unit of the rail pressures, if the file has none.")] = "",
-    time_unit: Annotated[str, typer.Option(help="Unit of the energising times, if the file has none.")] = "",
-    quantity_unit: Annotated[str, typer.Option(help="Unit of the quantities, if the file has none.")] = "",
+    pressure_unit: Annotated[str, Option(help="Unit of the rail pressures, if the file has none.")] = "",
+    time_unit: Annotated[str, Option(help="Unit of the energising times, if the file has none.")] = "",
+    quantity_unit: Annotated[str, Option(help="Unit of the quantities, if the file has none.")] = "",
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="Table for a study: a row for each point, with units.")
+        Path | None, Option(metavar="FILE.csv", help="Table for a study: a row for each point, with units.")
     ] = None,
     json: Json = False,
 ) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, with_overrides
 from commonrail.cli.output import check_distinct, check_file
 from commonrail.errors import CommonrailError, InputError
@@ -45,70 +47,67 @@ INVERSE, QUANTITY = "tiEnergising", "qInjected"  # labels where none is given
 READABLE = ("MPa", "mm3", "us")  # units of files that people read
 
 
+@verb
 def map_(
     models: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="MODEL...",
+        tuple[str, ...],
+        Argument(
+            metavar="MODEL",
             help="One model, or two to be compared: an injector file, a name of the catalogue, or a run folder.",
         ),
     ],
     *,
     rail_pressure: Annotated[
         str | None,
-        typer.Option(help="Rail pressures, e.g. 20:180:10MPa or 20,40,80MPa. [default: 16 from 20 to 180 MPa]"),
+        Option(help="Rail pressures, e.g. 20:180:10MPa or 20,40,80MPa. [default: 16 from 20 to 180 MPa]"),
     ] = None,
     quantity: Annotated[
         str | None,
-        typer.Option(help="Quantities of the inverse, e.g. 0,0.5,1,5mm3 or 1,2mg. [default: 18 from 0 to 80 mm3]"),
+        Option(help="Quantities of the inverse, e.g. 0,0.5,1,5mm3 or 1,2mg. [default: 18 from 0 to 80 mm3]"),
     ] = None,
     energising_time: Annotated[
         str | None,
-        typer.Option(help="Energising times; the last is the longest simulated. [default: 20 from 100 us to 2 ms]"),
+        Option(help="Energising times; the last is the longest simulated. [default: 20 from 100 us to 2 ms]"),
     ] = None,
     axes: Annotated[
-        Path | None, typer.Option(metavar="FILE.dcm", help="DCM file whose first map gives pressures and quantities.")
+        Path | None, Option(metavar="FILE.dcm", help="DCM file whose first map gives pressures and quantities.")
     ] = None,
-    cylinder_pressure: Annotated[str, typer.Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
-    return_pressure: Annotated[
-        str, typer.Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")
-    ] = "0.5MPa",
-    time_step: Annotated[str, typer.Option(help="Time step, e.g. 1us.")] = "1us",
+    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
+    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
+    time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
     set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Value of a parameter of all models; repeatable."),
-    ] = None,
-    several: Annotated[
-        Several, typer.Option(help="Energising time where several deliver a quantity.")
-    ] = Several.SHORTEST,
+        tuple[str, ...],
+        Option("--set", metavar="PATH=VALUE", help="Value of a parameter of all models; repeatable."),
+    ] = (),
+    several: Annotated[Several, Option(help="Energising time where several deliver a quantity.")] = Several.SHORTEST,
     unreachable: Annotated[
-        Beyond, typer.Option(help="Rule for quantities that the longest energising time does not deliver.")
+        Beyond, Option(help="Rule for quantities that the longest energising time does not deliver.")
     ] = Beyond.EXTRAPOLATE,
     bands: Annotated[
         Bands | None,
-        typer.Option(help="Bands of 50 % and 90 % about the map of a run. [default: laplace, if a map was fitted]"),
+        Option(help="Bands of 50 % and 90 % about the map of a run. [default: laplace, if a map was fitted]"),
     ] = None,
     measured: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Measured map that the model is compared with, CSV or Excel.")
+        Path | None, Option(metavar="FILE", help="Measured map that the model is compared with, CSV or Excel.")
     ] = None,
     out: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FILE", help="File for the inverse map: .csv .xlsx .mat .json .dcm .cdfx; repeatable."),
-    ] = None,
+        tuple[Path, ...],
+        Option(metavar="FILE", help="File for the inverse map: .csv .xlsx .mat .json .dcm .cdfx; repeatable."),
+    ] = (),
     quantity_out: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FILE", help="File for the quantity map, in the same formats; repeatable."),
-    ] = None,
-    label: Annotated[str, typer.Option(help="Label of the inverse map.")] = INVERSE,
-    quantity_label: Annotated[str, typer.Option(help="Label of the quantity map.")] = QUANTITY,
+        tuple[Path, ...],
+        Option(metavar="FILE", help="File for the quantity map, in the same formats; repeatable."),
+    ] = (),
+    label: Annotated[str, Option(help="Label of the inverse map.")] = INVERSE,
+    quantity_label: Annotated[str, Option(help="Label of the quantity map.")] = QUANTITY,
     pressure_unit: Annotated[
-        str | None, typer.Option(help="Unit of pressures in files. [default: hPa in DCM and CDFX, else MPa]")
+        str | None, Option(help="Unit of pressures in files. [default: hPa in DCM and CDFX, else MPa]")
     ] = None,
     quantity_unit: Annotated[
-        str | None, typer.Option(help="Unit of quantities in files. [default: mm^3/inj in DCM and CDFX, else mm3]")
+        str | None, Option(help="Unit of quantities in files. [default: mm^3/inj in DCM and CDFX, else mm3]")
     ] = None,
-    time_unit: Annotated[str | None, typer.Option(help="Unit of energising times in files. [default: us]")] = None,
-    report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Report with heat maps and curves.")] = None,
+    time_unit: Annotated[str | None, Option(help="Unit of energising times in files. [default: us]")] = None,
+    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with heat maps and curves.")] = None,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -127,14 +126,13 @@ def map_(
     from commonrail.maps.quantity_map import injection_map
     from commonrail.maps.response import Conditions
 
-    targets, forward = list(out or []), list(quantity_out or [])
-    for path in (*targets, *forward):
+    for path in (*out, *quantity_out):
         from commonrail.files.map_file import check_map_file
 
         check_file(path, "--out")
         check_map_file(path)
     check_file(report, "--report")
-    check_distinct(*targets, *forward, report)
+    check_distinct(*out, *quantity_out, report)
     if len(models) > 2 or (len(models) == 2 and measured is not None):
         raise InputError("Give one or two models, or one model and --measured.")
     conditions = Conditions(
@@ -143,7 +141,7 @@ def map_(
         parse(time_step, "s", "--time-step"),
         threads,
     )
-    named = _named(models, set_ or [])
+    named = _named(models, set_)
     wanted = _axes(named[0].injector, conditions, (rail_pressure, quantity, energising_time), axes)
     rules = Rules(several, unreachable)
     found = {model.label: injection_map(model.injector, wanted, conditions, rules, say) for model in named}
@@ -151,8 +149,8 @@ def map_(
     units = pressure_unit, quantity_unit, time_unit
     from commonrail.maps.table import inverse_table, quantity_table
 
-    files = _write(targets, lambda u: inverse_table(first, label, u), units)
-    files += _write(forward, lambda u: quantity_table(first, quantity_label, u), units)
+    files = _write(out, lambda u: inverse_table(first, label, u), units)
+    files += _write(quantity_out, lambda u: quantity_table(first, quantity_label, u), units)
     compared = None if measured is None else _compared(first, measured)
     if report is not None:
         from commonrail.report.map import map_html
@@ -170,7 +168,7 @@ def map_(
         say(f"wrote {file}")
 
 
-def _named(models: list[str], settings: list[str]) -> list[NamedModel]:
+def _named(models: Sequence[str], settings: Sequence[str]) -> list[NamedModel]:
     from commonrail.files.model_name import read_model_names
 
     named = read_model_names(models)
@@ -226,7 +224,7 @@ def _axes(
 
 
 def _write(
-    paths: list[Path], table: Callable[[MapUnits], MapTable], units: tuple[str | None, str | None, str | None]
+    paths: Sequence[Path], table: Callable[[MapUnits], MapTable], units: tuple[str | None, str | None, str | None]
 ) -> list[str]:
     """Write a table into files, in the units that were asked for or that suit the format."""
     if not paths:
@@ -253,7 +251,7 @@ def _print(found: dict[str, InjectionMap], compared: Comparison | None) -> None:
     from commonrail.report.map import map_lines, map_tables
 
     for line in map_lines(found, compared):
-        typer.echo(line)
-    typer.echo("")
+        click.echo(line)
+    click.echo("")
     for table in map_tables(found, compared):
         print_table(table)

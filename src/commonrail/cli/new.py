@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_pairs
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
 from commonrail.cli.output import check_folder
 from commonrail.errors import InputError
@@ -17,18 +20,19 @@ if TYPE_CHECKING:
 __all__ = ["new"]
 
 
+@verb
 def new(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or empty folder.")],
+    folder: Annotated[Path, Argument(metavar="DIR", help="A new or empty folder.")],
     *,
     injector: Annotated[
-        str | None, typer.Option(metavar="MODEL", help="Injector of the study: a name of the catalogue, or a file.")
+        str | None, Option(metavar="MODEL", help="Injector of the study: a name of the catalogue, or a file.")
     ] = None,
     from_: Annotated[
-        list[Path] | None,
-        typer.Option("--from", metavar="FILE", help="Data file for the study, see inspect; repeatable."),
-    ] = None,
-    cylinder_pressure: Annotated[str, typer.Option(help="Cylinder pressure of the bench, e.g. 5MPa.")] = "",
-    return_pressure: Annotated[str, typer.Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "",
+        tuple[Path, ...],
+        Option("--from", metavar="FILE", help="Data file for the study, see inspect; repeatable."),
+    ] = (),
+    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure of the bench, e.g. 5MPa.")] = "",
+    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "",
     json: Json = False,
 ) -> None:
     """Write a small study to start from.
@@ -42,11 +46,10 @@ def new(
       commonrail new my-study --injector cri2-16 --from map.xlsx --from rates.mf4 --cylinder-pressure 0.5MPa
     """
     check_folder(folder)
-    sources = list(from_ or [])
-    if sources or injector is not None:
-        if injector is None or not sources:
+    if from_ or injector is not None:
+        if injector is None or not from_:
             raise InputError("Give --injector and one or more files with --from, or neither.")
-        _of_files(folder, injector, sources, (cylinder_pressure, return_pressure), json)
+        _of_files(folder, injector, from_, (cylinder_pressure, return_pressure), json)
         return
     if cylinder_pressure or return_pressure:
         raise InputError("--cylinder-pressure and --return-pressure belong to --from; omit them.")
@@ -57,11 +60,11 @@ def new(
         print_json({"kind": "new", "files": [str(path) for path in written]})
         return
     for path in written:
-        typer.echo(str(path))
-    typer.echo(f"next: commonrail calibrate {folder / 'study.toml'}")
+        click.echo(str(path))
+    click.echo(f"next: commonrail calibrate {folder / 'study.toml'}")
 
 
-def _of_files(folder: Path, injector: str, sources: list[Path], pressures: tuple[str, str], json: bool) -> None:
+def _of_files(folder: Path, injector: str, sources: Sequence[Path], pressures: tuple[str, str], json: bool) -> None:
     from commonrail.files.study_from_files import BenchPressures, write_study_from
     from commonrail.units import parse
 
@@ -83,9 +86,9 @@ def _print(started: Started) -> None:
         pairs = [("taken for", found.taken_for), *found.facts.items()]
         print_pairs([*pairs, ("read as", found.said)] if found.said else pairs, found.path.name)
     for path in started.files:
-        typer.echo(str(path))
+        click.echo(str(path))
     if started.open:
-        typer.echo(f"state in {started.study}: {', '.join(started.open)}")
+        click.echo(f"state in {started.study}: {', '.join(started.open)}")
     if started.assumed:
-        typer.echo(f"taken to be 0, the start of energising; check: {', '.join(started.assumed)}")
-    typer.echo(f"next: check {started.study}, then commonrail calibrate {started.study}")
+        click.echo(f"taken to be 0, the start of energising; check: {', '.join(started.assumed)}")
+    click.echo(f"next: check {started.study}, then commonrail calibrate {started.study}")

@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads
 from commonrail.cli.output import check_file
 from commonrail.errors import InputError, nearest
@@ -23,55 +25,54 @@ __all__ = ["next_"]
 CRITERIA = ("v", "d", "a")
 
 
+@verb
 def next_(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
+    run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
     *,
-    points: Annotated[int, typer.Option(min=1, max=100, help="Largest number of measurements.")] = 3,
+    points: Annotated[int, Option(min=1, max=100, help="Largest number of measurements.")] = 3,
     criterion: Annotated[
         str,
-        typer.Option(
+        Option(
             help="v: mean variance of predictions on the grid; d: volume of the region of the parameters; "
             "a: their mean squared relative standard error."
         ),
     ] = "v",
     parameter: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Parameter that criteria d and a are about; repeatable. [default: all]"),
-    ] = None,
+        tuple[str, ...],
+        Option(metavar="NAME", help="Parameter that criteria d and a are about; repeatable. [default: all]"),
+    ] = (),
     rail_pressure: Annotated[
-        str | None, typer.Option(help="Rail pressures, e.g. 40:160:20MPa. [default: 8 within the data]")
+        str | None, Option(help="Rail pressures, e.g. 40:160:20MPa. [default: 8 within the data]")
     ] = None,
     energising_time: Annotated[
-        str | None, typer.Option(help="Energising times, e.g. 200:1500:50us. [default: 12 within the data]")
+        str | None, Option(help="Energising times, e.g. 200:1500:50us. [default: 12 within the data]")
     ] = None,
     dwell: Annotated[
-        str | None, typer.Option(help="Dwells before a second energising, e.g. 200:2000:200us. [default: none]")
+        str | None, Option(help="Dwells before a second energising, e.g. 200:2000:200us. [default: none]")
     ] = None,
-    first_energising_time: Annotated[
-        str | None, typer.Option(help="Energising time before the dwell, e.g. 350us.")
-    ] = None,
+    first_energising_time: Annotated[str | None, Option(help="Energising time before the dwell, e.g. 350us.")] = None,
     kind: Annotated[
-        list[str] | None,
-        typer.Option(
+        tuple[str, ...],
+        Option(
             metavar="KIND[=COST]",
             help='Kind of measurement that the run has data of, with its cost: quantities, rate, "return quantities"; '
             "repeatable. [default: that of the first data set, cost 1]",
         ),
-    ] = None,
-    budget: Annotated[float | None, typer.Option(min=0.0, help="Largest cost. [default: none]")] = None,
-    pressure_cost: Annotated[float, typer.Option(min=0.0, help="Cost of every rail pressure that is used.")] = 0.0,
+    ] = (),
+    budget: Annotated[float | None, Option(min=0.0, help="Largest cost. [default: none]")] = None,
+    pressure_cost: Annotated[float, Option(min=0.0, help="Cost of every rail pressure that is used.")] = 0.0,
     apart_pressure: Annotated[
-        str, typer.Option(help="Rail pressure within which points are too close, if their times are too.")
+        str, Option(help="Rail pressure within which points are too close, if their times are too.")
     ] = "20MPa",
     apart_time: Annotated[
-        str, typer.Option(help="Energising time within which points are too close, if their pressures are too.")
+        str, Option(help="Energising time within which points are too close, if their pressures are too.")
     ] = "30us",
-    draws: Annotated[int, typer.Option(min=1, max=1000, help="Draws of the parameters that are averaged over.")] = 12,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the draws.")] = 0,
+    draws: Annotated[int, Option(min=1, max=1000, help="Draws of the parameters that are averaged over.")] = 12,
+    seed: Annotated[int, Option(min=0, help="Seed of the draws.")] = 0,
     posterior: Annotated[
-        bool, typer.Option("--posterior", help="Take the draws of `commonrail certainty --posterior`.")
+        bool, Option("--posterior", help="Take the draws of `commonrail certainty --posterior`.")
     ] = False,
-    out: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="File for the measuring plan.")] = None,
+    out: Annotated[Path | None, Option(metavar="FILE.csv", help="File for the measuring plan.")] = None,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -98,7 +99,7 @@ def next_(
     settings = DesignSettings(
         points,
         Criterion(criterion),
-        tuple(parameter or ()),
+        parameter,
         math.inf if budget is None else budget,
         pressure_cost,
         (parse(apart_pressure, "Pa", "--apart-pressure"), parse(apart_time, "s", "--apart-time")),
@@ -106,7 +107,7 @@ def next_(
         seed,
     )
     study, best = read_fit(run)
-    candidates = _candidates(study, kind or [], (rail_pressure, energising_time, dwell, first_energising_time))
+    candidates = _candidates(study, kind, (rail_pressure, energising_time, dwell, first_energising_time))
     drawn = read_posterior(run, study.space.names) if posterior else None
     plan = next_measurements(study, best, candidates, settings, posterior=drawn, threads=threads, note=say)
     if out is not None:
@@ -117,7 +118,7 @@ def next_(
     for table in plan_tables(plan):
         print_table(table)
     for line in plan_lines(plan):
-        typer.echo(line)
+        click.echo(line)
     if out is not None:
         say(f"wrote {out}")
 

@@ -6,8 +6,8 @@ import json as json_text
 from pathlib import Path
 from typing import Annotated, Any
 
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json
 from commonrail.cli.output import check_file
@@ -16,22 +16,21 @@ from commonrail.cli.progress import Bar, Stage
 __all__ = ["optimisers"]
 
 
+@verb
 def optimisers(
     studies: Annotated[
-        list[Path] | None, typer.Argument(metavar="STUDY.toml", help="Study files. [default: the paper's case]")
-    ] = None,
+        tuple[Path, ...], Argument(metavar="STUDY.toml", help="Study files. [default: the paper's case]")
+    ] = (),
     *,
-    benches: Annotated[int, typer.Option(min=0, max=1000, help="Number of virtual benches besides.")] = 0,
-    seeds: Annotated[int, typer.Option(min=1, max=1000, help="Number of seeds, from 1.")] = 5,
-    evaluations: Annotated[
-        int, typer.Option(min=50, max=10_000_000, help="Number of evaluations of each search.")
-    ] = 3550,
+    benches: Annotated[int, Option(min=0, max=1000, help="Number of virtual benches besides.")] = 0,
+    seeds: Annotated[int, Option(min=1, max=1000, help="Number of seeds, from 1.")] = 5,
+    evaluations: Annotated[int, Option(min=50, max=10_000_000, help="Number of evaluations of each search.")] = 3550,
     method: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Name of a method beside the paper's; can be repeated. [default: all]"),
-    ] = None,
+        tuple[str, ...],
+        Option(metavar="NAME", help="Name of a method beside the paper's; can be repeated. [default: all]"),
+    ] = (),
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="JSON file to be written with every step of every search.")
+        Path | None, Option(metavar="FILE.json", help="JSON file to be written with every step of every search.")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -55,14 +54,14 @@ def optimisers(
     rows: list[dict[str, Any]] = []
     stopped = False
     with Bar("comparing optimisers") as bar:
-        problems = problems_of(studies or [], benches)
+        problems = problems_of(studies, benches)
         names = [entry.name for problem in problems[:1] for entry in entries(problem, evaluations)]
         chosen = [name for name in names if not method or name == names[0] or name.startswith(tuple(method))]
         if method and (strange := [m for m in method if not any(name.startswith(m) for name in names)]):
             raise ConfigurationError(f'there is no optimiser "{strange[0]}"; take one of: {", ".join(names)}.')
         total = len(problems) * len(chosen) * seeds
         try:
-            for row in contest(problems, range(1, seeds + 1), evaluations, method or ()):
+            for row in contest(problems, range(1, seeds + 1), evaluations, method):
                 rows.append(row)
                 bar.show(Stage("searches", len(rows), total, f"{row['problem']}, {row['optimiser']}"))
         except KeyboardInterrupt:
@@ -77,7 +76,7 @@ def optimisers(
         print_rows(_HEADS, [_cells(row) for row in table], f"{evaluations} evaluations, medians of seeds", texts=2)
     if stopped:
         say("commonrail: interrupted; what was found so far is above.")
-        raise typer.Exit(INTERRUPTED)
+        raise SystemExit(INTERRUPTED)
 
 
 _HEADS = (

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from commonrail.cli import typer_later as typer
+from commonrail.cli.grammar import Argument, Option
 from commonrail.errors import InputError, nearest
 from commonrail.units import parse
 
@@ -31,24 +31,24 @@ __all__ = [
 ]
 
 
-Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
-StudyFile = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file.")]
+Json = Annotated[bool, Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
+StudyFile = Annotated[Path, Argument(metavar="STUDY.toml", help="Study file.")]
 OutFile = Annotated[
     Path | None,
-    typer.Option("--out", help="CSV file to be written with rate, lifts, pressures and current against time."),
+    Option("--out", help="CSV file to be written with rate, lifts, pressures and current against time."),
 ]
-PlotFile = Annotated[Path | None, typer.Option("--plot", help="HTML file to be written with the same as plots.")]
+PlotFile = Annotated[Path | None, Option("--plot", help="HTML file to be written with the same as plots.")]
 Threads = Annotated[
     int | None,
-    typer.Option(min=1, help="Number of threads; does not change the result. [default: all processors]"),
+    Option(min=1, help="Number of threads; does not change the result. [default: all processors]"),
 ]
 WorkerCount = Annotated[
     int | None,
-    typer.Option("--workers", min=1, help="Number of worker processes, for large populations. [default: none]"),
+    Option("--workers", min=1, help="Number of worker processes, for large populations. [default: none]"),
 ]
 ClusterAddress = Annotated[
     str | None,
-    typer.Option("--cluster", metavar="ADDRESS", help='Address of a Dask scheduler, e.g. tls://host:8786, or "local".'),
+    Option("--cluster", metavar="ADDRESS", help='Address of a Dask scheduler, e.g. tls://host:8786, or "local".'),
 ]
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, read_energisings
 from commonrail.cli.output import check_file
 from commonrail.units import parse
@@ -14,19 +14,18 @@ from commonrail.units import parse
 __all__ = ["page"]
 
 
+@verb
 def page(
     model: Annotated[
         str,
-        typer.Argument(metavar="MODEL", help="Run folder of commonrail calibrate, injector file or catalogue name."),
+        Argument(metavar="MODEL", help="Run folder of commonrail calibrate, injector file or catalogue name."),
     ],
     *,
-    out: Annotated[Path, typer.Option(metavar="FILE.html", help="Page to be written.")] = Path("bench.html"),
-    slider: Annotated[
-        list[str] | None, typer.Option(metavar="PATH", help="Further parameter on a slider; repeatable.")
-    ] = None,
-    rail_pressure: Annotated[str, typer.Option(help="First rail pressure of a page without data.")] = "100MPa",
-    energising_time: Annotated[str, typer.Option(help="First energising time of a page without data.")] = "700us",
-    cylinder_pressure: Annotated[str, typer.Option(help="First cylinder pressure of a page without data.")] = "5MPa",
+    out: Annotated[Path, Option(metavar="FILE.html", help="Page to be written.")] = Path("bench.html"),
+    slider: Annotated[tuple[str, ...], Option(metavar="PATH", help="Further parameter on a slider; repeatable.")] = (),
+    rail_pressure: Annotated[str, Option(help="First rail pressure of a page without data.")] = "100MPa",
+    energising_time: Annotated[str, Option(help="First energising time of a page without data.")] = "700us",
+    cylinder_pressure: Annotated[str, Option(help="First cylinder pressure of a page without data.")] = "5MPa",
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -51,7 +50,7 @@ def page(
         read_energisings(energising_time, ()),
         parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
     )
-    subject = read_subject(model, tuple(slider or ()), threads)
+    subject = read_subject(model, slider, threads)
     text = page_html(subject, point)
     with writing(out, "--out"):
         write_text(out, text)

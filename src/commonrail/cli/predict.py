@@ -6,8 +6,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads
 from commonrail.cli.output import check_file
 from commonrail.errors import InputError
@@ -30,27 +30,28 @@ class Bands(StrEnum):
     """Draws of `commonrail certainty --posterior`."""
 
 
+@verb
 def predict(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
+    run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
     *,
     rail_pressure: Annotated[
-        str | None, typer.Option(help="Rail pressures, e.g. 40:160:20MPa. [default: the data of the study]")
+        str | None, Option(help="Rail pressures, e.g. 40:160:20MPa. [default: the data of the study]")
     ] = None,
     energising_time: Annotated[
-        str | None, typer.Option(help="Energising times, e.g. 200,400,1000us; each with each rail pressure.")
+        str | None, Option(help="Energising times, e.g. 200,400,1000us; each with each rail pressure.")
     ] = None,
     from_: Annotated[
         Path | None,
-        typer.Option("--from", metavar="FILE.csv", help="Operating points: columns rail_pressure, energising_time."),
+        Option("--from", metavar="FILE.csv", help="Operating points: columns rail_pressure, energising_time."),
     ] = None,
     cylinder_pressure: Annotated[
-        str | None, typer.Option(help="Cylinder pressure, e.g. 5MPa. [default: that of the first data set]")
+        str | None, Option(help="Cylinder pressure, e.g. 5MPa. [default: that of the first data set]")
     ] = None,
     return_pressure: Annotated[
-        str | None, typer.Option(help="Pressure at the end of the return line. [default: that of the first data set]")
+        str | None, Option(help="Pressure at the end of the return line. [default: that of the first data set]")
     ] = None,
-    bands: Annotated[Bands, typer.Option(help="What the parameters may be.")] = Bands.LAPLACE,
-    out: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="File for predictions and bands.")] = None,
+    bands: Annotated[Bands, Option(help="What the parameters may be.")] = Bands.LAPLACE,
+    out: Annotated[Path | None, Option(metavar="FILE.csv", help="File for predictions and bands.")] = None,
     threads: Threads = None,
     json: Json = False,
 ) -> None:

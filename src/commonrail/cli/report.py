@@ -5,21 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import click
+
 from commonrail import registry
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
 from commonrail.errors import InputError
 
 __all__ = ["report"]
 
 
+@verb
 def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of commonrail calibrate, family or compare.")],
+    run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate, family or compare.")],
     *,
-    pdf: Annotated[bool, typer.Option("--pdf", help="Print report.pdf too, by a Chromium of this machine.")] = False,
+    pdf: Annotated[bool, Option("--pdf", help="Print report.pdf too, by a Chromium of this machine.")] = False,
     page: Annotated[
-        bool, typer.Option("--page", help="Make bench.html beside it, with sliders; the report links it.")
+        bool, Option("--page", help="Make bench.html beside it, with sliders; the report links it.")
     ] = False,
     json: Json = False,
 ) -> None:
@@ -50,7 +53,7 @@ def report(
         made = {"report": path, "pdf": printed, "page": bench}
         print_json({"kind": "report"} | {key: str(place) for key, place in made.items() if place})
     else:
-        typer.echo("\n".join(str(made) for made in (path, printed, bench) if made))
+        click.echo("\n".join(str(made) for made in (path, printed, bench) if made))
 
 
 def _make_page(run: Path) -> Path:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+import click
 
 from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.grammar import Option, verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads
 from commonrail.cli.output import free_run_folder
+from commonrail.errors import InputError
 
 __all__ = ["QUICK_SEEDS", "TRUTH", "reproduce"]
 
@@ -20,23 +22,20 @@ SEEDS, QUICK_SEEDS = 20, 9
 TRUTH = "virtual-lino-2016"
 
 
+@verb
 def reproduce(
     *,
     seeds: Annotated[
-        int | None, typer.Option(min=1, max=1000, help=f"Number of repetitions, with seeds 1 to N. [default: {SEEDS}]")
+        int | None, Option(min=1, max=1000, help=f"Number of repetitions, with seeds 1 to N. [default: {SEEDS}]")
     ] = None,
     quick: Annotated[
         bool,
-        typer.Option(
-            "--quick", help=f"Use {QUICK_SEEDS} repetitions: enough for claims on which all or all but one agree."
-        ),
+        Option("--quick", help=f"Use {QUICK_SEEDS} repetitions: enough for claims on which all or all but one agree."),
     ] = False,
     truth: Annotated[
-        str, typer.Option(metavar="TRUTH", help="Truth of the virtual test bench: a name of its list, or a TOML file.")
+        str, Option(metavar="TRUTH", help="Truth of the virtual test bench: a name of its list, or a TOML file.")
     ] = TRUTH,
-    out: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="New run folder. [default: runs/reproduce-<n>]")
-    ] = None,
+    out: Annotated[Path | None, Option(metavar="RUN", help="New run folder. [default: runs/reproduce-<n>]")] = None,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -55,20 +54,20 @@ def reproduce(
     from commonrail.report.reproduction import verdicts
 
     if quick and seeds is not None:
-        raise typer.BadParameter("--quick sets the number of seeds itself; give one of the two.")
+        raise InputError("--quick sets the number of seeds itself; give one of the two.")
     count = QUICK_SEEDS if quick else seeds or SEEDS
     outcome = run_reproduction(truth, count, out or free_run_folder("reproduce"), threads, quick)
     if json:
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
         print_json({"kind": "reproduction", **places, "result": outcome.record})
     else:
-        typer.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
+        click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
         claims = outcome.record["claims"]
         rows = [[c["verdict"], f"{c['true_in']} of {c['of']}", c["claim"], c["figure"]] for c in claims]
         print_rows(["verdict", "true in", "claim of the paper", "here"], rows, "The paper's claims", texts=4)
-        typer.echo(verdicts(outcome.record))
-        typer.echo(f"report: {outcome.report}")
+        click.echo(verdicts(outcome.record))
+        click.echo(f"report: {outcome.report}")
     if outcome.interrupted:
         done = len(outcome.record["seeds"])
         say(f"commonrail: interrupted; {done} of {count} repetitions are in {outcome.folder}.")
-        raise typer.Exit(INTERRUPTED)
+        raise SystemExit(INTERRUPTED)

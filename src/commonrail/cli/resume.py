@@ -5,20 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from commonrail.cli import typer_later as typer
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import ClusterAddress, Json, Threads, WorkerCount, open_workers
 
 __all__ = ["resume"]
 
 
+@verb
 def resume(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder, which may have been moved or copied.")],
+    run: Annotated[Path, Argument(metavar="RUN", help="Run folder, which may have been moved or copied.")],
     *,
     generations: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Number of generations to add to those of the run.")
+        int, Option(min=0, metavar="N", help="Number of generations to add to those of the run.")
     ] = 0,
     as_begun: Annotated[
-        bool, typer.Option("--as-begun", help="Use the copies in RUN although the files outside have changed since.")
+        bool, Option("--as-begun", help="Use the copies in RUN although the files outside have changed since.")
     ] = False,
     threads: Threads = None,
     workers: WorkerCount = None,

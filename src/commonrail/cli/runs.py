@@ -7,8 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_rows
+from commonrail.cli.grammar import Argument, verb
 from commonrail.cli.options import Json
 
 if TYPE_CHECKING:
@@ -19,8 +21,11 @@ __all__ = ["runs"]
 _DAY = 86400.0
 
 
+@verb
 def runs(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with run folders in it.")] = Path("runs"),
+    folder: Annotated[Path, Argument(metavar="DIR", help="Folder with run folders in it. [default: runs]")] = Path(
+        "runs"
+    ),
     *,
     json: Json = False,
 ) -> None:
@@ -38,7 +43,7 @@ def runs(
     if json:
         print_json({"kind": "runs", "runs": [_record(run) for run in found]})
     elif not found:
-        typer.echo(f"{folder}: no runs in it.")
+        click.echo(f"{folder}: no runs in it.")
     else:
         heads = ("run", "state", "generation", "refined", "best J", "age", "title")
         print_rows(heads, [_row(run) for run in found])

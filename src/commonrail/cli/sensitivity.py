@@ -8,9 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import click
+
 from commonrail.choices import Precision
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads
 from commonrail.cli.progress import Bar, Stage
 from commonrail.errors import InputError
@@ -28,59 +30,56 @@ __all__ = ["sensitivity"]
 DESIGNS = ("sobol", "morris")
 
 
+@verb
 def sensitivity(
     source: Annotated[
         str,
-        typer.Argument(help="Injector file, name of the catalogue, study file, or run folder of `calibrate`."),
+        Argument(help="Injector file, name of the catalogue, study file, or run folder of `calibrate`."),
     ],
     *,
     parameter: Annotated[
-        list[str] | None,
-        typer.Option(
+        tuple[str, ...],
+        Option(
             metavar="NAME[=LOW:HIGH]",
             help="Parameter to be varied, with its range or within --within; repeatable. [default: those of the study; "
             "all of an injector that are not zero]",
         ),
-    ] = None,
-    within: Annotated[str, typer.Option(help="Half width of a range as a share of the value, e.g. 5%.")] = "5%",
+    ] = (),
+    within: Annotated[str, Option(help="Half width of a range as a share of the value, e.g. 5%.")] = "5%",
     rail_pressure: Annotated[
-        list[str] | None, typer.Option(help="Rail pressure of the operating points, e.g. 160MPa; repeatable.")
-    ] = None,
+        tuple[str, ...], Option(help="Rail pressure of the operating points, e.g. 160MPa; repeatable.")
+    ] = (),
     energising_time: Annotated[
-        list[str] | None, typer.Option(help="Energising time of the operating points, e.g. 700us; repeatable.")
-    ] = None,
-    cylinder_pressure: Annotated[str, typer.Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
-    return_pressure: Annotated[
-        str, typer.Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")
-    ] = "0.5MPa",
+        tuple[str, ...], Option(help="Energising time of the operating points, e.g. 700us; repeatable.")
+    ] = (),
+    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
+    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
     feature: Annotated[
-        list[str] | None,
-        typer.Option(
+        tuple[str, ...],
+        Option(
             help="Feature at the operating points: quantity, return_quantity, opening, opening_delay, closing, "
             "closing_delay, duration, lift, mean_rate, steady_rate; repeatable. [default: quantity, both delays, "
             "duration, steady_rate]"
         ),
-    ] = None,
+    ] = (),
     design: Annotated[
-        str, typer.Option(help="Design: sobol divides the variance among parameters, morris screens many of them.")
+        str, Option(help="Design: sobol divides the variance among parameters, morris screens many of them.")
     ] = "sobol",
     samples: Annotated[
         int,
-        typer.Option(min=0, help="Number of base points (a power of two) or trajectories; 0 for 1024 or 50."),
+        Option(min=0, help="Number of base points (a power of two) or trajectories; 0 for 1024 or 50."),
     ] = 0,
     on_failure: Annotated[
-        str, typer.Option(help="Policy for failed simulations: omit their effects and count them, or refuse.")
+        str, Option(help="Policy for failed simulations: omit their effects and count them, or refuse.")
     ] = "omit",
     most_failed: Annotated[
-        str, typer.Option(help="Share of failed simulations above which an output gets no indices.")
+        str, Option(help="Share of failed simulations above which an output gets no indices.")
     ] = "10%",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of design and bootstrap.")] = 1,
-    time_step: Annotated[
-        str | None, typer.Option(help="Time step, e.g. 1us. [default: that of the study, or 1us]")
-    ] = None,
-    precision: Annotated[Precision, typer.Option(help="Precision of the simulations.")] = Precision.F64,
+    seed: Annotated[int, Option(min=0, help="Seed of design and bootstrap.")] = 1,
+    time_step: Annotated[str | None, Option(help="Time step, e.g. 1us. [default: that of the study, or 1us]")] = None,
+    precision: Annotated[Precision, Option(help="Precision of the simulations.")] = Precision.F64,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="New folder for report.html, sensitivity.json, sensitivity.csv.")
+        Path | None, Option(metavar="DIR", help="New folder for report.html, sensitivity.json, sensitivity.csv.")
     ] = None,
     threads: Threads = None,
     json: Json = False,
@@ -114,9 +113,9 @@ def sensitivity(
         parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
         parse(return_pressure, "Pa", "--return-pressure"),
     )
-    points = _points(rail_pressure or [], energising_time or [], pressures)
+    points = _points(rail_pressure, energising_time, pressures)
     subject = _subject(source)
-    chosen = _parameters(subject, parameter or [], parse(within, "1", "--within"))
+    chosen = _parameters(subject, parameter, parse(within, "1", "--within"))
 
     def work() -> Sensitivity:
         with Bar(f"{source}: {settings.design.value}, {settings.samples} samples") as bar:
@@ -154,15 +153,15 @@ def _report(found: Sensitivity, out: Path | None, json: bool) -> None:
         print_json(record)
         return
     if record["synthetic"]:
-        typer.echo(f"SYNTHETIC: {record['synthetic']}")
+        click.echo(f"SYNTHETIC: {record['synthetic']}")
     for line in sensitivity_lines(record):
-        typer.echo(line)
+        click.echo(line)
     for output, table in zip(record["outputs"], sensitivity_tables(record), strict=True):
         print_table(table)
         if output["why_not"]:
             say(f"{output['name']}: {output['why_not']}")
     if out is not None:
-        typer.echo(f"report: {out / 'report.html'}")
+        click.echo(f"report: {out / 'report.html'}")
 
 
 def _points(rails: Sequence[str], times: Sequence[str], pressures: tuple[float, float]) -> tuple[OperatingPoint, ...]:

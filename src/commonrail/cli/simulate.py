@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from commonrail.choices import Body, Engine, Precision
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_pairs, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
     Json,
     OutFile,
@@ -29,67 +29,66 @@ if TYPE_CHECKING:
 __all__ = ["simulate"]
 
 
+@verb
 def simulate(
     injector: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="Injector file, name of the catalogue or run folder; with @VARIANT another variant: cri2-16@ideal."
         ),
     ],
     *,
-    rail_pressure: Annotated[str, typer.Option(help="Rail pressure, e.g. 160MPa.")],
+    rail_pressure: Annotated[str, Option(help="Rail pressure, e.g. 160MPa.")],
     energising_time: Annotated[
-        str | None, typer.Option(help="Energising time of a single injection from t = 0, e.g. 700us.")
+        str | None, Option(help="Energising time of a single injection from t = 0, e.g. 700us.")
     ] = None,
     energising: Annotated[
-        list[str] | None,
-        typer.Option(
+        tuple[str, ...],
+        Option(
             metavar="START:DURATION",
             help="Start and energising time of one of several injections, e.g. 900us:600us; repeatable.",
         ),
-    ] = None,
-    cylinder_pressure: Annotated[str, typer.Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
-    return_pressure: Annotated[
-        str, typer.Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")
-    ] = "0.5MPa",
+    ] = (),
+    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
+    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
     horizon: Annotated[
-        str | None, typer.Option(help="End of the simulation, e.g. 4ms. [default: 2.5ms after the last energising]")
+        str | None, Option(help="End of the simulation, e.g. 4ms. [default: 2.5ms after the last energising]")
     ] = None,
     set_: Annotated[
-        list[str] | None,
-        typer.Option(
+        tuple[str, ...],
+        Option(
             "--set",
             metavar="PATH=VALUE",
             help="Value of a parameter, with its unit or as an SI number; repeatable.",
         ),
-    ] = None,
+    ] = (),
     variant: Annotated[
-        Body | None, typer.Option(help="Body of plunger and needle. [default: as in the injector file]")
+        Body | None, Option(help="Body of plunger and needle. [default: as in the injector file]")
     ] = None,
     engine: Annotated[
         Engine,
-        typer.Option(
+        Option(
             help="Engine: lanes and cuda (NVIDIA GPU) are fast with a fixed step, reference is slow with error control."
         ),
     ] = Engine.LANES,
-    time_step: Annotated[str | None, typer.Option(help="Time step of lanes and cuda, e.g. 1us. [default: 1us]")] = None,
+    time_step: Annotated[str | None, Option(help="Time step of lanes and cuda, e.g. 1us. [default: 1us]")] = None,
     precision: Annotated[
         Precision,
-        typer.Option(
+        Option(
             help="Precision of lanes and cuda. f32 is for large populations; for one injection it only adds "
             "rounding error."
         ),
     ] = Precision.F64,
     meter: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="NAME",
             help="Meter through which the rate is shown beside the true one: a table [meters.NAME] of --study.",
         ),
     ] = None,
     study: Annotated[
         Path | None,
-        typer.Option(help="Study, or calibrated.toml of a run, that describes the meter. [default: the injector file]"),
+        Option(help="Study, or calibrated.toml of a run, that describes the meter. [default: the injector file]"),
     ] = None,
     out: OutFile = None,
     plot: PlotFile = None,
@@ -121,13 +120,13 @@ def simulate(
     seen = _meter(named, meter, study)
     point = OperatingPoint(
         parse(rail_pressure, "Pa", "--rail-pressure"),
-        read_energisings(energising_time, energising or []),
+        read_energisings(energising_time, energising),
         parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
         parse(return_pressure, "Pa", "--return-pressure"),
         horizon=None if horizon is None else parse(horizon, "s", "--horizon"),
     )
     step = parse(time_step or "1us", "s", "--time-step")
-    chosen = with_overrides(injection.with_body(named.injector, variant), set_ or [])
+    chosen = with_overrides(injection.with_body(named.injector, variant), set_)
     begin = time.perf_counter()
     solution = injection.solve(chosen, point, injection.Settings(engine, step, precision))
     run = injection.Run(chosen, point, solution, step, time.perf_counter() - begin, precision)

@@ -1,40 +1,50 @@
-"""Start of the command: Ctrl-C before a verb runs ends it with a sentence. Only the standard library is imported."""
+"""Start of the command `commonrail`."""
 
 from __future__ import annotations
 
 import os
 import signal
-from contextlib import suppress
-from typing import Any
+import sys
+import warnings
 
-__all__ = ["INTERRUPTED", "main", "raise_interrupts"]
+from commonrail.cli.guard import end_process
 
-INTERRUPTED = 130  # 128 + SIGINT, what a shell expects
+__all__ = ["main"]
 
 
 def main() -> None:
     """Run the command."""
     # One that a shell has set to be ignored, as for `commonrail ... &`, stays ignored.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _end)
-    from commonrail.cli.command import main as run
+        signal.signal(signal.SIGINT, end_process)
+    open_standard_streams()
+    leave_out_warnings()
+    from commonrail.cli.console import compiling, say, say_of_ending
+    from commonrail.cli.grammar import cli
+    from commonrail.notice import tell_notes, tell_of_compiling
+    from commonrail.workers.interrupt import end_at_second
 
+    tell_of_compiling(compiling)
+    tell_notes(say)
+    end_at_second(say_of_ending)
     try:
-        run()
-    except KeyboardInterrupt:  # between the end of a verb and that of the process
-        _end(signal.SIGINT, None)
+        cli(prog_name="commonrail")
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done: the end of the process is not interrupted
 
 
-def raise_interrupts() -> None:
-    """Let Ctrl-C raise `KeyboardInterrupt` again: a verb has begun, and something may have to be kept."""
-    if signal.getsignal(signal.SIGINT) is _end:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+def leave_out_warnings() -> None:
+    """Keep NumPy's warnings, of an overflow or a mean of nothing, off the terminal; `python -W` and its like count."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore", RuntimeWarning)
 
 
-def _end(number: int, frame: Any) -> None:
-    """End the process: an exception could be raised in the middle of an import, which may swallow or repeat it."""
-    with suppress(OSError):
-        os.write(2, b"\ncommonrail: interrupted.\n")
-    os._exit(INTERRUPTED)
+def open_standard_streams() -> None:
+    """Open a sink for a closed stdout or stderr (`>&-`): the next file opened would take its number."""
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            sink = os.open(os.devnull, os.O_WRONLY)
+            if sink != number:
+                os.dup2(sink, number)
+                os.close(sink)
+            setattr(sys, name, os.fdopen(number, "w", encoding="utf-8"))

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.progress import Bar, Stage
@@ -169,7 +170,7 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
         print_json({"kind": "calibration", **places, "result": outcome.record})
     else:
         if outcome.record["synthetic"]:
-            typer.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
+            click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
         record = outcome.record
         for table in (
             *tables_of(record["data"]),
@@ -185,8 +186,8 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
             judgement_lines(record),
         )
         for line in (line for group in lines for line in group):
-            typer.echo(line)
-        typer.echo(f"report: {outcome.report}{_mention(warnings)}")
+            click.echo(line)
+        click.echo(f"report: {outcome.report}{_mention(warnings)}")
     end_if_stopped(outcome.record["status"], outcome.folder)
     if strict and warnings:
         raise StudyError(
@@ -209,7 +210,7 @@ def end_if_stopped(status: str, folder: Path) -> None:
             f"commonrail: interrupted; the best values so far are in {folder}. `commonrail resume {folder}` resumes "
             "the run."
         )
-        raise typer.Exit(INTERRUPTED)
+        raise SystemExit(INTERRUPTED)
 
 
 def _mention(warnings: Sequence[Any]) -> str:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, with_overrides
 from commonrail.cli.output import check_distinct, check_file
 from commonrail.errors import InputError
@@ -21,53 +24,48 @@ if TYPE_CHECKING:
 __all__ = ["sweep"]
 
 
+@verb
 def sweep(
-    model: Annotated[
-        str, typer.Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")
-    ],
+    model: Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")],
     *,
     vary: Annotated[
-        list[str],
-        typer.Option(
+        tuple[str, ...],
+        Option(
             metavar="NAME=VALUES",
             help="Variable and its values, e.g. dwell=0:3000:100us or temperature=20,40,80degC: rail_pressure, "
             "energising_time, first_energising_time, dwell, cylinder_pressure, return_pressure, temperature, or any "
             "parameter; one to three.",
         ),
     ],
-    rail_pressure: Annotated[str, typer.Option(help="Rail pressure where it is not varied.")] = "100MPa",
+    rail_pressure: Annotated[str, Option(help="Rail pressure where it is not varied.")] = "100MPa",
     energising_time: Annotated[
-        str, typer.Option(help="Energising time of the injection, or of the second of two.")
+        str, Option(help="Energising time of the injection, or of the second of two.")
     ] = "500us",
     first_energising_time: Annotated[
-        str | None, typer.Option(help="Energising time of a first injection before it. [default: none]")
+        str | None, Option(help="Energising time of a first injection before it. [default: none]")
     ] = None,
-    dwell: Annotated[
-        str, typer.Option(help="Time from the end of the first energising to the start of the second.")
-    ] = "1ms",
+    dwell: Annotated[str, Option(help="Time from the end of the first energising to the start of the second.")] = "1ms",
     hold: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="QUANTITIES",
             help="Quantities of the second injection, e.g. 1,2,5mm3, whose energising times are found over the varied "
             "rail pressures and dwells.",
         ),
     ] = None,
-    cylinder_pressure: Annotated[str, typer.Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
-    return_pressure: Annotated[
-        str, typer.Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")
-    ] = "0.5MPa",
-    longest: Annotated[str, typer.Option(help="Longest energising time of --hold.")] = "2ms",
-    time_step: Annotated[str, typer.Option(help="Time step, e.g. 1us.")] = "1us",
+    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure, e.g. 5MPa.")] = "5MPa",
+    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "0.5MPa",
+    longest: Annotated[str, Option(help="Longest energising time of --hold.")] = "2ms",
+    time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
     set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Value of a parameter; repeatable.")
-    ] = None,
-    label: Annotated[str, typer.Option(help="Label of the maps of --hold, to which each dwell is added.")] = "tiSecond",
+        tuple[str, ...], Option("--set", metavar="PATH=VALUE", help="Value of a parameter; repeatable.")
+    ] = (),
+    label: Annotated[str, Option(help="Label of the maps of --hold, to which each dwell is added.")] = "tiSecond",
     out: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FILE", help="File: .csv; of --hold also .xlsx .mat .json .dcm .cdfx; repeatable."),
-    ] = None,
-    report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Report with the curves.")] = None,
+        tuple[Path, ...],
+        Option(metavar="FILE", help="File: .csv; of --hold also .xlsx .mat .json .dcm .cdfx; repeatable."),
+    ] = (),
+    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the curves.")] = None,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -87,12 +85,12 @@ def sweep(
     from commonrail.maps.response import Conditions
     from commonrail.maps.sweep import Base
 
-    for path in out or []:
+    for path in out:
         check_file(path, "--out")
         if hold is None and path.suffix.lower() != ".csv":
             raise InputError(f"--out: {path}: a sweep is written as .csv; for all numbers as JSON give --json.")
     check_file(report, "--report")
-    check_distinct(*(out or []), report)
+    check_distinct(*out, report)
     conditions = Conditions(
         parse(cylinder_pressure, "Pa", "--cylinder-pressure"),
         parse(return_pressure, "Pa", "--return-pressure"),
@@ -106,14 +104,14 @@ def sweep(
         parse(dwell, "s", "--dwell"),
         conditions,
     )
-    injector = with_overrides(read_model_name(model).injector, set_ or [])
+    injector = with_overrides(read_model_name(model).injector, set_)
     variables = [_variable(text) for text in vary]
     say(SIMULATING)
     if hold is None:
-        _sweep(injector, variables, base, (out or [], report, json))
+        _sweep(injector, variables, base, (out, report, json))
     else:
         wanted = _held(injector, variables, base, hold, parse(longest, "s", "--longest"))
-        _print_held(wanted, label, (out or [], report, json))
+        _print_held(wanted, label, (out, report, json))
 
 
 def _variable(text: str) -> Variable:
@@ -128,7 +126,7 @@ def _variable(text: str) -> Variable:
 
 
 def _sweep(
-    injector: Injector, variables: list[Variable], base: Base, wanted: tuple[list[Path], Path | None, bool]
+    injector: Injector, variables: list[Variable], base: Base, wanted: tuple[Sequence[Path], Path | None, bool]
 ) -> None:
     from commonrail.files.sweep_file import sweep_record, write_sweep
     from commonrail.maps.sweep import sweep as run
@@ -147,9 +145,9 @@ def _sweep(
         print_json(sweep_record(found, fusion) | {"files": files})
         return
     for line in sweep_lines(found):
-        typer.echo(line)
+        click.echo(line)
     if fusion:
-        typer.echo("")
+        click.echo("")
         print_table(fusion_table(fusion))
     for file in files:
         say(f"wrote {file}")
@@ -187,7 +185,7 @@ def _held(injector: Injector, variables: list[Variable], base: Base, hold: str, 
     return compensation(injector, axes, base.first_energising_time, dwells, base.conditions)
 
 
-def _print_held(found: Compensation, label: str, wanted: tuple[list[Path], Path | None, bool]) -> None:
+def _print_held(found: Compensation, label: str, wanted: tuple[Sequence[Path], Path | None, bool]) -> None:
     from commonrail.files.map_file import check_map_file, write_map_file
     from commonrail.files.sweep_file import compensation_record, write_compensation
     from commonrail.maps.table import compensation_tables

@@ -6,9 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import click
+
 from commonrail.choices import Precision
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_table, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads
 from commonrail.cli.progress import Bar, Stage
@@ -20,16 +22,17 @@ if TYPE_CHECKING:
 __all__ = ["tolerance"]
 
 
+@verb
 def tolerance(
-    file: Annotated[Path, typer.Argument(metavar="TOLERANCES.toml", help="Tolerance file.")],
+    file: Annotated[Path, Argument(metavar="TOLERANCES.toml", help="Tolerance file.")],
     *,
-    parts: Annotated[int | None, typer.Option(min=1000, help="Number of parts. [default: as in the file]")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the parts. [default: as in the file]")] = None,
+    parts: Annotated[int | None, Option(min=1000, help="Number of parts. [default: as in the file]")] = None,
+    seed: Annotated[int | None, Option(min=0, help="Seed of the parts. [default: as in the file]")] = None,
     precision: Annotated[
-        Precision | None, typer.Option(help="Precision of the simulations. [default: as in the file]")
+        Precision | None, Option(help="Precision of the simulations. [default: as in the file]")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="New folder for report.html, tolerance.json and tolerance.csv.")
+        Path | None, Option(metavar="DIR", help="New folder for report.html, tolerance.json and tolerance.csv.")
     ] = None,
     threads: Threads = None,
     json: Json = False,
@@ -57,7 +60,7 @@ def tolerance(
         _print(record, out)
     if found.status == "interrupted":
         say(f"commonrail: interrupted after {found.parts:,} of {loaded.parts:,} parts; the figures are those of these.")
-        raise typer.Exit(INTERRUPTED)
+        raise SystemExit(INTERRUPTED)
 
 
 def _run(loaded: Tolerances, threads: int | None) -> ToleranceResult:
@@ -91,10 +94,10 @@ def _print(record: dict[str, Any], out: Path | None) -> None:
     from commonrail.report.tolerance import tolerance_lines, tolerance_tables
 
     if record["synthetic"]:
-        typer.echo(f"SYNTHETIC: {record['synthetic']}")
+        click.echo(f"SYNTHETIC: {record['synthetic']}")
     for line in tolerance_lines(record):
-        typer.echo(line)
+        click.echo(line)
     for table in tolerance_tables(record):
         print_table(table)
     if out is not None:
-        typer.echo(f"report: {out / 'report.html'}")
+        click.echo(f"report: {out / 'report.html'}")

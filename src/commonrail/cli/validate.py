@@ -6,19 +6,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from commonrail.cli import typer_later as typer
+import click
+
 from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.grammar import Option, verb
 from commonrail.cli.options import Json, StudyFile
 from commonrail.errors import InputError
 
 __all__ = ["validate"]
 
 
+@verb
 def validate(
     study: StudyFile,
     *,
-    injector: Annotated[str | None, typer.Option(help="Injector file, or a name of the catalogue.")] = None,
-    run: Annotated[Path | None, typer.Option(metavar="RUN", help="Run folder whose calibrated.toml is used.")] = None,
+    injector: Annotated[str | None, Option(help="Injector file, or a name of the catalogue.")] = None,
+    run: Annotated[Path | None, Option(metavar="RUN", help="Run folder whose calibrated.toml is used.")] = None,
     json: Json = False,
 ) -> None:
     """Compute the errors of an injector on a study's data.
@@ -60,11 +63,11 @@ def validate(
             | meter_records(meters_of(loaded.data))
         )
         return
-    typer.echo(f"{chosen.title} on the data of: {loaded.title}")
+    click.echo(f"{chosen.title} on the data of: {loaded.title}")
     for line in meter_lines(meter_records(meters_of(loaded.data))):
-        typer.echo(line)
+        click.echo(line)
     if loaded.synthetic:
-        typer.echo(f"SYNTHETIC: {loaded.synthetic}")
+        click.echo(f"SYNTHETIC: {loaded.synthetic}")
     for table in tables_of(data, labels):
         print_table(table)
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
-from commonrail.cli import typer_later as typer
 from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.grammar import Option, verb
 from commonrail.cli.options import Json
 
 if TYPE_CHECKING:
@@ -18,10 +18,11 @@ __all__ = ["verify"]
 FAILED = 1
 
 
+@verb
 def verify(
     *,
-    injector: Annotated[str, typer.Option(help="Injector file, or a name of the catalogue.")] = "virtual-lino-2016",
-    quick: Annotated[bool, typer.Option("--quick", help="Use fewer pressures and candidates.")] = False,
+    injector: Annotated[str, Option(help="Injector file, or a name of the catalogue.")] = "virtual-lino-2016",
+    quick: Annotated[bool, Option("--quick", help="Use fewer pressures and candidates.")] = False,
     json: Json = False,
 ) -> None:
     """Run the verification study.
@@ -47,7 +48,7 @@ def verify(
         print_rows(("", "check", "value", "limit", "unit", "margin", "what it compares"), _rows(checks))
     if failed:
         say(f"commonrail: {len(failed)} of {len(checks)} checks failed: {', '.join(failed)}.")
-        raise typer.Exit(FAILED)
+        raise SystemExit(FAILED)
     say(f"all {len(checks)} checks passed")
 
 

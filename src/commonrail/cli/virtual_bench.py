@@ -5,28 +5,29 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+import click
 
 from commonrail.cli.console import print_json, print_rows, say
+from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
 from commonrail.cli.output import check_folder
+from commonrail.errors import InputError
 
 __all__ = ["virtual_bench"]
 
 TRUTH = "virtual-lino-2016"
 
 
+@verb
 def virtual_bench(
-    folder: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder for the case.")] = None,
+    folder: Annotated[Path | None, Argument(metavar="DIR", help="Folder for the case.")] = None,
     *,
     truth: Annotated[
-        str, typer.Option(metavar="TRUTH", help="Truth of the virtual test bench: a name of its list, or a TOML file.")
+        str, Option(metavar="TRUTH", help="Truth of the virtual test bench: a name of its list, or a TOML file.")
     ] = TRUTH,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of scatter and noise.")] = 1,
-    list_: Annotated[bool, typer.Option("--list", help="List the truths that ship with commonrail.")] = False,
-    show: Annotated[
-        bool, typer.Option("--show", help="Print the file of the truth, to be copied and changed.")
-    ] = False,
+    seed: Annotated[int, Option(min=0, help="Seed of scatter and noise.")] = 1,
+    list_: Annotated[bool, Option("--list", help="List the truths that ship with commonrail.")] = False,
+    show: Annotated[bool, Option("--show", help="Print the file of the truth, to be copied and changed.")] = False,
     json: Json = False,
 ) -> None:
     """Make the synthetic curves of the paper's case.
@@ -42,7 +43,7 @@ def virtual_bench(
       commonrail virtual-bench my-case --truth my-truth.toml
     """
     if list_ + show + (folder is not None) != 1:
-        raise typer.BadParameter("Give one of DIR, --list and --show.")
+        raise InputError("Give one of DIR, --list and --show.")
     if list_:
         _list(json)
     elif show:
@@ -71,7 +72,7 @@ def _show(source: str, json: bool) -> None:
         facts = [{"name": name, "text": text} for name, text in truth.facts()]
         print_json({"kind": "truth", "name": truth.name, "title": truth.title, "facts": facts, "text": truth.text})
         return
-    typer.echo(truth.text, nl=False)
+    click.echo(truth.text, nl=False)
 
 
 def _write(folder: Path, source: str, seed: int, json: bool) -> None:
@@ -88,4 +89,4 @@ def _write(folder: Path, source: str, seed: int, json: bool) -> None:
         )
         return
     for path in written:
-        typer.echo(str(path))
+        click.echo(str(path))

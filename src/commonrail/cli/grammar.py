@@ -1,0 +1,176 @@
+"""Grammar of the command: its verbs, each imported when it is called, and their options from annotated signatures.
+
+A verb is a click command that is registered in the group "verbs" of `commonrail.registry`. Those of the package are
+functions under the decorator `verb`; an installed package may declare its own in this way or with click alone.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from enum import Enum
+from pathlib import Path
+from types import UnionType
+from typing import Any, get_args, get_origin
+
+import click
+
+from commonrail.cli.console import say
+from commonrail.cli.guard import check_paths, guarded, raise_interrupts
+from commonrail.errors import PluginError, nearest
+from commonrail.registry import entries, find
+
+
+class Option:
+    """Declaration of an option in the annotation of a parameter: ``Annotated[type, Option(...)]``.
+
+    Parameters
+    ----------
+    *names : str
+        On the command line, where it is not that of the parameter.
+    **settings
+        ``help``, ``metavar``, ``min`` and ``max``, or what else `click.Option` takes.
+    """
+
+    def __init__(self, *names: str, **settings: Any) -> None:
+        self.names, self.settings = names, settings
+
+
+class Argument(Option):
+    """Declaration of a positional argument, alike."""
+
+
+class _Argument(click.Argument):
+    """Positional argument with a help text, which those of click have from 8.5 alone."""
+
+    def __init__(self, *args: Any, text: str, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.text = text
+
+    def make_metavar(self, *context: Any) -> str:  # without a context below click 8.2
+        """Name in the usage."""
+        name = self.human_readable_name if self.required else f"[{self.human_readable_name}]"
+        return name if self.nargs == 1 else f"{name}..."
+
+
+class Verb(click.Command):
+    """Command of a function."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the positional arguments before the options."""
+        arguments = [(made.make_metavar(ctx), made.text) for made in self.params if isinstance(made, _Argument)]
+        if arguments:
+            with formatter.section("Arguments"):
+                formatter.write_dl(arguments)
+        super().format_options(ctx, formatter)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the function."""
+        check_paths(ctx.params)
+        return super().invoke(ctx)
+
+
+def verb(function: Callable[..., None]) -> Verb:
+    """Make a command of a function, whose docstring is the help.
+
+    Each of its parameters is annotated with ``Annotated[type, Option(...)]`` or ``Annotated[type, Argument(...)]``. The
+    type is str, int, float, bool (a flag), Path or an enumeration of texts; a ``tuple[type, ...]`` may be repeated, and
+    ``type | None`` is None where it is not given.
+    """
+    name = function.__name__.rstrip("_").replace("_", "-")
+    params = [_parameter(each) for each in inspect.signature(function, eval_str=True).parameters.values()]
+    return Verb(name, callback=function, params=params, help=inspect.getdoc(function))
+
+
+def _parameter(parameter: inspect.Parameter) -> click.Parameter:
+    """Option or argument of click for a parameter of a function."""
+    kind, declared = get_args(parameter.annotation)
+    kind = get_args(kind)[0] if isinstance(kind, UnionType) else kind
+    several = get_origin(kind) is tuple
+    kind = get_args(kind)[0] if several else kind
+    settings: dict[str, Any] = {"required": parameter.default is parameter.empty, **declared.settings}
+    limits = {name: settings.pop(name) for name in ("min", "max") if name in settings}
+    if limits:
+        settings["type"] = (click.IntRange if kind is int else click.FloatRange)(**limits)
+    elif kind is Path:
+        settings["type"] = click.Path(path_type=Path)
+    elif issubclass(kind, Enum):  # click from 8.2 takes enumerations, but by the names of their members
+        settings["type"] = click.Choice([member.value for member in kind])
+        settings["callback"] = lambda ctx, param, value: None if value is None else kind(value)
+    elif kind is bool:
+        settings["is_flag"] = True
+    else:
+        settings["type"] = kind
+    if not (settings["required"] or several):
+        settings["default"] = getattr(parameter.default, "value", parameter.default)
+    if isinstance(declared, Argument):
+        return _Argument([parameter.name], nargs=-1 if several else 1, text=settings.pop("help"), **settings)
+    names = declared.names or ("--" + parameter.name.replace("_", "-"),)
+    return click.Option([parameter.name, *names], multiple=several, show_default=parameter.default != "", **settings)
+
+
+class Verbs(click.Group):
+    """Group of the registered verbs."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the verbs, those that ship first; one that cannot be loaded is named on stderr instead."""
+        names = []
+        for name in entries("verbs"):
+            try:
+                self.get_command(ctx, name)
+            except PluginError as error:
+                say(f"commonrail: {error}")
+            else:
+                names.append(name)
+        return names
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return a verb; None where none has the name.
+
+        Raises
+        ------
+        PluginError
+            If that of an installed package cannot be loaded, or is no command of click.
+        """
+        entry = find("verbs", cmd_name)
+        if entry is None:
+            return None
+        command = entry.load()
+        if not isinstance(command, click.Command):
+            raise PluginError(
+                f'plug-in {entry.distribution} {entry.version}: "{cmd_name}" of commonrail.verbs is to be a command of '
+                f"click, and {entry.target} is none; update or uninstall {entry.distribution}."
+            )
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Import the verb that is called, and let Ctrl-C raise an exception from then on."""
+        if find("verbs", args[0]) is None:
+            ctx.fail(f"No such command '{args[0]}'{nearest(args[0], entries('verbs'))}.")
+        resolved = super().resolve_command(ctx, args)
+        raise_interrupts()
+        return resolved
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the verb that is called; its exceptions become sentences."""
+        with guarded():
+            return super().invoke(ctx)
+
+
+# The help is plain: it reads the same in a terminal, a log and a page of documentation.
+@click.command(
+    "commonrail", cls=Verbs, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+)
+@click.version_option(package_name="commonrail", message="%(prog)s %(version)s", help="Print the version.")
+@click.option("--traceback", is_flag=True, help="Show the traceback of an error.")
+def cli(traceback: bool) -> None:
+    """Simulate a common-rail electro-injector and calibrate it to measured injection curves.
+
+    \b
+    Start here:
+      commonrail new my-injector
+      commonrail calibrate my-injector/study.toml
+      commonrail simulate virtual-lino-2016 --rail-pressure 160MPa --energising-time 700us
+    """
