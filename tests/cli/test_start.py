@@ -13,6 +13,7 @@ import pytest
 from commonrail.cli import start
 from commonrail.cli.command import leave_out_warnings
 from commonrail.cli.guard import guarded
+from commonrail.cli.interrupt import INTERRUPTED, end_process
 
 # Ctrl-C arrives when a module is looked for, which no sleeping and no clock could hit as surely.
 PROGRAM = """
@@ -36,7 +37,7 @@ def _run(module: str, handler: str = "signal.default_int_handler") -> subprocess
 @pytest.mark.parametrize("module", ["typer", "commonrail.cli.new"])
 def test_an_interrupt_before_a_verb_runs_is_a_sentence(module):
     done = _run(module)
-    assert (done.returncode, done.stdout) == (start.INTERRUPTED, "")
+    assert (done.returncode, done.stdout) == (INTERRUPTED, "")
     assert done.stderr.split("\n") == ["", "commonrail: interrupted.", ""]
 
 
@@ -46,7 +47,7 @@ def test_an_interrupt_that_is_ignored_stays_ignored():
 
 
 def test_a_verb_meets_an_interrupt_as_an_exception():
-    before = signal.signal(signal.SIGINT, start._end)
+    before = signal.signal(signal.SIGINT, end_process)
     try:
         guarded(lambda: None)()
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -78,7 +79,7 @@ def test_an_interrupt_between_the_verb_and_the_end_has_its_status(monkeypatch):
 
     ended = []
     monkeypatch.setattr("commonrail.cli.command.main", interrupted)
-    monkeypatch.setattr(start, "_end", lambda number, frame: ended.append(number))
+    monkeypatch.setattr(start, "end_process", lambda number, frame: ended.append(number))
     before = signal.getsignal(signal.SIGINT)
     try:
         start.main()

@@ -25,8 +25,8 @@ from commonrail.calibration.convergence import judge_population, judge_restarts,
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Best, Counts, Optimiser, Trials, Wanted
-from commonrail.calibration.optimisers.refinement import Refinement
-from commonrail.calibration.optimisers.registry import row
+from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
+from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.optimisers.verdict import Verdict
 from commonrail.calibration.prior import Priors
 from commonrail.calibration.space import Space
@@ -42,6 +42,8 @@ from commonrail.workers.workers import Workers
 __all__ = ["Listeners", "Progress", "Search", "Searched", "goal_of", "objective_of", "steps"]
 
 Floats = NDArray[np.float64]
+
+_Begin = Callable[[Optimiser | None], Optimiser]  # begins an optimiser, given the one before it in the row
 
 COARSEST_SCREENING = 1.5e-6  # time step [s] at which candidates are screened, if the stiffest of them bears it
 
@@ -177,7 +179,7 @@ class Search:
         self._residuals = 0  # number of residuals, once it is known
         self.simulations = 0
         self.failures: Counter[str] = Counter()
-        self._row = row(study.method, study.space, study.seed, study.same_bits, objective.goal.loss is Loss.SOFT_L1)
+        self._row = _row(study.method, study.space, study.seed, study.same_bits, objective.goal.loss is Loss.SOFT_L1)
         self._begun = [self._row[0](None)]
         self._before: tuple[Stage, ...] = ()  # of the optimisers that have finished
         self._start = time.perf_counter()
@@ -307,3 +309,26 @@ class Search:
             self.simulations, self.failures = stage.simulations, Counter(stage.failures)
             spent = stage.seconds
         self._start -= spent
+
+
+def _row(method: Method, space: Space, seed: int, same_bits: bool = False, squares: bool = False) -> list[_Begin]:
+    """Optimisers of a study in the order in which they run: the one that it names, then refinements of what that found.
+
+    Parameters
+    ----------
+    method : Method
+    space : Space
+    seed : int
+        Of all their draws.
+    same_bits : bool
+        Take methods whose bits do not depend on the processor.
+    squares : bool
+        The squares of the residuals sum to the objective; see `RefinementSettings`.
+    """
+    first = registered(method.evolution)
+    assert first is not None  # Method has checked it
+    stages: list[_Begin] = [lambda _: first.begin(space, np.random.default_rng(seed), method.evolution)]
+    if method.polish:
+        settings = RefinementSettings(method.polish, method.polish_iterations, same_bits, squares)
+        stages.append(lambda before: Refinement(space, seed, settings, before))  # type: ignore[arg-type]
+    return stages

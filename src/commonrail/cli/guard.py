@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from commonrail.cli import typer_later as typer
 from commonrail.cli.console import say
-from commonrail.cli.start import INTERRUPTED, raise_interrupts
+from commonrail.cli.interrupt import INTERRUPTED, raise_interrupts
 from commonrail.errors import CommonrailError, InputError, OutputError
 
 __all__ = ["INTERRUPTED", "guarded", "show_traceback"]

@@ -4,43 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import ConfigurationError
+from commonrail.maps.quantity_map import InjectionMap, MapBands
 from commonrail.maps.response import LONGEST_AFTER
 
 if TYPE_CHECKING:
     from commonrail.calibration.study import Study
-    from commonrail.maps.quantity_map import InjectionMap
 
-__all__ = ["SAME", "Edges", "MapBands", "with_bands"]
+__all__ = ["SAME", "with_bands"]
 
 Floats = NDArray[np.float64]
-Edges = Mapping[float, tuple[Floats, Floats]]
 
 SAME = 1e-6  # relative difference of a parameter from the fit's value that is rounding of the injector's file
-
-
-class MapBands(NamedTuple):
-    """Edges between which measured quantities are expected, by the share of them that a band is to hold.
-
-    Attributes
-    ----------
-    estimator : str
-        Estimator of the bands, as `Prediction.estimator`.
-    quantity : mapping of float to (lower, upper)
-        Of the quantity map, (pressures, energising times) each [m³].
-    delivered : mapping of float to (lower, upper)
-        Of what the energising times of the inverse deliver, (pressures, quantities) each [m³]; NaN in cells that hold
-        no simulated time.
-    """
-
-    estimator: str
-    quantity: Edges
-    delivered: Edges
 
 
 def with_bands(

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.display.text import number
-from commonrail.maps.bands import MapBands
 from commonrail.maps.choices import CellState
 from commonrail.maps.difference import Comparison
-from commonrail.maps.quantity_map import InjectionMap
+from commonrail.maps.quantity_map import InjectionMap, MapBands
 
 __all__ = ["map_record"]
 

@@ -18,15 +18,15 @@ from commonrail.arguments import not_whole
 from commonrail.display.shown import Shown
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
-from commonrail.engine.status import OK
+from commonrail.engine.status import OK, Status
 from commonrail.errors import ConfigurationError, SimulationError, nearest
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.injector.reads import reader_of, unread_parameters
-from commonrail.maps.base_point import Base
+from commonrail.maps.base_point import AFTER, Base
 from commonrail.maps.many_points import simulate_many
-from commonrail.maps.without_number import most_frequent
+from commonrail.units import to_text
 
-__all__ = ["OPERATING", "Base", "Sweep", "Variable", "fused_of", "sweep", "unit_of"]
+__all__ = ["OPERATING", "Base", "Sweep", "Variable", "fused_of", "most_frequent", "reason_of", "sweep", "unit_of"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -44,6 +44,13 @@ OPERATING = {
 }
 SHORT = {"temperature": FUEL_TEMPERATURE}
 OF_THE_SECOND = ("energising_time", "dwell")  # variables that the first of two injections does not know
+
+# Statuses whose cure is another one in a sweep, which has no horizon; nor has it bounds, see `reason_of`.
+_SENTENCES = {
+    Status.STILL_INJECTING: (
+        f"The needle was still open {to_text(AFTER, 's')} after the last energising, so the quantity is not known."
+    ),
+}
 
 MOST_VARIABLES = 3
 MOST_SIMULATIONS = 200_000
@@ -94,6 +101,17 @@ class Sweep(Shown):
     def two(self) -> bool:
         """True if there are two injections."""
         return _two(self.base, self.variables)
+
+
+def reason_of(status: Status) -> str:
+    """Sentence of a status, as it is in a sweep."""
+    return _SENTENCES.get(status, status.sentence.replace("narrow the bounds", "other values"))
+
+
+def most_frequent(statuses: NDArray[np.integer]) -> str:
+    """Sentence of the status that most simulations ended with."""
+    kinds, counts = np.unique(statuses, return_counts=True)
+    return reason_of(Status(int(kinds[np.argmax(counts)])))
 
 
 def unit_of(name: str) -> tuple[str, str]:

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.errors import InputError
-from commonrail.maps.bands import Edges
 from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import Compensation
-from commonrail.maps.quantity_map import InjectionMap
+from commonrail.maps.quantity_map import Edges, InjectionMap
 from commonrail.reading.map_table import BAND
 from commonrail.units import convert
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from commonrail.display.chart import Band, points
 from commonrail.display.heat_map import HeatMap
 from commonrail.display.text import fixed, significant
-from commonrail.maps.bands import Edges, MapBands
-from commonrail.maps.quantity_map import InjectionMap
+from commonrail.maps.quantity_map import Edges, InjectionMap, MapBands
 
 __all__ = ["band_about", "band_heats", "band_sentences"]
 

@@ -9,19 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.tolerance.draws import Draws
+from commonrail.analysis.tolerance.parts import Parts, Simulated
 from commonrail.analysis.tolerance.spread import Spread, spread_of
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import OK
 from commonrail.errors import SimulationError
-
-if TYPE_CHECKING:
-    from commonrail.analysis.tolerance.run import Parts, Simulated
 
 __all__ = ["Trimmed", "TrimmedPoint", "trimmed"]
 

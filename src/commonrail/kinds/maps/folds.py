@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.kinds.base import Role
 from commonrail.kinds.maps.baselines import Interpolated, baseline_record, places_of, sister_baseline
-from commonrail.kinds.maps.hold_out import chosen_rows, held_out_name, rows_of
-
-if TYPE_CHECKING:
-    from commonrail.kinds.maps.data import QuantityData, QuantityScore
+from commonrail.kinds.maps.data import QuantityData, QuantityScore, chosen_rows, held_out_name, rows_of
 
 __all__ = ["Fold", "folded_record", "levels", "without"]
 
