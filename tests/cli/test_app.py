@@ -35,8 +35,6 @@ VERBS = {
     "catalogue",
     "new",
     "virtual-bench",
-    "bench",
-    "optimisers",
     "page",
     "doctor",
 }

@@ -1,1 +1,1 @@
-"""Time beside accuracy of commonrail's methods on one machine, in one record."""
+"""What `commonrail doctor` looks at."""

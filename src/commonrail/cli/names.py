@@ -36,8 +36,6 @@ VERBS = (
     "new",
     "virtual-bench",
     "reproduce",
-    "bench",
-    "optimisers",
     "doctor",
 )
 

@@ -17,8 +17,6 @@ from commonrail.kinds import RateData
 from commonrail.reproduction import paper
 from commonrail.reproduction.repetition import measure
 
-__all__ = ["CASE", "INJECTOR", "INTERVAL", "LONG_STEP", "POINT", "TIME_STEP", "candidates", "injector", "paper_study"]
-
 INJECTOR = "virtual-lino-2016"
 POINT = OperatingPoint(160e6, paper.ENERGISING_TIME, horizon=1.56e-3)
 INTERVAL = 3e-6  # between samples of the rate [s]
