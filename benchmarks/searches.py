@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.case import paper_study
 from benchmarks.methods import COARSE
 from benchmarks.solvers import PeerModel, solve_with
 from benchmarks.timing import CLOCKS
+from commonrail.arrays import Floats
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.sampling import sample_feasible
@@ -73,8 +73,6 @@ def _calibrate(study: Study) -> Searched:
 
 OWN = Optimiser("differential evolution of the paper", "commonrail", "commonrail", "repair", _calibrate)
 
-
-Floats = NDArray[np.float64]
 
 FAILED = 1e6  # stands for +inf where an optimiser cannot take it
 MEASURED = 8  # simulations from which a search by the reference is extrapolated; SciPy takes no fewer than 5 members

@@ -11,10 +11,10 @@ from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.sparse import diags
 
+from commonrail.arrays import Floats
 from commonrail.engine.explicit import Instants
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Model, Resolution
@@ -24,7 +24,6 @@ from commonrail.injector.definition import Injector
 
 __all__ = ["CvodeModel", "PeerModel", "ScipyMethod", "ScipyModel", "solve_with"]
 
-Floats = NDArray[np.float64]
 ScipyMethod = Literal["LSODA", "BDF", "Radau", "RK45", "DOP853"]
 MOST_STEPS = 1_000_000  # of CVODE between two samples
 EVENTS = 4  # of `Model.events`; the last ends a solve

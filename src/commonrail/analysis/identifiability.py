@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.certify import certify
 from commonrail.analysis.certainty.verdict import LIMIT, Verdict
@@ -14,6 +13,7 @@ from commonrail.analysis.influence import Influence, influence_of
 from commonrail.analysis.neighbourhood import around
 from commonrail.analysis.prediction.predict import judged_bands
 from commonrail.arguments import instance
+from commonrail.arrays import Bools, Floats
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.members import equal_ends, fitted_values
 from commonrail.calibration.objective import Objective
@@ -23,8 +23,6 @@ from commonrail.calibration.space import Space
 from commonrail.elementary import norm, product
 from commonrail.kinds import Role, of_role
 from commonrail.linear import least_squares
-
-Floats = NDArray[np.float64]
 
 NORMAL = 1.96  # standard errors of half an interval of 95 %
 
@@ -129,7 +127,7 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
     return found
 
 
-def _leverage(jacobian: Floats, usable: NDArray[np.bool_], i: int) -> tuple[float, float]:
+def _leverage(jacobian: Floats, usable: Bools, i: int) -> tuple[float, float]:
     """|J_i| and |J_i⊥|."""
     if not usable[i]:
         return 0.0, 0.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.checkpoint import Generation
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.optimisers.verdict import AGREEING, ALIKE, SMALL_GAIN, Verdict, noise_of
@@ -14,7 +14,6 @@ from commonrail.kinds import DataSet
 
 __all__ = ["LATEST", "judge_population", "judge_restarts", "noise_in"]
 
-Floats = NDArray[np.float64]
 
 ONE_POINT = "the search ended with one point and compared it with no other; refinements (polish = 3) would"
 LATEST = 20  # generations over which the gain of one is the mean

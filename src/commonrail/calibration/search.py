@@ -10,7 +10,6 @@ from contextlib import suppress
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.calibration.checkpoint import (
     NOT_SIMULATED,
@@ -41,7 +40,6 @@ from commonrail.workers.workers import Workers
 
 __all__ = ["Listeners", "Progress", "Search", "Searched", "goal_of", "objective_of", "steps"]
 
-Floats = NDArray[np.float64]
 
 _Begin = Callable[[Optimiser | None], Optimiser]  # begins an optimiser, given the one before it in the row
 

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from commonrail.arrays import Floats
 from commonrail.choices import Actuation, Boundary, Drive
 from commonrail.engine.balance import relative_to_injected
 from commonrail.engine.channels import all_channels
@@ -36,8 +36,6 @@ from commonrail.injector.model import Setting
 from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import drive
 from commonrail.parts.contents import contents
-
-Floats = NDArray[np.float64]
 
 
 class Resolution(NamedTuple):

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.prediction.band import Band
 from commonrail.analysis.prediction.predict import Prediction
@@ -17,7 +16,6 @@ from commonrail.units import convert
 
 __all__ = ["read_points", "write_bands"]
 
-Floats = NDArray[np.float64]
 
 SHOWN = {"m3": "mm3", "m3/s": "mm3/ms"}  # units of the file by the SI unit
 RAIL, TIME = "rail_pressure", "energising_time"

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.display.text import number
 from commonrail.files.atomic import write_csv
 from commonrail.maps.choices import CellState
@@ -18,8 +18,6 @@ from commonrail.maps.sweep import Sweep
 from commonrail.maps.table import notes_of
 from commonrail.maps.without_number import without_number
 from commonrail.units import convert
-
-Floats = NDArray[np.float64]
 
 __all__ = ["compensation_record", "sweep_record", "write_compensation", "write_sweep"]
 
@@ -154,5 +152,5 @@ def _text(value: float | Floats) -> str:
     return f"{float(value):.4f}" if np.isfinite(value) else ""
 
 
-def _numbers(values: NDArray[np.float64]) -> list[Any]:
+def _numbers(values: Floats) -> list[Any]:
     return [number(v) for v in values.tolist()] if values.ndim == 1 else [_numbers(part) for part in values]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.identifiability import identify_at
 from commonrail.arguments import function, instance
+from commonrail.arrays import Floats
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.optimisers import Counts
 from commonrail.calibration.optimisers.verdict import Verdict
@@ -25,7 +25,6 @@ from commonrail.workers.interrupt import held_interrupts
 
 __all__ = ["FmuFit", "calibrate_fmu"]
 
-Floats = NDArray[np.float64]
 
 NOT_JUDGED = "not judged: the search was stopped"
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.errors import ConfigurationError
 from commonrail.maps.quantity_map import InjectionMap, MapBands
 from commonrail.maps.response import LONGEST_AFTER
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 __all__ = ["SAME", "with_bands"]
 
-Floats = NDArray[np.float64]
 
 SAME = 1e-6  # relative difference of a parameter from the fit's value that is rounding of the injector's file
 
@@ -79,7 +78,7 @@ def _check_values(found: InjectionMap, best: Mapping[str, float]) -> None:
             )
 
 
-def _pairs(rail_pressure: Floats, time: Floats, which: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def _pairs(rail_pressure: Floats, time: Floats, which: Bools) -> list[tuple[float, float]]:
     """Rail pressures and energising times of marked cells."""
     rail = np.broadcast_to(rail_pressure[:, None], time.shape)
     return list(zip(rail[which].tolist(), time[which].tolist(), strict=True))
@@ -90,7 +89,7 @@ def _volume_factor(stated: float, density: float) -> float:
     return stated / density if np.isfinite(stated) else 1.0
 
 
-def _tables(volume: Floats, which: NDArray[np.bool_], apart: list[Floats]) -> tuple[Floats, Floats]:
+def _tables(volume: Floats, which: Bools, apart: list[Floats]) -> tuple[Floats, Floats]:
     """Edges of all cells, from their distances from the quantities of marked ones; none is injected backwards."""
     low, high = np.full((2, *volume.shape), np.nan)
     own = volume[which]

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 from commonrail.maps.quantity_map import InjectionMap
 from commonrail.maps.response import respond
 
 __all__ = ["SMALL", "Comparison", "MeasuredMap", "compare_with", "difference"]
 
-Floats = NDArray[np.float64]
 
 SMALL = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
 

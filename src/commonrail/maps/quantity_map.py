@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import instance
+from commonrail.arrays import Bools, Floats
 from commonrail.display.shown import Shown
 from commonrail.display.text import counted
 from commonrail.injector.definition import Injector
@@ -21,8 +21,6 @@ from commonrail.maps.samples import Fall, Line, falls_of, knots_of
 
 __all__ = ["BALLISTIC", "Edges", "InjectionMap", "MapBands", "injection_map", "usual_axes"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Edges = Mapping[float, tuple[Floats, Floats]]
 
 BALLISTIC = 0.98  # share of the largest lift at a rail pressure below which a needle turns round before its end

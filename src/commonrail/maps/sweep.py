@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import not_whole
+from commonrail.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.display.shown import Shown
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
@@ -28,9 +29,6 @@ from commonrail.units import to_text
 
 __all__ = ["OPERATING", "Base", "Sweep", "Variable", "fused_of", "most_frequent", "reason_of", "sweep", "unit_of"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Whole = NDArray[np.int64]
 _Any = TypeVar("_Any", np.float64, np.bool_, np.int64)
 
 # Variables of the operating point and their SI units.
@@ -94,8 +92,8 @@ class Sweep(Shown):
     second: Floats
     fused: Bools
     opening: Floats
-    status: Whole
-    first_status: Whole
+    status: Ints
+    first_status: Ints
 
     @property
     def two(self) -> bool:
@@ -201,9 +199,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     )
 
 
-def _first_alone(
-    base: Base, columns: Mapping[str, Floats], count: int
-) -> tuple[Sequence[OperatingPoint], NDArray[np.intp]]:
+def _first_alone(base: Base, columns: Mapping[str, Floats], count: int) -> tuple[Sequence[OperatingPoint], IndexArray]:
     """Distinct points with the first of two injections alone, and the place of each given point among them.
 
     Parameters

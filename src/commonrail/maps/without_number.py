@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Ints
 from commonrail.engine.status import OK, Status
 from commonrail.maps.sweep import Sweep, reason_of
 
@@ -45,7 +45,7 @@ def without_number(found: Sweep) -> list[WithoutNumber]:
     return sorted(groups, key=lambda group: (group.alone, -group.combinations))
 
 
-def _groups(found: Sweep, statuses: NDArray[np.int64], alone: bool) -> Iterator[WithoutNumber]:
+def _groups(found: Sweep, statuses: Ints, alone: bool) -> Iterator[WithoutNumber]:
     for status in np.unique(statuses[statuses != OK]).tolist():
         places = np.argwhere(statuses == status)
         first = {v.name: float(v.values[i]) for v, i in zip(found.variables, places[0].tolist(), strict=True)}

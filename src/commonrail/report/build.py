@@ -8,11 +8,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from jinja2 import UndefinedError
-from numpy.typing import NDArray
 
 from commonrail.arguments import file_path
+from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.display.chart import Figure
 from commonrail.display.text import duration, number, significant
@@ -39,7 +38,6 @@ from commonrail.report.verdict import verdict
 
 __all__ = ["BENCH", "draw_plates", "report_html", "write_report"]
 
-Floats = NDArray[np.float64]
 
 BENCH = "bench.html"  # page with sliders, which a report links where it lies beside
 MANY = 6  # figures; more are set beside one another, below a table of contents

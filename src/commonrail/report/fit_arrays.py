@@ -14,11 +14,10 @@ from commonrail.analysis.design.next import Plan
 from commonrail.analysis.posterior.sample import Posterior
 from commonrail.analysis.prediction.band import Band
 from commonrail.analysis.prediction.predict import Prediction
+from commonrail.arrays import Floats
 from commonrail.report.named import Array, Arrays, in_edge_units
 
 __all__ = ["arrays_of_certainty", "arrays_of_plan", "arrays_of_posterior", "arrays_of_prediction"]
-
-Floats = NDArray[np.float64]
 
 
 def arrays_of_certainty(found: Certainty) -> Arrays:

@@ -11,15 +11,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Sheet
 from matplotlib.ticker import LogLocator, NullLocator
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.display.chart import MARKERS, Band, Boxes, Figure, Panel, Series
 from commonrail.kinds.records import Record
 from commonrail.report import reproduction_figures
 
 __all__ = ["make_plates"]
 
-Floats = NDArray[np.float64]
 
 MM = 1.0 / 25.4  # inch
 COLUMN, PAGE = 84.0, 174.0  # widths of print [mm]

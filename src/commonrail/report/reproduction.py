@@ -5,10 +5,8 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 import commonrail as cr
+from commonrail.arrays import Floats
 from commonrail.display.text import duration, listed, percent, significant
 from commonrail.kinds.records import Record
 from commonrail.report import reproduction_figures as figures
@@ -18,7 +16,6 @@ from commonrail.report.html import render
 
 __all__ = ["PLATES", "PLATE_FOLDER", "check_reproduction", "reproduction_html", "verdicts"]
 
-Floats = NDArray[np.float64]
 Traces = Mapping[int, Mapping[str, Mapping[str, Floats]]]
 
 SCHEMAS = (1, 2, 3)  # 1 has no rigid body that is fitted, 1 and 2 have no true stiffness in Table 1

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.display.chart import BOTH, Figure, Panel, Series, points
 from commonrail.display.table import Table, tabulated
 from commonrail.display.text import counted, fixed, quantity, significant
@@ -22,7 +22,6 @@ from commonrail.units import convert
 
 __all__ = ["compensation_html", "compensation_table", "fusion_table", "sweep_figures", "sweep_html", "sweep_lines"]
 
-Floats = NDArray[np.float64]
 
 MPA, MM3, MICRO = 1e-6, 1e9, 1e6
 MOST_FIGURES = 6

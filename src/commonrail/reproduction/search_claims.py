@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.reproduction import paper
 from commonrail.reproduction.figures import Figures
 from commonrail.reproduction.measures import spread
@@ -12,7 +12,6 @@ from commonrail.reproduction.verdict import FAILS, HOLDS, OPEN, Claim, Sentence,
 
 __all__ = ["holm", "search_claims"]
 
-Floats = NDArray[np.float64]
 
 RAPID = 0.5  # of the generations: convergence is rapid if 90 % of the gain is reached before
 SIGNIFICANT = 0.05

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.ascent import FEW
 from commonrail.analysis.certainty.covariance import student
@@ -23,6 +22,7 @@ from commonrail.analysis.certainty.ripple import Ripple, ripple_of
 from commonrail.analysis.certainty.verdict import LIMIT, Judged, Verdict, verdicts_of, withdrawal
 from commonrail.analysis.certainty.within import Within, estimate_within
 from commonrail.arguments import instance, number, thread_count, whole
+from commonrail.arrays import Floats
 from commonrail.calibration.constraint_text import parse_constraints
 from commonrail.calibration.study import Study
 from commonrail.display.text import listed
@@ -31,7 +31,6 @@ from commonrail.kinds.noise import Law
 
 __all__ = ["Certainty", "certify", "friction_withdraws"]
 
-Floats = NDArray[np.float64]
 
 MEMBERS = 512  # of the library from which further starts are chosen
 MANY = 1e6  # degrees of freedom from which a quantile of Student's t is a normal one

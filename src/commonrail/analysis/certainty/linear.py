@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import covariance_of
 from commonrail.analysis.certainty.estimate import ROUNDS, Estimate, estimate_at, pulls_of, with_outliers
@@ -19,12 +18,12 @@ from commonrail.analysis.certainty.lack_of_fit import lack_of_fit
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls, constrained_step
 from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
+from commonrail.arrays import Floats
 from commonrail.calibration.study import Study
 from commonrail.errors import SimulationError
 
 __all__ = ["ESTIMATOR", "Near", "certify_near", "estimate_near"]
 
-Floats = NDArray[np.float64]
 
 ESTIMATOR = "curvature of the likelihood at the fitted values, their distance from the most likely ones added"
 DIGITS = 5  # of a standard error: LAPACK has other last bits on other processors

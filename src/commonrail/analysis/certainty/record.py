@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.lack_of_fit import LackOfFit
@@ -16,13 +15,12 @@ from commonrail.analysis.certainty.ripple import Ripple
 from commonrail.analysis.certainty.sensitivity import sensitivity_records
 from commonrail.analysis.certainty.verdict import Judged
 from commonrail.analysis.certainty.within import Within
+from commonrail.arrays import Floats
 from commonrail.display.shown import Shown
 from commonrail.display.text import number
 from commonrail.observation.quantities import known_quantity
 
 __all__ = ["Certainty", "certainty_record"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

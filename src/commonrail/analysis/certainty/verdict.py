@@ -7,19 +7,18 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.lack_of_fit import LackOfFit
 from commonrail.analysis.certainty.sensitivity import Assumed, unstated
 from commonrail.analysis.certainty.steps import Walls
+from commonrail.arrays import Floats
 from commonrail.display.text import listed, significant
 from commonrail.units import to_text
 
 __all__ = ["LIMIT", "Judged", "Verdict", "verdicts_of", "withdrawal"]
 
-Floats = NDArray[np.float64]
 
 LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
 NAMED = 0.5  # correlation from which another parameter is named

@@ -8,15 +8,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.errors import ConfigurationError
 from commonrail.kinds import DataSet, QuantityData, RateData, ReturnData
 
 __all__ = ["KINDS", "MOST_CANDIDATES", "Candidate", "grid", "place_of", "planned", "usual_axes"]
 
-Floats = NDArray[np.float64]
 
 KINDS = (QuantityData.kind, RateData.kind, ReturnData.kind)
 MOST_CANDIDATES = 2000

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import known_names
+from commonrail.arrays import Floats, Ints
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
@@ -27,7 +28,6 @@ __all__ = [
     "steady_rates",
 ]
 
-Floats = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
 STEADY = "steady_rate"  # needs a simulation of its own
@@ -108,7 +108,7 @@ def read_features(names: Sequence[str]) -> tuple[Feature, ...]:
     return tuple(FEATURES[name] for name in known_names(names, FEATURES, "features", "quantity"))
 
 
-def codes_of(feature: Feature, values: Floats, statuses: NDArray[np.int64]) -> Codes:
+def codes_of(feature: Feature, values: Floats, statuses: Ints) -> Codes:
     """Code of each value: OK where it can be used, else the status of its simulation or `NO_EVENT`.
 
     Parameters

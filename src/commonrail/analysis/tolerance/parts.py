@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.tolerance.tolerances import Tolerances
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK
-
-Floats = NDArray[np.float64]
 
 
 class Parts(NamedTuple):

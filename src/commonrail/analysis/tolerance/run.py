@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.tolerance.draws import Draws
 from commonrail.analysis.tolerance.parts import Parts, Simulated
@@ -17,13 +16,13 @@ from commonrail.analysis.tolerance.spread import spread_of
 from commonrail.analysis.tolerance.tolerances import Tolerances
 from commonrail.analysis.tolerance.trim import trimmed
 from commonrail.arguments import function, instance, number, thread_count
+from commonrail.arrays import Floats
 from commonrail.engine.status import OK, Status
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.workers.interrupt import held_interrupts
 
 __all__ = ["Progress", "tolerance"]
 
-Floats = NDArray[np.float64]
 
 LARGEST_BLOCK, SMALLEST_BLOCK = 16_384, 64  # parts that are simulated together; powers of two
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import number, settle, whole
+from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Wanted
 from commonrail.calibration.optimisers.geodesic import Ends, Rules, advance
 from commonrail.calibration.optimisers.least_squares import diverse_members
@@ -23,7 +23,6 @@ from commonrail.errors import ConfigurationError
 
 __all__ = ["MultiStartLeastSquares", "MultiStartSettings"]
 
-FloatArray = NDArray[np.float64]
 
 MOST_STARTS = 1000
 POOL = 10  # candidates, for each start, whose better half starts are chosen from
@@ -143,12 +142,12 @@ class MultiStartLeastSquares(Stepwise):
         return self._ranked(self._ends.unit, self._costs)
 
     @property
-    def population(self) -> FloatArray:
+    def population(self) -> Floats:
         """Points (n, d) of the descents, SI."""
         return self.space.from_unit(self._ends.unit)
 
     @property
-    def costs(self) -> FloatArray:
+    def costs(self) -> Floats:
         """Costs (n,) of those points."""
         return self._costs.copy()
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.display.text import fixed, listed, number, significant
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.kinds.maps.interpolation import SCALES, Rule, interpolate, interpolate_line
@@ -17,8 +17,6 @@ from commonrail.kinds.records import MM3
 
 __all__ = ["baseline_record", "Interpolated", "interpolated", "interpolated_baseline", "places_of", "sister_baseline"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 RULE = (
     "{in_time} in energising time at each fitted rail pressure, then {in_pressure} in {scale} between rail pressures "
@@ -36,7 +34,7 @@ _DECISIVE = (
 
 
 class Map(Protocol):
-    """What a baseline needs of `QuantityData`."""
+    """Quantity map as a baseline reads it."""
 
     @property
     def name(self) -> str: ...

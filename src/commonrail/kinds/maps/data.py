@@ -9,9 +9,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from commonrail.arguments import Limits, amount, array, flag, instance, instances, settle
+from commonrail.arrays import Bools, Floats, IndexArray
 from commonrail.display.text import number
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
@@ -41,8 +42,6 @@ from commonrail.units import to_text
 
 __all__ = ["SMALL_QUANTITY", "QuantityData", "QuantityScore", "chosen_rows", "held_out_name", "rows_of", "soft_l1"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 SMALL_QUANTITY = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
 TOLERANCES = Limits(1e-18, 1.0, (1e-12, 1e-6), ("mm3",))  # of a quantity per stroke [m3]
@@ -139,7 +138,7 @@ class QuantityData(DataSet):
     bounds = None
 
     if TYPE_CHECKING:  # noted by `_settle_targets`
-        _timed: ClassVar[NDArray[np.intp]]
+        _timed: ClassVar[IndexArray]
         _simulated_points: ClassVar[tuple[OperatingPoint, ...]]
         _target: ClassVar[Floats]
         _tolerance: ClassVar[Floats]

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.display.chart import BOTH, MARKERS, Figure, Panel, Series
 from commonrail.display.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.display.text import fixed, megapascal, number, signed, significant
@@ -39,7 +39,6 @@ __all__ = [
     "neighbours",
 ]
 
-Floats = NDArray[np.float64]
 
 AROUND = 50e-6  # distance of the energising times between which a dead time is interpolated [s]
 FLATTEST = 200e-6  # time in which the quantity is taken to grow from zero at the slowest [s]

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, PlainValidator
 
+from commonrail.arrays import Bools, Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError, InputError
@@ -28,7 +28,6 @@ from commonrail.units import parse, to_text
 
 __all__ = ["SAME", "DeadTimesModel", "HoldOutModel", "MapModel", "QuantitiesModel", "ReadMap", "read_map"]
 
-Floats = NDArray[np.float64]
 Pressure = Annotated[float, Unit("Pa")]
 
 AFTER_ENERGISING = 3e-3  # simulated after the end of energising; it ends early once the needle has closed [s]
@@ -129,7 +128,7 @@ class ReadMap(NamedTuple):
     quantity: Floats
     absolute: float
     relative: float
-    dead_time: NDArray[np.bool_]
+    dead_time: Bools
     mass_density: Floats | float
     dead_time_tolerance: float | None
     noise: Noise
