@@ -1,1 +1,1 @@
-"""What `commonrail doctor` looks at."""
+"""Facts of the machine for `commonrail doctor`."""
