@@ -32,6 +32,7 @@ __all__ = [
     "chosen",
     "file_path",
     "flag",
+    "fraction",
     "function",
     "instance",
     "instances",
@@ -123,6 +124,14 @@ def number(value: object, unit: str, what: str) -> float:
         raise _refused(what, _wanted(unit), value)
     if not math.isfinite(found):
         raise _refused(what, f"finite, {_wanted(unit)}", value)
+    return found
+
+
+def fraction(value: object, what: str) -> float:
+    """Read one number between 0 and 1, ends excluded; `ConfigurationError` as `number`, or if it is none."""
+    found = number(value, "1", what)
+    if not 0.0 < found < 1.0:
+        raise ConfigurationError(f"The {what} must lie between 0 and 1, not {found:g}.")
     return found
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ import numpy as np
 
 from commonrail.choices import Actuation, Body, Engine, Precision
 from commonrail.cli.console import SIMULATING, say
+from commonrail.display.text import number
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
@@ -98,7 +98,7 @@ def figures(run: Run) -> list[tuple[str, str]]:
     """Names and texts of the figures of one injection."""
     s, r = run.solution, record(run)
     injected, returned = s.injected_volume * 1e9, s.returned_volume * 1e9
-    end = run.point.pulses[-1].start + run.point.pulses[-1].duration
+    end = run.point.end_of_energising
     again = s.first_closing < s.closing
     return [
         ("injected quantity", f"{injected:.2f} mm3, {s.injected_mass * 1e6:.2f} mg"),
@@ -144,20 +144,20 @@ def record(run: Run) -> dict[str, Any]:
         "precision": run.precision.value,
         "status": s.status.name,
         "message": s.sentence,
-        "injected_volume": _finite(s.injected_volume),
-        "injected_mass": _finite(s.injected_mass),
-        "returned_volume": _finite(s.returned_volume),
-        "returned_mass": _finite(s.returned_mass),
+        "injected_volume": number(s.injected_volume),
+        "injected_mass": number(s.injected_mass),
+        "returned_volume": number(s.returned_volume),
+        "returned_mass": number(s.returned_mass),
         "reference_density": s.reference_density,
-        "opening": _finite(s.opening),
-        "closing": _finite(s.closing),
-        "opening_delay": _finite(s.opening - first.start),
-        "closing_delay": _finite(s.closing - end),
-        "first_closing": _finite(s.first_closing),
-        "peak_rate": _finite(np.max(s.rate)),
+        "opening": number(s.opening),
+        "closing": number(s.closing),
+        "opening_delay": number(s.opening - first.start),
+        "closing_delay": number(s.closing - end),
+        "first_closing": number(s.first_closing),
+        "peak_rate": number(np.max(s.rate)),
         **_shown_record(run.shown),
-        "greatest_lift": _finite(np.max(s.channels["needle_lift"])),
-        "balance": _finite(s.balance),
+        "greatest_lift": number(np.max(s.channels["needle_lift"])),
+        "balance": number(s.balance),
         "seconds": run.seconds,
     }
 
@@ -174,7 +174,7 @@ def _shown_record(shown: Metered | None) -> dict[str, Any]:
     """Figures of what a meter shows [SI], under the key "meter"; empty without one."""
     if shown is None:
         return {}
-    peak, quantity = _finite(np.max(shown.rate)), _finite(shown.quantity)
+    peak, quantity = number(np.max(shown.rate)), number(shown.quantity)
     return {"meter": {"name": shown.meter.name, "peak_rate": peak, "quantity": quantity}}
 
 
@@ -198,10 +198,6 @@ def write_csv(run: Run, path: Path) -> None:
 
 def _unit(channel: str) -> tuple[str, float]:
     return _UNITS.get(channel.rsplit("_", 1)[-1], ("1", 1.0))
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _instant(at: float | None, delay: float | None, event: str) -> str:

@@ -217,6 +217,11 @@ class OperatingPoint:
         return self.energisings
 
     @property
+    def end_of_energising(self) -> float:
+        """End of the last energising, the start of the simulation if there is none [s]."""
+        return self.pulses[-1].start + self.pulses[-1].duration if self.pulses else self.start
+
+    @property
     def duration(self) -> float:
         """Time simulated [s]."""
         if self.horizon is not None:

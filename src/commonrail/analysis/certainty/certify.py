@@ -21,7 +21,7 @@ from commonrail.analysis.certainty.record import Certainty
 from commonrail.analysis.certainty.ripple import Ripple, ripple_of
 from commonrail.analysis.certainty.verdict import LIMIT, Judged, Verdict, verdicts_of, withdrawal
 from commonrail.analysis.certainty.within import Within, estimate_within
-from commonrail.arguments import instance, number, thread_count, whole
+from commonrail.arguments import fraction, instance, thread_count, whole
 from commonrail.arrays import Floats
 from commonrail.calibration.constraint_text import parse_constraints
 from commonrail.calibration.study import Study
@@ -82,7 +82,7 @@ def certify(
     """
     instance(study, Study, "study")
     starts = whole(starts, "starts", 1)
-    level, limit = _share(level, "level"), _share(limit, "limit")
+    level, limit = fraction(level, "level"), fraction(limit, "limit")
     own = Likelihood.of(study, thread_count(threads))
     wanted = list(own.names) if profiles is None else list(profiles)
     columns = [_column(own, name) for name in wanted]
@@ -214,13 +214,6 @@ def _adopted(first: Within, again: Within) -> Within:
     """The better estimate; starts that agreed with the first one do not count for it."""
     whole, found = (replace(one, starts=first.whole.starts, agreeing=1) for one in (again.whole, again.found))
     return again._replace(whole=whole, found=found)
-
-
-def _share(value: float, what: str) -> float:
-    found = number(value, "1", what)
-    if not 0.0 < found < 1.0:
-        raise ConfigurationError(f"The {what} must lie between 0 and 1, not {found:g}.")
-    return found
 
 
 def _column(own: Likelihood, name: str) -> int:

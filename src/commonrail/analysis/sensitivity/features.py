@@ -61,10 +61,6 @@ def _first(point: OperatingPoint) -> float:
     return point.pulses[0].start if point.pulses else point.start
 
 
-def _end(point: OperatingPoint) -> float:
-    return point.pulses[-1].start + point.pulses[-1].duration if point.pulses else point.start
-
-
 _ALL = (
     Feature("quantity", "m3", "injected quantity", lambda b, p: b.injected_volume[:, 0]),
     Feature("return_quantity", "m3", "return quantity", lambda b, p: b.returned_volume[:, 0]),
@@ -81,7 +77,7 @@ _ALL = (
         "closing_delay",
         "s",
         "closing delay: from the end of energising to closing",
-        lambda b, p: b.closing[:, 0] - _end(p),
+        lambda b, p: b.closing[:, 0] - p.end_of_energising,
     ),
     Feature("duration", "s", "duration from opening to closing", lambda b, p: b.closing[:, 0] - b.opening[:, 0]),
     Feature("lift", "m", "largest needle lift", lambda b, p: b.greatest_lift[:, 0]),

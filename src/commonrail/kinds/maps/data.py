@@ -40,9 +40,6 @@ from commonrail.observation.signal import Given, shown_quantities
 from commonrail.reading.place import Place, located
 from commonrail.units import to_text
 
-__all__ = ["SMALL_QUANTITY", "QuantityData", "QuantityScore", "chosen_rows", "held_out_name", "rows_of", "soft_l1"]
-
-
 SMALL_QUANTITY = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
 TOLERANCES = Limits(1e-18, 1.0, (1e-12, 1e-6), ("mm3",))  # of a quantity per stroke [m3]
 TIME_TOLERANCES = Limits(1e-12, 1.0, (1e-8, 1e-3), ("us",))  # of a dead time [s]
@@ -325,9 +322,9 @@ class QuantityData(DataSet):
         return QuantityScore(
             quantity,
             dead_time,
-            _rms(error[large] / self.quantity[large]),
-            _rms(error[small]),
-            _rms(dead_time - measured),
+            rms(error[large] / self.quantity[large]),
+            rms(error[small]),
+            rms(dead_time - measured),
         )
 
     def missing(self, score: QuantityScore) -> list[Missing]:
@@ -498,5 +495,6 @@ def _find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
     return found
 
 
-def _rms(values: Floats) -> float:
+def rms(values: Floats) -> float:
+    """Root mean square; NaN of no values."""
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
