@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.choices import Actuation, Body, Engine, Precision
 from commonrail.cli.console import SIMULATING, say
-from commonrail.display.text import number
+from commonrail.display.text import FieldUnit, field_unit, number
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
@@ -23,13 +23,7 @@ from commonrail.units import to_text
 
 __all__ = ["Run", "Settings", "figures", "heading", "record", "solve", "with_body", "write_csv"]
 
-# Channels of a solution by the end of their name: unit in the file, and its factor from SI.
-_UNITS = {
-    "lift": ("um", 1e6),
-    "pressure": ("MPa", 1e-6),
-    "current": ("A", 1.0),
-    "force": ("N", 1.0),
-}
+_UNITS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N"}  # of a solution's channels, by the end of a name
 
 
 class Settings(NamedTuple):
@@ -181,11 +175,11 @@ def _shown_record(shown: Metered | None) -> dict[str, Any]:
 def write_csv(run: Run, path: Path) -> None:
     """Write rate and channels against time; the rate is the mean over the step that ends at the time."""
     s = run.solution
-    names = [f"{name} [{_unit(name)[0]}]" for name in s.channels]
+    names = [f"{name} [{_unit(name).name}]" for name in s.channels]
     columns = [s.time[1:] * 1e6, s.rate_mm3_per_ms, s.rate_mg_per_ms, s.injected[1:] * 1e6]
     if run.shown is not None:
         columns.append(run.shown.rate_mm3_per_ms)
-    columns += [values[1:] * _unit(name)[1] for name, values in s.channels.items()]
+    columns += [values[1:] * _unit(name).factor for name, values in s.channels.items()]
     notes = (
         f"simulated by commonrail, not measured: {heading(run)}",
         "rates are means over the interval that ends at the row's time; the rest is instantaneous",
@@ -196,8 +190,8 @@ def write_csv(run: Run, path: Path) -> None:
     atomic.write_csv(path, notes, head, rows)
 
 
-def _unit(channel: str) -> tuple[str, float]:
-    return _UNITS.get(channel.rsplit("_", 1)[-1], ("1", 1.0))
+def _unit(channel: str) -> FieldUnit:
+    return field_unit(_UNITS.get(channel.rsplit("_", 1)[-1], "1"))
 
 
 def _instant(at: float | None, delay: float | None, event: str) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from commonrail.arguments import not_whole
 from commonrail.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.display.shown import Shown
+from commonrail.display.text import field_unit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
@@ -27,7 +28,18 @@ from commonrail.maps.base_point import AFTER, Base
 from commonrail.maps.many_points import simulate_many
 from commonrail.units import to_text
 
-__all__ = ["OPERATING", "Base", "Sweep", "Variable", "fused_of", "most_frequent", "reason_of", "sweep", "unit_of"]
+__all__ = [
+    "OPERATING",
+    "Base",
+    "Sweep",
+    "Variable",
+    "fused_of",
+    "most_frequent",
+    "reason_of",
+    "sweep",
+    "table_unit",
+    "unit_of",
+]
 
 _Any = TypeVar("_Any", np.float64, np.bool_, np.int64)
 
@@ -110,6 +122,11 @@ def most_frequent(statuses: NDArray[np.integer]) -> str:
     """Sentence of the status that most simulations ended with."""
     kinds, counts = np.unique(statuses, return_counts=True)
     return reason_of(Status(int(kinds[np.argmax(counts)])))
+
+
+def table_unit(unit: str) -> str:
+    """Unit of a table for a variable by its SI unit; temperatures are in degrees Celsius."""
+    return "degC" if unit == "K" else field_unit(unit).name
 
 
 def unit_of(name: str) -> tuple[str, str]:
