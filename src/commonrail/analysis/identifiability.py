@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from commonrail.analysis.certainty.certify import certify
-from commonrail.analysis.certainty.verdict import LIMIT, Verdict
+from commonrail.analysis.certainty.verdict import ParameterVerdict
 from commonrail.analysis.influence import Influence, influence_of
 from commonrail.analysis.neighbourhood import around
 from commonrail.analysis.prediction.predict import judged_bands
@@ -149,7 +149,5 @@ def _verdict(spread: float, alone: float, joint: float, value: float) -> str:
     value : float
         Of the parameter [SI].
     """
-    half = NORMAL * abs(spread)
-    if half <= LIMIT * abs(value) * joint:
-        return Verdict.PINNED.value
-    return (Verdict.COMBINED if half <= LIMIT * abs(value) * alone else Verdict.UNSEEN).value
+    half, single = (NORMAL * abs(spread) / change if change > 0.0 else np.inf for change in (joint, alone))
+    return ParameterVerdict.by_width(half, single, value).value

@@ -26,7 +26,7 @@ from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Best, Counts, Optimiser, Trials, Wanted
 from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
 from commonrail.calibration.optimisers.registry import registered
-from commonrail.calibration.optimisers.verdict import Verdict
+from commonrail.calibration.optimisers.verdict import Convergence
 from commonrail.calibration.prior import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.spread import SpreadObjective
@@ -214,14 +214,14 @@ class Search:
             return found
         return f"{first.phase}: {re.sub('(not )?converged: ', '', found)}; then {last.phase}"
 
-    def verdict(self) -> Verdict:
+    def verdict(self) -> Convergence:
         """Verdict on convergence: that of the refinements, else of the first optimiser or on its population."""
         first, last = self._begun[0], self._begun[-1]
         if isinstance(last, Refinement) and len(last.end_costs):
             return judge_restarts(last.end_costs, self._noise(last))
         return first.verdict or self._of_population(first)
 
-    def _of_population(self, optimiser: Optimiser) -> Verdict:
+    def _of_population(self, optimiser: Optimiser) -> Convergence:
         return judge_population(optimiser.costs, self.history, self._noise(optimiser))
 
     def _noise(self, optimiser: Optimiser) -> float:

@@ -6,7 +6,7 @@ from collections import Counter
 
 from commonrail.analysis.certainty.certify import Certainty
 from commonrail.analysis.certainty.record import certainty_record
-from commonrail.analysis.certainty.verdict import Verdict
+from commonrail.analysis.certainty.verdict import ParameterVerdict
 from commonrail.analysis.design.next import Plan
 from commonrail.analysis.posterior.record import posterior_record
 from commonrail.analysis.posterior.sample import Posterior
@@ -32,7 +32,7 @@ def certainty_face_lines(found: Certainty) -> list[str]:
     """Number of parameters by verdict, then the sentences of the report."""
     counts = Counter(judged.verdict for judged in found.verdicts)
     size = counted(len(found.verdicts), "parameter")
-    named = [f"{counts[verdict]} {verdict.value}" for verdict in Verdict if counts[verdict]]
+    named = [f"{counts[verdict]} {verdict.value}" for verdict in ParameterVerdict if counts[verdict]]
     return [f"{size}: {', '.join(named)}", *certainty_lines(_kept(found))]
 
 

@@ -19,7 +19,7 @@ from commonrail.analysis.certainty.missing_friction import MissingFriction, miss
 from commonrail.analysis.certainty.profile import Profile, profiles_of
 from commonrail.analysis.certainty.record import Certainty
 from commonrail.analysis.certainty.ripple import Ripple, ripple_of
-from commonrail.analysis.certainty.verdict import LIMIT, Judged, Verdict, verdicts_of, withdrawal
+from commonrail.analysis.certainty.verdict import LIMIT, Judged, ParameterVerdict, verdicts_of, withdrawal
 from commonrail.analysis.certainty.within import Within, estimate_within
 from commonrail.arguments import fraction, instance, thread_count, whole
 from commonrail.arrays import Floats
@@ -206,7 +206,7 @@ def friction_withdraws(
         Without this test.
     threads : int or None
     """
-    pinned = any(one.verdict is Verdict.PINNED for one in verdicts)
+    pinned = any(one.verdict is ParameterVerdict.PINNED for one in verdicts)
     return missing_friction(study, found, threads) if pinned else None
 
 

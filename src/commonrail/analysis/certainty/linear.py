@@ -17,7 +17,7 @@ from commonrail.analysis.certainty.estimate import ROUNDS, Estimate, estimate_at
 from commonrail.analysis.certainty.lack_of_fit import lack_of_fit
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls, constrained_step
-from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
+from commonrail.analysis.certainty.verdict import ParameterVerdict, verdicts_of, withdrawal
 from commonrail.arrays import Floats
 from commonrail.calibration.study import Study
 from commonrail.errors import SimulationError
@@ -37,11 +37,11 @@ class Near(NamedTuple):
     ----------
     standard_error : float or None
         Of the given value [SI]; None where nothing holds the parameter.
-    verdict : Verdict
+    verdict : ParameterVerdict
     """
 
     standard_error: float | None
-    verdict: Verdict
+    verdict: ParameterVerdict
 
 
 def certify_near(study: Study, best: Mapping[str, float], threads: int | None = None) -> dict[str, Near]:

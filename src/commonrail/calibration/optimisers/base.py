@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonrail.arrays import Bools, Floats
-from commonrail.calibration.optimisers.verdict import Verdict
+from commonrail.calibration.optimisers.verdict import Convergence
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError, StudyError
 
@@ -135,7 +135,7 @@ class Optimiser(ABC):
         return self._ended if self.finished else ""
 
     @property
-    def verdict(self) -> Verdict | None:
+    def verdict(self) -> Convergence | None:
         """Own verdict on convergence; None of a search that does not judge itself, see `calibration/convergence.py`."""
         return None
 
