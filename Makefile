@@ -92,7 +92,7 @@ kernels: $(VENV)/.runtime ## compile the simulations of the catalogue into libra
 	$(BIN)/python -m commonrail.export.lane_library
 
 bench: $(VENV)/.bench ## time and accuracy beside peers, into benchmarks/results.json and docs/images/
-	$(BIN)/python -m benchmarks benchmarks/results.json
+	$(BIN)/python -m benchmarks speed --peers --out benchmarks/results.json
 	$(BIN)/python -m benchmarks.roofline benchmarks/results.json
 	$(BIN)/python -m benchmarks.plot benchmarks/results.json docs/images
 

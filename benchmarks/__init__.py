@@ -1,1 +1,1 @@
-"""Parts of ``make bench`` alone: other solvers and optimisers, cost curves, rooflines, figures."""
+"""Time, accuracy and search of commonrail beside other solvers and optimisers; rooflines and figures."""

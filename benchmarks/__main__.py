@@ -1,30 +1,48 @@
-"""commonrail beside other solvers and optimisers, and its cost curves: ``python -m benchmarks [--quick] RECORD.json``.
+"""Time and accuracy of commonrail, and its optimisers beside others: ``python -m benchmarks speed|optimisers``.
 
-``make bench`` runs it, then adds what bounds a step (`benchmarks.roofline`) and draws figures (`benchmarks.plot`).
+``make bench`` runs ``speed --peers``, then adds what bounds a step (`benchmarks.roofline`) and draws figures
+(`benchmarks.plot`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import argparse
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
 from benchmarks import curves
+from benchmarks.contest import SLOTS, contest, entries, problems_of, standing
 from benchmarks.methods import peer_methods, right_hand_side
+from benchmarks.run import (
+    TABLES,
+    Columns,
+    Make,
+    Stage,
+    column,
+    effort,
+    grids,
+    number,
+    run_bench,
+    sentences,
+    stages,
+    tabulated,
+    words,
+)
 from benchmarks.searches import OPTIMISERS, reference_searches
 from commonrail.bench.machine import version
-from commonrail.bench.record import TABLES, Columns, Make, column, number, tabulated, words
-from commonrail.bench.run import Stage, effort, run_bench, stages
-from commonrail.cli.bench import MEASURING, show, told
-from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.guard import guarded
+from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.output import check_file
 from commonrail.cli.progress import Bar
+from commonrail.cli.progress import Stage as Shown
 from commonrail.engine.simulate import usable_threads
+from commonrail.errors import CommonrailError, ConfigurationError
+from commonrail.files.atomic import write_text
 
-__all__ = ["main", "missing_peers", "planned"]
-
+INTERRUPTED = 130  # exit status
 EXTRA = "pip install 'commonrail[bench]'"
 PACKAGES = {"sksundae": "SUNDIALS CVODE (scikit-sundae)", "pymoo": "pymoo", "cma": "pycma"}
 DISTRIBUTIONS = ("scikit-sundae", "pymoo", "cma")
@@ -88,20 +106,181 @@ ALL_TABLES: dict[str, Make] = TABLES | {
 }
 
 
-@verb
-@guarded()
-def main(
-    record: Annotated[Path, Argument(metavar="RECORD.json", help="File for the record.")],
-    quick: Annotated[bool, Option("--quick", help="Shorter timings and fewer rows.")] = False,
-) -> None:
-    """Measure commonrail beside other solvers and optimisers, and its cost curves."""
-    check_file(record, "RECORD.json")
-    with Bar(MEASURING) as bar:
-        options = {"peers": True, "curves": True, "quick": quick}
-        found = run_bench(planned(quick), told(bar), options=options, missing=missing_peers())
-    found["machine"]["versions"] |= {name: known for name in DISTRIBUTIONS if (known := version(name))}
-    show(found, record, False, ALL_TABLES)
+def speed(quick: bool, peers: bool, out: Path | None, as_json: bool) -> int:
+    """Measure time and accuracy of simulations and searches; what was measured before Ctrl-C is shown too.
+
+    Parameters
+    ----------
+    quick : bool
+        Shorter timings and fewer rows.
+    peers : bool
+        Other solvers and optimisers too, and cost curves.
+    out : Path or None
+        File for the record.
+    as_json : bool
+        Print the record in place of tables.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    check_file(out, "--out")
+    options = {"peers": True, "curves": True, "quick": quick} if peers else {"quick": quick}
+    with Bar("measuring; leave the machine alone meanwhile") as bar:
+        record = run_bench(
+            planned(quick) if peers else stages(quick),
+            lambda title, done, total: bar.show(Shown(title, done, total, "")),
+            options=options,
+            missing=missing_peers() if peers else (),
+        )
+    if peers:
+        record["machine"]["versions"] |= {name: known for name in DISTRIBUTIONS if (known := version(name))}
+    if out is not None:
+        write_text(out, json.dumps(record, indent=1, allow_nan=False) + "\n")
+    if as_json:
+        print_json(record)
+    else:
+        for grid in grids(record, ALL_TABLES):
+            print_rows(grid.heads, grid.rows, grid.title, texts=grid.texts)
+        print("\n".join(sentences(record)))
+    return _ended(record["status"] == "interrupted")
+
+
+def optimisers(
+    studies: Sequence[Path],
+    benches: int,
+    seeds: int,
+    evaluations: int,
+    methods: Sequence[str],
+    *,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Compare optimisers at equal evaluations, on one thread; what was found before Ctrl-C is shown too.
+
+    Parameters
+    ----------
+    studies : sequence of Path
+        Study files; the paper's case if there are none.
+    benches : int
+        Number of virtual benches besides: SYNTHETIC, the paper's case with other stiffnesses, noise and scatter.
+    seeds : int
+        Number of seeds, from 1.
+    evaluations : int
+        Of each search, candidates at all operating points of a study.
+    methods : sequence of str
+        Beginnings of the names of methods beside the paper's; all if there are none.
+    out : Path or None
+        File for every step of every search.
+    as_json : bool
+        Print the standing as JSON.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    check_file(out, "--out")
+    rows: list[dict[str, Any]] = []
+    stopped = False
+    with Bar("comparing optimisers") as bar:
+        problems = problems_of(studies, benches)
+        names = [entry.name for problem in problems[:1] for entry in entries(problem, evaluations)]
+        if strange := [method for method in methods if not any(name.startswith(method) for name in names)]:
+            raise ConfigurationError(f'there is no optimiser "{strange[0]}"; take one of: {", ".join(names)}.')
+        chosen = [name for name in names if not methods or name == names[0] or name.startswith(tuple(methods))]
+        total = len(problems) * len(chosen) * seeds
+        try:
+            for row in contest(problems, range(1, seeds + 1), evaluations, methods):
+                rows.append(row)
+                bar.show(Shown("searches", len(rows), total, f"{row['problem']}, {row['optimiser']}"))
+        except KeyboardInterrupt:
+            stopped = True
+    table = standing(rows, evaluations)
+    record = {"kind": "optimisers", "evaluations": evaluations, "standing": table, "searches": rows}
+    if out is not None:
+        write_text(out, json.dumps(record, allow_nan=False) + "\n")
+    if as_json:
+        print_json({**record, "searches": len(rows)})
+    else:
+        cells = [[text(row) for text in _STANDING.values()] for row in table]
+        print_rows(list(_STANDING), cells, f"{evaluations} evaluations, medians of seeds", texts=2)
+    return _ended(stopped)
+
+
+def _ended(interrupted: bool) -> int:
+    if interrupted:
+        say("interrupted; what was found so far is above.")
+    return INTERRUPTED if interrupted else 0
+
+
+def _reached(key: str) -> Callable[[Mapping[str, Any]], str]:
+    return lambda row: "not reached" if row[key] is None else number(row[key])
+
+
+def _objective(key: str, none: str) -> Callable[[Mapping[str, Any]], str]:
+    return lambda row: none if row[key] is None else f"{row[key]:.5g}"
+
+
+def _percent(key: str) -> Callable[[Mapping[str, Any]], str]:
+    return lambda row: f"{100.0 * row[key]:.0f} %"
+
+
+_STANDING: dict[str, Callable[[dict[str, Any]], str]] = {
+    "problem": words("problem"),
+    "optimiser": words("optimiser"),
+    "seeds": words("seeds"),
+    "J at a tenth": _objective("tenth", "none yet"),
+    "J at the end": _objective("end", "none"),
+    "within 1 % of the best known": _percent("near"),
+    "evaluations to there": _reached("near_evaluations"),
+    "evaluations to the paper's J": _reached("equal_evaluations"),
+    "times fewer": _reached("saving"),
+    "s": column("seconds"),
+    "converged": _percent("converged"),
+}
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", allow_abbrev=False)
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    shared = argparse.ArgumentParser(add_help=False)
+    shared.add_argument("--out", type=Path, metavar="FILE.json", help="file for the record")
+    shared.add_argument("--json", action="store_true", help="print JSON in place of tables")
+    one = verbs.add_parser("speed", parents=[shared], help="time and accuracy of simulations and searches")
+    one.add_argument("--quick", action="store_true", help="shorter timings and fewer rows")
+    one.add_argument("--peers", action="store_true", help="other solvers and optimisers too, and cost curves")
+    other = verbs.add_parser("optimisers", parents=[shared], help="optimisers at equal evaluations, on one thread")
+    other.add_argument("studies", type=Path, nargs="*", metavar="STUDY.toml", help="by default the paper's case")
+    other.add_argument("--benches", type=_count(0), default=0, help="number of virtual benches besides")
+    other.add_argument("--seeds", type=_count(1), default=5, help="number of seeds, from 1")
+    other.add_argument("--evaluations", type=_count(50), default=SLOTS, help="of each search")
+    other.add_argument("--method", action="append", default=[], help="beside the paper's; can be repeated")
+    return parser
+
+
+def _count(least: int) -> Callable[[str], int]:
+    def count(text: str) -> int:
+        if int(text) < least:
+            raise argparse.ArgumentTypeError(f"must be {least} or more, not {text}")
+        return int(text)
+
+    return count
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run a command line, by default this process's; returns the exit status."""
+    given = _parser().parse_args(words)
+    try:
+        if given.verb == "speed":
+            return speed(given.quick, given.peers, given.out, given.json)
+        numbers = given.benches, given.seeds, given.evaluations
+        return optimisers(given.studies, *numbers, given.method, out=given.out, as_json=given.json)
+    except CommonrailError as error:
+        say(f"benchmarks: {error}")
+        return error.exit_code
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from commonrail.bench.case import POINT, candidates, injector
+from benchmarks.case import POINT, candidates, injector
+from benchmarks.timing import CLOCKS, Clocks, Effort, time_best
 from commonrail.bench.child import Runner, ask_child, run_child
-from commonrail.bench.timing import CLOCKS, Clocks, Effort, time_best
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch, usable_threads
 from commonrail.reproduction import paper

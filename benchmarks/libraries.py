@@ -17,8 +17,8 @@ import time
 from dataclasses import fields
 from typing import Any
 
-from commonrail.bench.case import POINT, candidates, injector
-from commonrail.bench.timing import Effort, time_best
+from benchmarks.case import POINT, candidates, injector
+from benchmarks.timing import Effort, time_best
 from commonrail.choices import Precision
 from commonrail.compile_target import SWITCH
 from commonrail.engine import library, plan

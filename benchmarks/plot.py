@@ -106,7 +106,7 @@ def main() -> None:
     if len(sys.argv) != 3:
         sys.exit("usage: python -m benchmarks.plot RECORD.json FOLDER")
     try:
-        record = read_record(Path(sys.argv[1]), "commonrail bench")
+        record = read_record(Path(sys.argv[1]), "python -m benchmarks speed")
     except CommonrailError as error:
         sys.exit(str(error))
     print(*draw(record, Path(sys.argv[2])), sep="\n")

@@ -1,6 +1,6 @@
 """Figure of a contest of optimisers as SVG: ``python -m benchmarks.plot_optimisers RECORD.json FILE.svg``.
 
-The record is that of ``commonrail optimisers --out RECORD.json``.
+The record is that of ``python -m benchmarks optimisers --out RECORD.json``.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.contest import Trace
 from benchmarks.plot import STYLE
-from commonrail.bench.contest import Trace
 
 __all__ = ["draw_contest", "medians"]
 

@@ -12,8 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from commonrail.bench.case import POINT, candidates, injector
-from commonrail.bench.timing import Effort, time_best
+from benchmarks.case import POINT, candidates, injector
+from benchmarks.timing import Effort, time_best
 from commonrail.engine.simulate import simulate_batch, usable_threads
 from commonrail.reproduction import paper
 

@@ -23,9 +23,9 @@ import llvmlite.binding as llvm
 import numba
 import numpy as np
 
+from benchmarks.case import POINT, TIME_STEP, candidates, injector
+from benchmarks.timing import Effort, time_best
 from commonrail import targets
-from commonrail.bench.case import POINT, TIME_STEP, candidates, injector
-from commonrail.bench.timing import Effort, time_best
 from commonrail.choices import Precision
 from commonrail.compile_target import own_processor
 from commonrail.engine import lanes, plan

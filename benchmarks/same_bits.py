@@ -9,8 +9,8 @@ from __future__ import annotations
 import functools
 import sys
 
-from commonrail.bench.case import POINT, TIME_STEP, candidates, injector
-from commonrail.bench.timing import Effort, Timing, time_best
+from benchmarks.case import POINT, TIME_STEP, candidates, injector
+from benchmarks.timing import Effort, Timing, time_best
 from commonrail.choices import Precision
 from commonrail.engine import plan
 from commonrail.engine.simulate import simulate_batch, usable_threads

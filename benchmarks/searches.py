@@ -1,8 +1,7 @@
 """The paper's calibration by other optimisers, on the same lanes and data, with about as many simulations.
 
 Each optimiser keeps to the bounds (16) and the ordering (14), (15) in its own way; none is tuned. The cost of a search
-by a scalar solver is extrapolated from a measured part, and marked so.
-"""
+by a scalar solver is extrapolated from a measured part, and marked so."""
 
 from __future__ import annotations
 
@@ -11,14 +10,14 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from benchmarks.case import paper_study
+from benchmarks.methods import COARSE
 from benchmarks.solvers import PeerModel, solve_with
-from commonrail.bench.case import paper_study
-from commonrail.bench.methods import COARSE
-from commonrail.bench.searches import Optimiser, Searched
-from commonrail.bench.timing import CLOCKS
+from benchmarks.timing import CLOCKS
+from commonrail.arrays import Floats
 from commonrail.calibration.objective import Objective
+from commonrail.calibration.run import calibrate
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.calibration.study import Study
 from commonrail.engine.operating_point import OperatingPoint
@@ -28,9 +27,52 @@ from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.kinds import RateData
 
-__all__ = ["OPTIMISERS", "Tally", "reference_searches"]
 
-Floats = NDArray[np.float64]
+class Searched(NamedTuple):
+    """Time of a search, of which of its simulations (None: not measured) [s]; simulations, J of the best feasible."""
+
+    seconds: float
+    simulating_seconds: float | None
+    simulations: int
+    best: float
+
+
+class Optimiser(NamedTuple):
+    """An optimiser: its package and module, how it keeps to the ordering (14), (15), and how it runs a study."""
+
+    name: str
+    package: str
+    module: str
+    ordering: str
+    run: Callable[[Study], Searched]
+
+
+def measure_search(optimiser: Optimiser, seed: int) -> dict[str, Any]:
+    """Row of one search with one seed, after a short one that loads what it needs; J is None where it is not finite."""
+    optimiser.run(paper_study(seed, generations=1))
+    found = optimiser.run(paper_study(seed))
+    return {
+        "optimiser": optimiser.name,
+        "package": optimiser.package,
+        "ordering": optimiser.ordering,
+        "seed": seed,
+        "seconds": found.seconds,
+        "simulating_seconds": found.simulating_seconds,
+        "simulations": found.simulations,
+        "J": found.best if np.isfinite(found.best) else None,
+        "extrapolated": False,
+    }
+
+
+def _calibrate(study: Study) -> Searched:
+    found = calibrate(study)
+    if found.status == "interrupted":
+        raise KeyboardInterrupt
+    return Searched(found.seconds, None, found.simulations, found.cost)
+
+
+OWN = Optimiser("differential evolution of the paper", "commonrail", "commonrail", "repair", _calibrate)
+
 
 FAILED = 1e6  # stands for +inf where an optimiser cannot take it
 MEASURED = 8  # simulations from which a search by the reference is extrapolated; SciPy takes no fewer than 5 members

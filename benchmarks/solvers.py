@@ -8,28 +8,34 @@ call back is as lean as it can be made: what the reference engine spends on its 
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.sparse import diags
 
-from commonrail.bench.methods import Counted
+from commonrail.arrays import Floats
 from commonrail.engine.explicit import Instants
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.reference import Model, Resolution
+from commonrail.engine.solution import Solution
 from commonrail.engine.timetable import courses
 from commonrail.injector.definition import Injector
 
 __all__ = ["CvodeModel", "PeerModel", "ScipyMethod", "ScipyModel", "solve_with"]
 
-Floats = NDArray[np.float64]
 ScipyMethod = Literal["LSODA", "BDF", "Radau", "RK45", "DOP853"]
 MOST_STEPS = 1_000_000  # of CVODE between two samples
 EVENTS = 4  # of `Model.events`; the last ends a solve
 SAME = 1e-13  # times nearer than this are one [s]: CVODE refuses to step so far
 MOST_EVALUATIONS = 1_000_000  # of a simulation: ten times as many as any needs; LSODA may stick behind a kink
+
+
+class Counted(NamedTuple):
+    """A simulation and how often it evaluated the right-hand side; 0 where evaluations are not counted."""
+
+    solution: Solution
+    evaluations: int
 
 
 class _Stuck(Exception):

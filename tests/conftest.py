@@ -48,7 +48,7 @@ OTHERS = (
     *(f"engine/test_{name}.py" for name in ("precision", "streaming", "closings", "validity")),
     "equivalence/test_lanes_and_reference.py",
     "benchmarks/test_solvers.py",
-    "bench/test_throughput.py",
+    "benchmarks/test_throughput.py",
     "store/test_precision.py",
     "analysis/test_outside.py",
     "parts/test_feed_pipe.py",

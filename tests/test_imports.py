@@ -10,6 +10,9 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from grimp import build_graph
+
+from tools.structure import circles
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "commonrail"
@@ -33,6 +36,10 @@ def lint_imports(source: Path) -> subprocess.CompletedProcess[str]:
 def test_contracts_hold() -> None:
     done = lint_imports(SOURCE.parent)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_no_modules_import_one_another() -> None:
+    assert circles(build_graph("commonrail", include_external_packages=False)) == []
 
 
 # Each line breaks one contract: room, what is imported, and the contract that must object.

@@ -27,7 +27,7 @@ from commonrail.analysis.certainty.estimate import Estimate, library, starts_fro
 from commonrail.analysis.certainty.freed import judged_residuals
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import missing_delay
-from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
+from commonrail.analysis.certainty.verdict import ParameterVerdict, verdicts_of, withdrawal
 from commonrail.analysis.certainty.within import Within, estimate_within
 from commonrail.injector.variants import Drive
 from commonrail.kinds import DataSet
@@ -301,7 +301,7 @@ def row(bed: Bed, many: int) -> Row:
         inside.append((low <= bench.truth) & (bench.truth <= high))
         half.append(0.5 * (high - low) / bench.truth)
         printed.append(np.full(len(low), one.settled) & np.isfinite(high))
-        pinned.append([j.verdict is Verdict.PINNED for j in judged])
+        pinned.append([j.verdict is ParameterVerdict.PINNED for j in judged])
         right.append(np.abs(one.point - bench.truth) <= [j.half for j in judged])
         alarms.append(any(test.found for test in tests))
     held, shown, called = np.array(inside), np.array(printed), np.array(pinned)

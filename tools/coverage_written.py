@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import commonrail as cr
-from commonrail.analysis.certainty.verdict import Verdict
+from commonrail.analysis.certainty.verdict import ParameterVerdict
 from commonrail.injector.variants import Drive
 from commonrail.kinds.noise import Noise
 from tools.noises import NOISES, DrawnNoise
@@ -175,7 +175,7 @@ def measured(bed: str, noise: str, many: int, limit: float = np.inf) -> Found:
             continue
         withdrawn += bool(one.withdrawn)
         simulations += one.simulated
-        pinned = np.array([v.verdict is Verdict.PINNED for v in one.verdicts])
+        pinned = np.array([v.verdict is ParameterVerdict.PINNED for v in one.verdicts])
         half = np.array([v.half for v in one.verdicts])
         rows.append((one.estimate.point, one.low, one.high, pinned, half))
     point, low, high, pinned, half = (np.array(column) for column in zip(*rows, strict=True))

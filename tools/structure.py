@@ -10,7 +10,7 @@ import ast
 import subprocess
 import sys
 import tempfile
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -47,7 +47,7 @@ def main() -> None:
         ("imports between modules", graph.count_imports()),
         ("imports across packages", len(list(_across(graph)))),
         ("imports of plug-ins by the core", sum(_is_plugin(b) > _is_plugin(a) for a, b in _across(graph))),
-        ("circles (groups of modules that import one another)", _circles(graph)),
+        ("circles (groups of modules that import one another)", len(circles(graph))),
         ("modules with one importer", importers[1]),
         (f"classes with more than {METHODS} methods", sum(_large_classes(text) for text in files.values())),
         ("public names of the package", len(_public_names())),
@@ -79,7 +79,7 @@ def _across(graph: grimp.ImportGraph) -> Iterator[tuple[str, str]]:
                 yield module, other
 
 
-def _circles(graph: grimp.ImportGraph) -> int:
+def circles(graph: grimp.ImportGraph) -> list[list[str]]:
     """Groups of modules that import one another, also for types alone; the lazy names of the package do not count."""
     modules = sorted(graph.modules - {PACKAGE})
     index = {module: i for i, module in enumerate(modules)}
@@ -88,7 +88,10 @@ def _circles(graph: grimp.ImportGraph) -> int:
         for other in graph.find_modules_directly_imported_by(module) - {PACKAGE}:
             matrix[index[module], index[other]] = True
     _, labels = connected_components(matrix.tocsr(), directed=True, connection="strong")
-    return sum(size > 1 for size in Counter(labels.tolist()).values())
+    groups = defaultdict(list)
+    for module, label in zip(modules, labels.tolist(), strict=True):
+        groups[label].append(module)
+    return [group for group in groups.values() if len(group) > 1]
 
 
 def _large_classes(text: str) -> int:

@@ -17,8 +17,8 @@ from types import UnionType
 from typing import Any, NamedTuple, TypeVar, get_args, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError, InputError, nearest
 from commonrail.unit_table import FAST, NAMES
 from commonrail.units import parse, to_text
@@ -32,6 +32,7 @@ __all__ = [
     "chosen",
     "file_path",
     "flag",
+    "fraction",
     "function",
     "instance",
     "instances",
@@ -126,6 +127,14 @@ def number(value: object, unit: str, what: str) -> float:
     return found
 
 
+def fraction(value: object, what: str) -> float:
+    """Read one number between 0 and 1, ends excluded; `ConfigurationError` as `number`, or if it is none."""
+    found = number(value, "1", what)
+    if not 0.0 < found < 1.0:
+        raise ConfigurationError(f"The {what} must lie between 0 and 1, not {found:g}.")
+    return found
+
+
 def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     """Read one number between two limits, both included.
 
@@ -159,9 +168,7 @@ def _meant(found: float, limits: Limits) -> str:
     return f'; if {found:.6g} {unit} is meant, write "{found:.6g} {unit}"' if unit else ""
 
 
-def array(
-    value: object, unit: str, what: str, dimensions: int | None = None, finite: bool = True
-) -> NDArray[np.float64]:
+def array(value: object, unit: str, what: str, dimensions: int | None = None, finite: bool = True) -> Floats:
     """Read numbers of any shape.
 
     Parameters
@@ -192,7 +199,7 @@ def array(
     return found
 
 
-def _numeric(value: object, unit: str, what: str) -> NDArray[np.float64]:
+def _numeric(value: object, unit: str, what: str) -> Floats:
     if isinstance(value, str):
         return np.asarray(number(value, unit, what))
     try:

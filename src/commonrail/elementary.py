@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from commonrail.arrays import Floats
 
 __all__ = ["cosine", "exp", "expm1", "log", "norm", "power", "product"]
 
-Floats = NDArray[np.float64]
 
 # ln 2 in two parts; the first has so few digits that its product with the exponent of a number is exact
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10

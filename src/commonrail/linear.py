@@ -10,11 +10,11 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonrail.arrays import Floats
 
 __all__ = ["cholesky", "inverse_of_lower", "least_squares", "singular", "solve_lower", "solve_upper"]
 
-Floats = NDArray[np.float64]
 
 _MOST_SWEEPS = 60  # some ten are needed
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats, IndexArray
 from commonrail.elementary import product
 
 __all__ = ["highest_point", "non_negative"]
 
-Floats = NDArray[np.float64]
 
 _TINY = 1e-11  # rounding of a reduced cost, relative to the largest coefficient
 _DANTZIG = 200  # pivots by the steepest cost; those after them go by the lowest number, which cannot cycle
@@ -40,7 +39,7 @@ def highest_point(objective: Floats, rows: Floats, floor: Floats) -> Floats | No
     return np.asarray(sign * product(np.append(floor, np.zeros(d))[basis], table[:, m : m + d]), float)
 
 
-def _pivoted(table: Floats, basis: NDArray[np.intp], gain: Floats, columns: int) -> bool:
+def _pivoted(table: Floats, basis: IndexArray, gain: Floats, columns: int) -> bool:
     """Exchange columns of the basis, in place, until no one among the first adds gain; False if it has no bound.
 
     Parameters
@@ -112,7 +111,7 @@ def non_negative(matrix: Floats, wanted: Floats) -> Floats | None:
     return None
 
 
-def _fitted(matrix: Floats, wanted: Floats, used: NDArray[np.bool_]) -> Floats:
+def _fitted(matrix: Floats, wanted: Floats, used: Bools) -> Floats:
     """Least-squares weights of the columns in use, zero elsewhere."""
     found = np.zeros(matrix.shape[1])
     found[used] = np.linalg.lstsq(matrix[:, used], wanted, rcond=None)[0]

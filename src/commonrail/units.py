@@ -21,8 +21,7 @@ from commonrail.errors import InputError, nearest
 from commonrail.unit_table import FACTORS, FAST, NAMES, SHOWN, Scale
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from commonrail.arrays import Floats
 
 __all__ = ["compatible", "convert", "parse", "parse_difference", "to_text"]
 
@@ -106,7 +105,7 @@ def parse_difference(text: str | float, unit: str, where: str = "") -> float:
 @overload
 def convert(value: float, source_unit: str, target_unit: str, where: str = "") -> float: ...
 @overload
-def convert(value: NDArray[np.float64], source_unit: str, target_unit: str, where: str = "") -> NDArray[np.float64]: ...
+def convert(value: Floats, source_unit: str, target_unit: str, where: str = "") -> Floats: ...
 def convert(value: Any, source_unit: str, target_unit: str, where: str = "") -> Any:
     """Convert a float or an array, of any shape, from one unit to another.
 

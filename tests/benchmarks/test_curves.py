@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import curves
-from commonrail.bench.timing import Effort
+from benchmarks.timing import Effort
 
 EFFORT = Effort(1, 0.0)
 Done = subprocess.CompletedProcess

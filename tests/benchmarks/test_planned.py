@@ -8,12 +8,9 @@ from typing import Any
 import pytest
 
 from benchmarks import __main__ as whole
-from benchmarks.methods import peer_methods
-from commonrail.bench.methods import own_methods
-from commonrail.bench.record import grids
-from commonrail.bench.run import SEEDS, Stage
+from benchmarks.methods import own_methods, peer_methods
+from benchmarks.run import SEEDS, Stage, grids
 from commonrail.files.record_file import read_record
-from tests.cli.conftest import invoke
 
 
 def test_a_missing_peer_is_named_with_its_cure() -> None:
@@ -54,8 +51,8 @@ def test_the_record_is_written_where_figures_are_drawn_from(tmp_path: Path, monk
     row = {"cells": 60.0, "compiled_seconds": 1e-6, "from_python_seconds": 2e-6}
     monkeypatch.setattr(whole, "planned", lambda quick: [Stage("right_hand_side", "", 1, lambda: iter([row]))])
     path = tmp_path / "record.json"
-    assert invoke(whole.main, path, "--quick").status == 0
-    record = read_record(path, "commonrail bench")
+    assert whole.main(["speed", "--peers", "--quick", "--out", str(path)]) == 0
+    record = read_record(path, "python -m benchmarks speed")
     assert record["options"] == {"peers": True, "curves": True, "quick": True}
     assert record["right_hand_side"] == [row]
     assert {m["peer"] for m in record["missing"]} == {m["peer"] for m in whole.missing_peers()}

@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 from benchmarks import searches
-from benchmarks.searches import OPTIMISERS, Scalar, Tally, reference_searches
-from commonrail.bench.case import paper_study
-from commonrail.bench.searches import Optimiser
+from benchmarks.case import paper_study
+from benchmarks.searches import (
+    OPTIMISERS,
+    OWN,
+    Optimiser,
+    Scalar,
+    Searched,
+    Tally,
+    measure_search,
+    reference_searches,
+)
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
@@ -56,3 +64,25 @@ def test_a_search_by_the_reference_is_extrapolated_and_says_so(monkeypatch: pyte
 def test_too_few_members_are_refused() -> None:
     with pytest.raises(ConfigurationError, match="5 members"):
         next(reference_searches(4))
+
+
+def test_a_row_says_what_the_search_found() -> None:
+    made = []
+
+    def run(study: searches.Study) -> Searched:
+        made.append(study.method.evolution.generations)
+        return Searched(2.5, None, 100, float("inf"))
+
+    row = measure_search(Optimiser("a name", "a package", "a_module", "repair", run), 3)
+    assert made == [1, 70]  # the first, short one loads what the second needs
+    assert (row["optimiser"], row["seed"], row["seconds"], row["simulations"]) == ("a name", 3, 2.5, 100)
+    assert row["J"] is None
+    assert row["extrapolated"] is False
+
+
+def test_the_own_search_improves_on_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(searches, "paper_study", lambda seed, generations=4: paper_study(seed, min(generations, 4)))
+    row = measure_search(OWN, 1)
+    start = searches.calibrate(paper_study(1, 1)).start_cost
+    assert row["simulations"] == 50 * 5
+    assert row["J"] < start

@@ -6,10 +6,10 @@ from typing import get_args
 
 import pytest
 
+from benchmarks.accuracy import errors
+from benchmarks.case import INTERVAL, injector
+from benchmarks.methods import COARSE, Counted
 from benchmarks.solvers import CvodeModel, PeerModel, ScipyMethod, ScipyModel, solve_with
-from commonrail.bench.accuracy import errors
-from commonrail.bench.case import INTERVAL, injector
-from commonrail.bench.methods import COARSE, Counted
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.solution import Solution

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -131,21 +130,3 @@ def test_verify_as_json_has_null_for_what_is_not_finite(command: Command, monkey
     assert [c["value"] for c in record["checks"]] == [0.1, None]
     assert [c["limit"] for c in record["checks"]] == [0.2, 0.2]
     assert [c["margin"] for c in record["checks"]] == [0.5, None]
-
-
-def test_optimisers_compares_and_writes_every_step(command: Command, tmp_path: Path) -> None:
-    record = tmp_path / "record.json"
-    options = ("--seeds", "1", "--evaluations", "60", "--method", "CMA", "--out", record)
-    done = command("optimisers", *options)
-    assert done.status == 0
-    assert "CMA-ES" in done.out
-    assert "Nelder-Mead" not in done.out
-    found = json.loads(record.read_text(encoding="utf-8"))
-    assert [row["optimiser"] for row in found["searches"]] == ["differential evolution", "CMA-ES"]
-    assert found["searches"][0]["evaluations"] == [50, 100]
-
-
-def test_an_unknown_optimiser_is_refused_in_one_sentence(command: Command) -> None:
-    done = command("optimisers", "--method", "annealing")
-    assert done.status == 2
-    assert 'there is no optimiser "annealing"; take one of: differential evolution, ' in done.err

@@ -15,9 +15,9 @@ from commonrail.maps.axes import MapAxes
 from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import compensation, fusion_dwell
 from commonrail.maps.response import Conditions
-from commonrail.maps.sweep import Base, Variable, _first_alone, fused_of, sweep, unit_of
+from commonrail.maps.sweep import Base, Variable, _first_alone, fused_of, most_frequent, reason_of, sweep, unit_of
 from commonrail.maps.table import compensation_tables
-from commonrail.maps.without_number import most_frequent, reason_of, without_number
+from commonrail.maps.without_number import without_number
 from commonrail.report.sweep import sweep_lines
 
 INJECTOR = cr.load_injector("virtual-lino-2016")

@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.observation.low_pass import LowPass, first_order
 from commonrail.observation.meter import Meter
 
 __all__ = ["Sensor"]
 
-Floats = NDArray[np.float64]
 
 PASSES = 2  # low-passes in a row
 

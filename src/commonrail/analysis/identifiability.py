@@ -7,12 +7,12 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail import notice, registry
 from commonrail.analysis.influence import Influence, influence_of
 from commonrail.analysis.neighbourhood import around
 from commonrail.arguments import instance
+from commonrail.arrays import Bools, Floats
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.members import equal_ends, fitted_values
 from commonrail.calibration.objective import Objective
@@ -24,13 +24,11 @@ from commonrail.errors import PluginError
 from commonrail.kinds import Role, of_role
 from commonrail.linear import least_squares
 
-Floats = NDArray[np.float64]
-
 NORMAL = 1.96  # standard errors of half an interval of 95 %
 LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
 
 
-class Verdict(StrEnum):
+class ParameterVerdict(StrEnum):
     """Statement of the data on a parameter."""
 
     PINNED = "pinned"
@@ -39,6 +37,23 @@ class Verdict(StrEnum):
     CONSTRAINED = "held by a constraint"
     UNSEEN = "not seen by these data"
     WITHDRAWN = "withdrawn"
+
+    @classmethod
+    def by_width(cls, half: float, alone: float, value: float, limit: float = LIMIT) -> ParameterVerdict:
+        """Verdict by the half widths of an interval over the value, without bounds, constraints and assumptions.
+
+        Parameters
+        ----------
+        half, alone : float
+            Half widths [SI]: with all parameters free, and with the others known.
+        value : float
+            [SI].
+        limit : float
+            Half width over value, up to which a parameter is pinned.
+        """
+        if half <= limit * abs(value):
+            return cls.PINNED
+        return cls.COMBINED if alone <= limit * abs(value) else cls.UNSEEN
 
 
 class Identified(dict[str, dict[str, Any]]):
@@ -173,7 +188,7 @@ def identify_at(space: Space, objective: Objective, best: Floats) -> Identified:
     return found
 
 
-def _leverage(jacobian: Floats, usable: NDArray[np.bool_], i: int) -> tuple[float, float]:
+def _leverage(jacobian: Floats, usable: Bools, i: int) -> tuple[float, float]:
     """|J_i| and |J_i⊥|."""
     if not usable[i]:
         return 0.0, 0.0
@@ -195,7 +210,5 @@ def _verdict(spread: float, alone: float, joint: float, value: float) -> str:
     value : float
         Of the parameter [SI].
     """
-    half = NORMAL * abs(spread)
-    if half <= LIMIT * abs(value) * joint:
-        return Verdict.PINNED.value
-    return (Verdict.COMBINED if half <= LIMIT * abs(value) * alone else Verdict.UNSEEN).value
+    half, single = (NORMAL * abs(spread) / change if change > 0.0 else np.inf for change in (joint, alone))
+    return ParameterVerdict.by_width(half, single, value).value

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.elementary import product
 from commonrail.linear import singular
 
 __all__ = ["Influence", "influence_of"]
 
-Floats = NDArray[np.float64]
 
 SHOWN = 0.2  # weight in a combination from which a parameter is named
 NEGLIGIBLE = 1e-12  # singular value relative to the largest, below which a direction counts as free

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import array
+from commonrail.arrays import Floats
 from commonrail.calibration.space import Space
 
 __all__ = ["STEP", "Neighbourhood", "around"]
 
-Floats = NDArray[np.float64]
 
 STEP = 5e-3  # of the range, to both sides: above the ripple of a PWM drive, below curvature
 

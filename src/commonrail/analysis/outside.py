@@ -14,16 +14,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.closed_forms import Check, check
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
 from commonrail.injector.definition import Injector
-
-Floats = NDArray[np.float64]
 
 INTERVAL = 3e-6  # of its samples [s]
 SHORT = 399e-6  # longest energising time of what counts as a short injection [s]

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.injector.definition import Injector
 from commonrail.parts import plunger_needle
 from commonrail.parts.chain import Nine
 from commonrail.parts.plunger_needle import Loads, SeatContact, State
-
-Floats = NDArray[np.float64]
 
 
 def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Floats]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.closed_forms import Check, check
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
@@ -19,8 +18,6 @@ from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.kinds import DataSet, QuantityData, RateData, Role
 from commonrail.kinds.simulator import Simulator
-
-Floats = NDArray[np.float64]
 
 STEP = 1e-6  # [s]
 # The loop and the traced run add up the same 1900 steps, of rounding 1e-16, in another order and with other vectors.

@@ -12,16 +12,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
+from commonrail.arrays import Floats
 from commonrail.choices import Actuation, Body, Boundary, Drive
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import Status
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-
-Floats = NDArray[np.float64]
 
 PRESSURES = (40e6, 80e6, 120e6, 160e6, 180e6)  # [Pa]
 TWO = (80e6, 160e6)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.truth import Truth
 from commonrail.arguments import instance, number, settle, whole
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.reference import simulate_reference
 from commonrail.engine.solution import Solution
@@ -26,7 +26,6 @@ from commonrail.units import to_text
 
 __all__ = ["INTERVAL", "PAPER_OPTIMUM", "SAMPLES", "Bench", "Curve", "Truth", "bench_curve"]
 
-Floats = NDArray[np.float64]
 
 # Table 1 of the paper, "optimal" [N/m]
 PAPER_OPTIMUM = {

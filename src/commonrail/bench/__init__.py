@@ -1,1 +1,1 @@
-"""Time beside accuracy of commonrail's methods on one machine, in one record."""
+"""Facts of the machine for `commonrail doctor`."""

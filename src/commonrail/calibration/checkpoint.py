@@ -9,12 +9,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.optimisers import Optimiser
 from commonrail.errors import StudyError
 
 __all__ = ["Checkpoint", "CheckpointError", "Generation", "Recorder", "Stage", "Step"]
 
-Floats = NDArray[np.float64]
 
 NOT_SIMULATED = -1  # in place of a status
 

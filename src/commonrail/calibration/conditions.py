@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import chosen, instance, settle
+from commonrail.arrays import Bools, Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
@@ -18,8 +18,6 @@ from commonrail.kinds.stops import past_stops
 
 __all__ = ["Condition", "Wanted", "broken", "distances_past"]
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 NOTHING = 1e-12  # volume per stroke [m³] up to which nothing is injected: far below what a bench resolves
 

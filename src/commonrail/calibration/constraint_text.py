@@ -8,14 +8,13 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.constraints import LinearConstraints
 from commonrail.errors import InputError, nearest
 
 __all__ = ["parse_constraints"]
 
-FloatArray = NDArray[np.float64]
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
@@ -34,7 +33,7 @@ class _Token(NamedTuple):
 class _Side(NamedTuple):
     """One side of a relation: coefficients (d,) and a constant."""
 
-    coefficients: FloatArray
+    coefficients: Floats
     constant: float
 
     @property
@@ -68,7 +67,7 @@ def parse_constraints(lines: Sequence[str], names: Sequence[str]) -> LinearConst
     InputError
         If a text cannot be read or names an unknown parameter; the nearest name is offered.
     """
-    rows: list[FloatArray] = []
+    rows: list[Floats] = []
     lower: list[float] = []
     strict: list[bool] = []
     labels: list[str] = []

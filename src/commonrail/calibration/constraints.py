@@ -8,16 +8,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from commonrail.arrays import Bools, Floats
 from commonrail.elementary import product
 from commonrail.errors import ConfigurationError
 from commonrail.linear_programme import highest_point
 
 __all__ = ["LinearConstraints", "Polytope", "conflicting_rows", "deepest_point"]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 # Rounding forgiven in a row, and what a strict row (<) asks beyond equality; both relative to the
 # largest magnitude the row's terms take within the bounds. The margin is the larger by far, so a
@@ -54,9 +53,9 @@ class LinearConstraints:
         If shapes disagree, a number is not finite or a row has no coefficient.
     """
 
-    matrix: FloatArray
-    lower: FloatArray
-    strict: BoolArray | None = None
+    matrix: Floats
+    lower: Floats
+    strict: Bools | None = None
     labels: Sequence[str] = ()
     chains: Sequence[Sequence[int]] = ()
 
@@ -85,23 +84,23 @@ class LinearConstraints:
     def __len__(self) -> int:
         return len(self.lower)
 
-    def magnitude(self, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    def magnitude(self, lower: Floats, upper: Floats) -> Floats:
         """Largest magnitude (m,) that each row's terms take within the bounds, for tolerances."""
         largest = np.maximum(np.abs(lower), np.abs(upper))
         return product(largest, np.abs(self.matrix).T) + np.abs(self.lower)
 
-    def floor(self, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    def floor(self, lower: Floats, upper: Floats) -> Floats:
         """Least value (m,) of each row with the margin of the strict rows added."""
         margin = STRICT_MARGIN * self.magnitude(lower, upper)
         return np.asarray(self.lower + np.where(self.strict_rows, margin, 0.0))
 
     @functools.cached_property
-    def strict_rows(self) -> BoolArray:
+    def strict_rows(self) -> Bools:
         """Mask of the strict rows (m,)."""
         return np.asarray(self.strict, dtype=bool)
 
 
-def _check_rows(matrix: FloatArray, lower: FloatArray, strict: BoolArray, labels: tuple[str, ...]) -> None:
+def _check_rows(matrix: Floats, lower: Floats, strict: Bools, labels: tuple[str, ...]) -> None:
     """Refuse rows that cannot be constraints."""
     rows = len(lower)
     if matrix.ndim != 2 or not len(matrix) == rows == len(strict) == len(labels):
@@ -122,11 +121,11 @@ class Polytope(NamedTuple):
     Rows have unit length; the 2 d rows of the bounds, 0 <= z <= 1, come last.
     """
 
-    rows: FloatArray
-    floor: FloatArray
+    rows: Floats
+    floor: Floats
 
     @classmethod
-    def of(cls, constraints: LinearConstraints, lower: FloatArray, upper: FloatArray) -> Polytope:
+    def of(cls, constraints: LinearConstraints, lower: Floats, upper: Floats) -> Polytope:
         """Scale constraints to the bounds (d,), (d,) and append the bounds as rows."""
         rows = constraints.matrix * (upper - lower)
         floor = constraints.floor(lower, upper) - product(lower, constraints.matrix.T)
@@ -138,7 +137,7 @@ class Polytope(NamedTuple):
         )
 
 
-def deepest_point(polytope: Polytope) -> tuple[FloatArray, float]:
+def deepest_point(polytope: Polytope) -> tuple[Floats, float]:
     """Centre (d,) and radius of the largest ball inside the polytope (its Chebyshev centre).
 
     A radius below `LEAST_RADIUS` (or negative) means that the polytope has no room.
@@ -148,7 +147,7 @@ def deepest_point(polytope: Polytope) -> tuple[FloatArray, float]:
 
 
 @functools.lru_cache(maxsize=8)  # a space asks whether it has room first, and where later
-def _deepest_point(row_bytes: bytes, floor_bytes: bytes) -> tuple[FloatArray, float]:
+def _deepest_point(row_bytes: bytes, floor_bytes: bytes) -> tuple[Floats, float]:
     floor = np.frombuffer(floor_bytes)
     rows = np.frombuffer(row_bytes).reshape(len(floor), -1)
     dimension = rows.shape[1]

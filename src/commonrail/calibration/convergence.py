@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.checkpoint import Generation
 from commonrail.calibration.goal import Loss
-from commonrail.calibration.optimisers.verdict import AGREEING, ALIKE, SMALL_GAIN, Verdict, noise_of
+from commonrail.calibration.optimisers.verdict import AGREEING, ALIKE, SMALL_GAIN, Convergence, noise_of
 from commonrail.kinds import DataSet
 
 __all__ = ["LATEST", "judge_population", "judge_restarts", "noise_in"]
 
-Floats = NDArray[np.float64]
 
 ONE_POINT = "the search ended with one point and compared it with no other; refinements (polish = 3) would"
 LATEST = 20  # generations over which the gain of one is the mean
@@ -37,7 +36,7 @@ def noise_in(cost: float, residuals: int, parameters: int, goal: tuple[Loss, Seq
     return noise_of(cost, residuals, parameters, 2.0 if absolute else 1.0)
 
 
-def judge_population(costs: Floats, history: Sequence[Generation], noise: float) -> Verdict:
+def judge_population(costs: Floats, history: Sequence[Generation], noise: float) -> Convergence:
     """Verdict on an evolution: converged if its population has collapsed and its best no longer gains.
 
     Parameters
@@ -51,7 +50,7 @@ def judge_population(costs: Floats, history: Sequence[Generation], noise: float)
     finite = costs[np.isfinite(costs)]
     if len(finite) < 2:
         why = ONE_POINT if len(costs) == 1 else "fewer than two members could be simulated"
-        return Verdict.of(False, why, {"members": len(finite)})
+        return Convergence.of(False, why, {"members": len(finite)})
     spread = float(finite.max() - finite.min()) / noise
     past = history[max(len(history) - 1 - LATEST, 0)]
     done = max(history[-1].generation - past.generation, 1)
@@ -63,10 +62,10 @@ def judge_population(costs: Floats, history: Sequence[Generation], noise: float)
         f"the members differ by {spread:.2g} of 2 ln L, and the last {done} generations gained {gain:.2g} each; "
         f"{ALIKE} and {SMALL_GAIN} over {LATEST} generations are asked for"
     )
-    return Verdict.of(converged, sentence, figures)
+    return Convergence.of(converged, sentence, figures)
 
 
-def judge_restarts(costs: Floats, noise: float) -> Verdict:
+def judge_restarts(costs: Floats, noise: float) -> Convergence:
     """Verdict on refinements: converged if enough of them end within `ALIKE` of the best 2 ln L.
 
     Parameters
@@ -80,4 +79,4 @@ def judge_restarts(costs: Floats, noise: float) -> Verdict:
     agreeing = int((finite <= finite.min(initial=np.inf) + ALIKE * noise).sum())
     converged = agreeing >= AGREEING
     sentence = f"{agreeing} of {len(costs)} refinements end within {ALIKE} of the best 2 ln L; {AGREEING} are asked for"
-    return Verdict.of(converged, sentence, {"starts": len(costs), "agreeing": agreeing})
+    return Convergence.of(converged, sentence, {"starts": len(costs), "agreeing": agreeing})

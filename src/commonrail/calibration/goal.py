@@ -6,15 +6,12 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.conditions import Condition
 from commonrail.calibration.prior import Priors
 
 __all__ = ["PLAIN", "Goal", "Loss"]
-
-
-Floats = NDArray[np.float64]
 
 
 class Loss(StrEnum):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.calibration.conditions import broken, distances_past
 from commonrail.calibration.goal import PLAIN, Goal, Loss
 from commonrail.choices import Precision
@@ -22,8 +23,6 @@ from commonrail.kinds.simulator import Candidates, Simulator
 from commonrail.observation.signal import given_values
 
 __all__ = ["Objective", "Scores"]
-
-Floats = NDArray[np.float64]
 
 
 class Scores(NamedTuple):
@@ -161,7 +160,7 @@ class Objective:
         batches = ((term, self._batch(term, values)) for term in self._terms)
         return np.concatenate([term.misfits(batch, candidates) for term, batch in batches], axis=1)
 
-    def _note_reasons(self, statuses: NDArray[np.int8], values: Floats, lost: NDArray[np.bool_]) -> None:
+    def _note_reasons(self, statuses: NDArray[np.int8], values: Floats, lost: Bools) -> None:
         """Put the status of candidates that failed, (n,) mask, in its place: those alone are simulated once more."""
         if lost.any():
             found = statuses[lost]
@@ -225,7 +224,7 @@ class Objective:
         return np.concatenate([found, self.goal.priors.residuals(values)], axis=1)
 
 
-def _note_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]], failed: NDArray[np.bool_]) -> None:
+def _note_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]], failed: Bools) -> None:
     """Put the first status (n, points) that failed where there is none yet (n,)."""
     if failed.any():
         first = found[np.arange(len(found)), np.argmax(failed, axis=1)]

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import number, plain_text, settle
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 
 __all__ = ["Prior", "Priors"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

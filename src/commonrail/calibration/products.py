@@ -8,14 +8,13 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.constraints import STRICT_MARGIN
 from commonrail.errors import InputError, nearest
 
 __all__ = ["ProductConstraint", "Products", "parse_products"]
 
-FloatArray = NDArray[np.float64]
 
 _RELATION = re.compile(r"<=|>=|<|>")
 _FACTOR = re.compile(
@@ -41,7 +40,7 @@ class ProductConstraint(NamedTuple):
 
     label: str
     factor: float
-    exponents: FloatArray
+    exponents: Floats
     strict: bool
 
 
@@ -64,7 +63,7 @@ class Products:
         """The texts that a person wrote."""
         return tuple(constraint.label for constraint in self.constraints)
 
-    def shortfall(self, x: FloatArray) -> FloatArray:
+    def shortfall(self, x: Floats) -> Floats:
         """Share (..., m) by which each product at points (..., d) lies below 1; 0 where the constraint holds."""
         found = np.zeros((*x.shape[:-1], len(self)))
         for column, c in enumerate(self.constraints):
@@ -117,7 +116,7 @@ def _read(line: str, names: Sequence[str], known: Mapping[str, float]) -> Produc
     return ProductConstraint(line, factors[0] / factors[1], total, "=" not in relation)
 
 
-def _product(line: str, side: str, names: Sequence[str], known: Mapping[str, float]) -> tuple[float, FloatArray]:
+def _product(line: str, side: str, names: Sequence[str], known: Mapping[str, float]) -> tuple[float, Floats]:
     """Factor and exponents of one side."""
     factor, exponents = 1.0, np.zeros(len(names))
     pieces = ["*", *re.split(r"([*/])", side)]

@@ -13,7 +13,7 @@ from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.live_progress import live_progress
 from commonrail.calibration.members import injector_of, mean_scores
 from commonrail.calibration.optimisers import Best, Counts
-from commonrail.calibration.optimisers.verdict import Verdict
+from commonrail.calibration.optimisers.verdict import Convergence
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_start
 from commonrail.calibration.scoring import Scores, score_all, scores_of
 from commonrail.calibration.search import Listeners, Progress, Search, objective_of
@@ -61,7 +61,7 @@ class Calibration(Shown):
         Failed simulations by the name of their status.
     warnings : tuple of Finding
         What about study, data and result is implausible, found before and after the fit.
-    convergence : Verdict or None
+    convergence : Convergence or None
         Whether the search has converged, by which rule; None of one that was interrupted.
     ends : tuple of Best
         Optima that the search has found side by side, the best first.
@@ -85,7 +85,7 @@ class Calibration(Shown):
     simulations: int
     failures: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[Finding, ...] = ()
-    convergence: Verdict | None = None
+    convergence: Convergence | None = None
     ends: tuple[Best, ...] = ()
     members: tuple[Injector, ...] = ()
 

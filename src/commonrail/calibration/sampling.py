@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.calibration.constraints import LinearConstraints, Polytope, deepest_point
 from commonrail.calibration.space import Space
 from commonrail.elementary import log, product
@@ -15,8 +15,6 @@ from commonrail.linear import cholesky, inverse_of_lower, solve_lower, solve_upp
 
 __all__ = ["reference_start", "sample_feasible", "sample_priors", "sample_uniform"]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 # Steps of each chain, s d + d^2 for d parameters. The paper's seven parameters then have the means
 # and spreads of rejection sampling, and an ordering of 20 those of order statistics, to within
@@ -29,7 +27,7 @@ _SHRINKS = 40
 _NEWTON_STEPS = 30
 
 
-def sample_uniform(space: Space, n: int, rng: np.random.Generator) -> FloatArray:
+def sample_uniform(space: Space, n: int, rng: np.random.Generator) -> Floats:
     """Draw points uniformly in the bounds, constraints ignored, Eq. (17).
 
     Parameters
@@ -49,7 +47,7 @@ def sample_uniform(space: Space, n: int, rng: np.random.Generator) -> FloatArray
     return space.from_unit(rng.random((n, space.dimension)))
 
 
-def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> FloatArray:
+def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> Floats:
     """Draw points uniformly where bounds and constraints hold, by hit-and-run.
 
     Every point ends a chain of its own, so points are independent of each other. A chain starts
@@ -83,7 +81,7 @@ def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> FloatArra
     return np.where(space.satisfies(x)[:, None], x, space.centre)
 
 
-def sample_priors(space: Space, n: int, rng: np.random.Generator) -> FloatArray:
+def sample_priors(space: Space, n: int, rng: np.random.Generator) -> Floats:
     """Draw points from the priors of the parameters, as a Latin hypercube; the first one is the reference.
 
     A prior is cut at the bounds; a parameter without one is uniform on its scale. A point that breaks a constraint is
@@ -124,7 +122,7 @@ def sample_priors(space: Space, n: int, rng: np.random.Generator) -> FloatArray:
     return x
 
 
-def reference_start(space: Space) -> FloatArray:
+def reference_start(space: Space) -> Floats:
     """Return the reference values (1, d), SI, as a member of an initial population.
 
     Raises
@@ -145,8 +143,8 @@ class _Walk(NamedTuple):
 
     space: Space
     polytope: Polytope
-    shape: FloatArray
-    start: FloatArray
+    shape: Floats
+    start: Floats
     curved: bool
 
 
@@ -162,7 +160,7 @@ def _plan(space: Space) -> _Walk:
     return _Walk(space, polytope, shape, space.to_unit(space.centre) if curved else centre, curved)
 
 
-def _straighten(space: Space) -> tuple[BoolArray, LinearConstraints]:
+def _straighten(space: Space) -> tuple[Bools, LinearConstraints]:
     """Mask of the rows that are linear in ln x of the logarithmic parameters, and those rows so written.
 
     They are the rows without such parameters, and a x_i >= b x_j with both logarithmic, which is
@@ -182,7 +180,7 @@ def _straighten(space: Space) -> tuple[BoolArray, LinearConstraints]:
     return straight, LinearConstraints(matrix[straight], lower[straight])
 
 
-def _barrier(polytope: Polytope) -> tuple[FloatArray, FloatArray]:
+def _barrier(polytope: Polytope) -> tuple[Floats, Floats]:
     """Minimum (d,) of the logarithmic barrier, a root (d, d) of its inverse Hessian there."""
     rows, floor = polytope
     point, _ = deepest_point(polytope)
@@ -196,7 +194,7 @@ def _barrier(polytope: Polytope) -> tuple[FloatArray, FloatArray]:
     return point, inverse_of_lower(root)
 
 
-def _step(walk: _Walk, unit: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _step(walk: _Walk, unit: Floats, rng: np.random.Generator) -> Floats:
     """Move every chain (n, d) along a random chord."""
     direction = product(rng.standard_normal(unit.shape), walk.shape)
     first, last = _chord(walk.polytope, unit, direction)
@@ -206,7 +204,7 @@ def _step(walk: _Walk, unit: FloatArray, rng: np.random.Generator) -> FloatArray
     return np.asarray(unit + step[:, None] * direction)
 
 
-def _chord(polytope: Polytope, unit: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _chord(polytope: Polytope, unit: Floats, direction: Floats) -> tuple[Floats, Floats]:
     """Least and greatest step (n,), (n,) along `direction` (n, d) inside the polytope."""
     rows, floor = polytope
     reach = _along(rows, unit)
@@ -222,7 +220,7 @@ def _chord(polytope: Polytope, unit: FloatArray, direction: FloatArray) -> tuple
     return first, last
 
 
-def _along(rows: FloatArray, points: FloatArray) -> FloatArray:
+def _along(rows: Floats, points: Floats) -> Floats:
     """Products (n, m + 2 d) of the rows of a `Polytope`, of which the last 2 d are its box, with points (n, d)."""
     slanted = rows[: len(rows) - 2 * points.shape[1]]
     return np.concatenate([product(points, slanted.T), points, -points], axis=1)
@@ -230,11 +228,11 @@ def _along(rows: FloatArray, points: FloatArray) -> FloatArray:
 
 def _shrink(
     space: Space,
-    unit: FloatArray,
-    direction: FloatArray,
-    chord: tuple[FloatArray, FloatArray, FloatArray],
+    unit: Floats,
+    direction: Floats,
+    chord: tuple[Floats, Floats, Floats],
     rng: np.random.Generator,
-) -> FloatArray:
+) -> Floats:
     """Redraw steps (n,) that break a curved constraint, each time from the part nearer to 0."""
     first, last, step = chord
     for _ in range(_SHRINKS):

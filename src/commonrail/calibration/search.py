@@ -10,7 +10,6 @@ from contextlib import suppress
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.calibration.checkpoint import (
     NOT_SIMULATED,
@@ -25,9 +24,9 @@ from commonrail.calibration.convergence import judge_population, judge_restarts,
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Best, Counts, Optimiser, Trials, Wanted
-from commonrail.calibration.optimisers.refinement import Refinement
-from commonrail.calibration.optimisers.registry import row
-from commonrail.calibration.optimisers.verdict import Verdict
+from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
+from commonrail.calibration.optimisers.registry import registered
+from commonrail.calibration.optimisers.verdict import Convergence
 from commonrail.calibration.prior import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.spread import SpreadObjective
@@ -41,7 +40,8 @@ from commonrail.workers.workers import Workers
 
 __all__ = ["Listeners", "Progress", "Search", "Searched", "goal_of", "objective_of", "steps"]
 
-Floats = NDArray[np.float64]
+
+_Begin = Callable[[Optimiser | None], Optimiser]  # begins an optimiser, given the one before it in the row
 
 COARSEST_SCREENING = 1.5e-6  # time step [s] at which candidates are screened, if the stiffest of them bears it
 
@@ -177,7 +177,7 @@ class Search:
         self._residuals = 0  # number of residuals, once it is known
         self.simulations = 0
         self.failures: Counter[str] = Counter()
-        self._row = row(study.method, study.space, study.seed, study.same_bits, objective.goal.loss is Loss.SOFT_L1)
+        self._row = _row(study.method, study.space, study.seed, study.same_bits, objective.goal.loss is Loss.SOFT_L1)
         self._begun = [self._row[0](None)]
         self._before: tuple[Stage, ...] = ()  # of the optimisers that have finished
         self._start = time.perf_counter()
@@ -214,14 +214,14 @@ class Search:
             return found
         return f"{first.phase}: {re.sub('(not )?converged: ', '', found)}; then {last.phase}"
 
-    def verdict(self) -> Verdict:
+    def verdict(self) -> Convergence:
         """Verdict on convergence: that of the refinements, else of the first optimiser or on its population."""
         first, last = self._begun[0], self._begun[-1]
         if isinstance(last, Refinement) and len(last.end_costs):
             return judge_restarts(last.end_costs, self._noise(last))
         return first.verdict or self._of_population(first)
 
-    def _of_population(self, optimiser: Optimiser) -> Verdict:
+    def _of_population(self, optimiser: Optimiser) -> Convergence:
         return judge_population(optimiser.costs, self.history, self._noise(optimiser))
 
     def _noise(self, optimiser: Optimiser) -> float:
@@ -307,3 +307,26 @@ class Search:
             self.simulations, self.failures = stage.simulations, Counter(stage.failures)
             spent = stage.seconds
         self._start -= spent
+
+
+def _row(method: Method, space: Space, seed: int, same_bits: bool = False, squares: bool = False) -> list[_Begin]:
+    """Optimisers of a study in the order in which they run: the one that it names, then refinements of what that found.
+
+    Parameters
+    ----------
+    method : Method
+    space : Space
+    seed : int
+        Of all their draws.
+    same_bits : bool
+        Take methods whose bits do not depend on the processor.
+    squares : bool
+        The squares of the residuals sum to the objective; see `RefinementSettings`.
+    """
+    first = registered(method.evolution)
+    assert first is not None  # Method has checked it
+    stages: list[_Begin] = [lambda _: first.begin(space, np.random.default_rng(seed), method.evolution)]
+    if method.polish:
+        settings = RefinementSettings(method.polish, method.polish_iterations, same_bits, squares)
+        stages.append(lambda before: Refinement(space, seed, settings, before))  # type: ignore[arg-type]
+    return stages

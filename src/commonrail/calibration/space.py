@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from commonrail.arrays import Bools, Floats
 from commonrail.calibration.constraint_text import parse_constraints
 from commonrail.calibration.constraints import (
     ROUNDING,
@@ -24,8 +25,6 @@ from commonrail.errors import ConfigurationError
 
 __all__ = ["Parameter", "Space", "percent_bounds"]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 # A point pulled back to a boundary stops this fraction short of it, clear of rounding.
 _SHORT_OF_BOUNDARY = 1e-9
@@ -128,22 +127,22 @@ class Space:
         return len(self.parameters)
 
     @cached_property
-    def lower(self) -> FloatArray:
+    def lower(self) -> Floats:
         """Lower bounds (d,), SI."""
         return _frozen([parameter.lower for parameter in self.parameters])
 
     @cached_property
-    def upper(self) -> FloatArray:
+    def upper(self) -> Floats:
         """Upper bounds (d,), SI."""
         return _frozen([parameter.upper for parameter in self.parameters])
 
     @cached_property
-    def reference(self) -> FloatArray:
+    def reference(self) -> Floats:
         """Reference values (d,), SI."""
         return _frozen([parameter.reference for parameter in self.parameters])
 
     @cached_property
-    def logarithmic(self) -> BoolArray:
+    def logarithmic(self) -> Bools:
         """Mask of the parameters (d,) with a logarithmic scale."""
         return np.array([parameter.scale == "log" for parameter in self.parameters])
 
@@ -153,7 +152,7 @@ class Space:
         return Polytope.of(self.rows, self.lower, self.upper)
 
     @cached_property
-    def centre(self) -> FloatArray:
+    def centre(self) -> Floats:
         """The feasible point (d,) farthest from bounds and linear constraints, SI.
 
         Where it breaks a constraint between products, the reference or a drawn point that does not.
@@ -166,7 +165,7 @@ class Space:
         candidates = np.vstack([deepest, self.reference, drawn])
         return _frozen(candidates[int(np.argmax(self.satisfies(candidates)))])
 
-    def to_unit(self, x: ArrayLike) -> FloatArray:
+    def to_unit(self, x: ArrayLike) -> Floats:
         """Unit coordinates (..., d) of points (..., d); 0 and 1 exactly at the bounds."""
         points = np.asarray(x, dtype=float)
         unit = (points - self.lower) / self._range
@@ -177,7 +176,7 @@ class Space:
             unit = np.where(inside, np.clip(unit, 0.0, 1.0), unit)
         return np.asarray(unit)
 
-    def from_unit(self, unit: ArrayLike) -> FloatArray:
+    def from_unit(self, unit: ArrayLike) -> Floats:
         """Points (..., d) of unit coordinates (..., d); within the bounds where the unit is."""
         z = np.asarray(unit, dtype=float)
         x = self.lower + z * self._range
@@ -192,7 +191,7 @@ class Space:
         return within
 
     @cached_property
-    def _range(self) -> FloatArray:
+    def _range(self) -> Floats:
         return _frozen(self.upper - self.lower)
 
     @cached_property
@@ -201,45 +200,45 @@ class Space:
         return bool(self.logarithmic.any())
 
     @cached_property
-    def _log_scale(self) -> FloatArray:
+    def _log_scale(self) -> Floats:
         """ln(upper/lower) of logarithmic parameters, 0 of linear ones."""
         low = np.where(self.logarithmic, self.lower, 1.0)
         return log(np.where(self.logarithmic, self.upper, 1.0) / low)
 
     @cached_property
-    def _log_span(self) -> FloatArray:
+    def _log_span(self) -> Floats:
         """As `_log_scale`, but 1 for linear parameters: safe to divide by."""
         return np.where(self.logarithmic, self._log_scale, 1.0)
 
     @cached_property
-    def _span(self) -> FloatArray:
+    def _span(self) -> Floats:
         """Range of each constraint (m,) within the bounds."""
         return product(self.upper - self.lower, np.abs(self.rows.matrix).T)
 
     @cached_property
-    def _floor(self) -> FloatArray:
+    def _floor(self) -> Floats:
         """Smallest value (m,) of each constraint's row, SI."""
         return self.rows.floor(self.lower, self.upper)
 
     @cached_property
-    def _least(self) -> FloatArray:
+    def _least(self) -> Floats:
         """Smallest `_distances` that count as inside."""
         tolerance = ROUNDING * self.rows.magnitude(self.lower, self.upper)
         return -np.concatenate([tolerance, np.zeros(2 * self.dimension)])
 
-    def _distances(self, x: FloatArray) -> FloatArray:
+    def _distances(self, x: Floats) -> Floats:
         """Distance (..., m + 2 d) of points inside each constraint and bound, SI."""
         inside = product(x, self.rows.matrix.T) - self._floor
         return np.concatenate([inside, x - self.lower, self.upper - x], axis=-1)
 
-    def slack(self, x: ArrayLike) -> FloatArray:
+    def slack(self, x: ArrayLike) -> Floats:
         """Distance (..., m) of each constraint from its limit at points (..., d); SI, < 0: broken.
 
         Strict rows count from a limit that includes their margin (`STRICT_MARGIN`).
         """
         return self._distances(np.asarray(x, dtype=float))[..., : len(self.rows)]
 
-    def shortfall(self, x: ArrayLike) -> FloatArray:
+    def shortfall(self, x: ArrayLike) -> Floats:
         """Shortfall of each constraint (..., m) at points (..., d), by its span in the bounds.
 
         Those of products, which stand last, are relative.
@@ -249,7 +248,7 @@ class Space:
             return linear
         return np.concatenate([linear, self.products.shortfall(np.asarray(x, dtype=float))], axis=-1)
 
-    def satisfies(self, x: ArrayLike) -> BoolArray:
+    def satisfies(self, x: ArrayLike) -> Bools:
         """Return whether points (..., d) keep to bounds (exactly) and constraints (within rounding)."""
         # A distance to a bound is exact: its row has a single coefficient, 1 or -1.
         points = np.asarray(x, dtype=float)
@@ -258,7 +257,7 @@ class Space:
             return linear
         return linear & (self.products.shortfall(points) <= ROUNDING).all(axis=-1)
 
-    def violation(self, x: ArrayLike) -> FloatArray:
+    def violation(self, x: ArrayLike) -> Floats:
         """Sum (...) of what points (..., d) lack of bounds and constraints; 0 where they satisfy.
 
         Each part is divided by the range of the parameter, or by what the row can vary by within
@@ -271,7 +270,7 @@ class Space:
         total = np.where(np.isnan(total), np.inf, np.maximum(total, np.finfo(float).tiny))
         return np.asarray(np.where(self.satisfies(points), 0.0, total))
 
-    def pull_back(self, anchor: ArrayLike, x: ArrayLike) -> FloatArray:
+    def pull_back(self, anchor: ArrayLike, x: ArrayLike) -> Floats:
         """The last feasible points (n, d) on the segments from `anchor` (n, d) to `x` (n, d).
 
         `anchor` must satisfy the space: the segment then starts inside a convex set and leaves
@@ -291,7 +290,7 @@ class Space:
         feasible = (there >= self._least).all(axis=-1, keepdims=True)
         return np.asarray(np.where(feasible, goal, pulled))
 
-    def _halved(self, start: FloatArray, goal: FloatArray) -> FloatArray:
+    def _halved(self, start: Floats, goal: Floats) -> Floats:
         """Last feasible points (..., d) that halving finds on segments from feasible points (..., d)."""
         inside, outside = np.zeros(goal.shape[:-1]), np.ones(goal.shape[:-1])
         for _ in range(_HALVINGS):
@@ -303,7 +302,7 @@ class Space:
         return np.where(self.satisfies(goal)[..., None], goal, found)
 
 
-def _frozen(values: ArrayLike) -> FloatArray:
+def _frozen(values: ArrayLike) -> Floats:
     """A read-only array: spaces are shared."""
     array = np.array(values, dtype=float)
     array.flags.writeable = False

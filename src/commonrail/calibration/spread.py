@@ -12,8 +12,8 @@ import time
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.finished import Done, Finished
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.choices import Precision
@@ -22,8 +22,6 @@ from commonrail.errors import StudyError
 from commonrail.observation.quantities import known_quantity
 from commonrail.workers.task import Answer, Lost, Task, pack
 from commonrail.workers.workers import Workers
-
-Floats = NDArray[np.float64]
 
 SHORTEST = 0.05  # a piece should take at least this long [s]: handing it over takes a hundredth of it
 LONGEST = 2.0  # and no longer than this, where there are candidates enough: it is what a lost worker costs

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import InputError
 from commonrail.units import compatible, parse, parse_difference
 
@@ -16,7 +16,7 @@ MOST_VALUES = 200
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
-def read_axis(text: str, unit: str, option: str, *, increasing: bool = False) -> NDArray[np.float64]:
+def read_axis(text: str, unit: str, option: str, *, increasing: bool = False) -> Floats:
     """Values (n,) of an axis in `unit`.
 
     Parameters
@@ -52,7 +52,7 @@ def read_axis(text: str, unit: str, option: str, *, increasing: bool = False) ->
     return values
 
 
-def _range(text: str, unit: str, option: str) -> NDArray[np.float64]:
+def _range(text: str, unit: str, option: str) -> Floats:
     parts = text.split(":")
     if len(parts) != 3:
         raise InputError(f'{option} "{text}": a range is FIRST:LAST:STEP, such as 20:180:10MPa.')
@@ -84,7 +84,7 @@ def _with_units(parts: list[str], option: str) -> list[str]:
     return found[::-1]
 
 
-def read_quantities(text: str, density: float, option: str) -> NDArray[np.float64]:
+def read_quantities(text: str, density: float, option: str) -> Floats:
     """Quantities (n,) by volume [m³], which increase strictly; masses are divided by the reference density.
 
     Parameters

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ import numpy as np
 
 from commonrail.choices import Actuation, Body, Engine, Precision
 from commonrail.cli.console import SIMULATING, say
+from commonrail.display.text import FieldUnit, field_unit, number
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate as simulated
 from commonrail.engine.solution import Solution
@@ -23,13 +23,7 @@ from commonrail.units import to_text
 
 __all__ = ["Run", "Settings", "figures", "heading", "record", "solve", "with_body", "write_csv"]
 
-# Channels of a solution by the end of their name: unit in the file, and its factor from SI.
-_UNITS = {
-    "lift": ("um", 1e6),
-    "pressure": ("MPa", 1e-6),
-    "current": ("A", 1.0),
-    "force": ("N", 1.0),
-}
+_UNITS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N"}  # of a solution's channels, by the end of a name
 
 
 class Settings(NamedTuple):
@@ -98,7 +92,7 @@ def figures(run: Run) -> list[tuple[str, str]]:
     """Names and texts of the figures of one injection."""
     s, r = run.solution, record(run)
     injected, returned = s.injected_volume * 1e9, s.returned_volume * 1e9
-    end = run.point.pulses[-1].start + run.point.pulses[-1].duration
+    end = run.point.end_of_energising
     again = s.first_closing < s.closing
     return [
         ("injected quantity", f"{injected:.2f} mm3, {s.injected_mass * 1e6:.2f} mg"),
@@ -144,20 +138,20 @@ def record(run: Run) -> dict[str, Any]:
         "precision": run.precision.value,
         "status": s.status.name,
         "message": s.sentence,
-        "injected_volume": _finite(s.injected_volume),
-        "injected_mass": _finite(s.injected_mass),
-        "returned_volume": _finite(s.returned_volume),
-        "returned_mass": _finite(s.returned_mass),
+        "injected_volume": number(s.injected_volume),
+        "injected_mass": number(s.injected_mass),
+        "returned_volume": number(s.returned_volume),
+        "returned_mass": number(s.returned_mass),
         "reference_density": s.reference_density,
-        "opening": _finite(s.opening),
-        "closing": _finite(s.closing),
-        "opening_delay": _finite(s.opening - first.start),
-        "closing_delay": _finite(s.closing - end),
-        "first_closing": _finite(s.first_closing),
-        "peak_rate": _finite(np.max(s.rate)),
+        "opening": number(s.opening),
+        "closing": number(s.closing),
+        "opening_delay": number(s.opening - first.start),
+        "closing_delay": number(s.closing - end),
+        "first_closing": number(s.first_closing),
+        "peak_rate": number(np.max(s.rate)),
         **_shown_record(run.shown),
-        "greatest_lift": _finite(np.max(s.channels["needle_lift"])),
-        "balance": _finite(s.balance),
+        "greatest_lift": number(np.max(s.channels["needle_lift"])),
+        "balance": number(s.balance),
         "seconds": run.seconds,
     }
 
@@ -174,18 +168,18 @@ def _shown_record(shown: Metered | None) -> dict[str, Any]:
     """Figures of what a meter shows [SI], under the key "meter"; empty without one."""
     if shown is None:
         return {}
-    peak, quantity = _finite(np.max(shown.rate)), _finite(shown.quantity)
+    peak, quantity = number(np.max(shown.rate)), number(shown.quantity)
     return {"meter": {"name": shown.meter.name, "peak_rate": peak, "quantity": quantity}}
 
 
 def write_csv(run: Run, path: Path) -> None:
     """Write rate and channels against time; the rate is the mean over the step that ends at the time."""
     s = run.solution
-    names = [f"{name} [{_unit(name)[0]}]" for name in s.channels]
+    names = [f"{name} [{_unit(name).name}]" for name in s.channels]
     columns = [s.time[1:] * 1e6, s.rate_mm3_per_ms, s.rate_mg_per_ms, s.injected[1:] * 1e6]
     if run.shown is not None:
         columns.append(run.shown.rate_mm3_per_ms)
-    columns += [values[1:] * _unit(name)[1] for name, values in s.channels.items()]
+    columns += [values[1:] * _unit(name).factor for name, values in s.channels.items()]
     notes = (
         f"simulated by commonrail, not measured: {heading(run)}",
         "rates are means over the interval that ends at the row's time; the rest is instantaneous",
@@ -196,12 +190,8 @@ def write_csv(run: Run, path: Path) -> None:
     atomic.write_csv(path, notes, head, rows)
 
 
-def _unit(channel: str) -> tuple[str, float]:
-    return _UNITS.get(channel.rsplit("_", 1)[-1], ("1", 1.0))
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+def _unit(channel: str) -> FieldUnit:
+    return field_unit(_UNITS.get(channel.rsplit("_", 1)[-1], "1"))
 
 
 def _instant(at: float | None, delay: float | None, event: str) -> str:

@@ -11,6 +11,7 @@ import click
 from commonrail.cli.console import print_json, print_table, say
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.progress import Bar, Stage
+from commonrail.display.text import counted
 from commonrail.errors import StudyError
 from commonrail.units import to_text
 
@@ -191,7 +192,8 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False) -> None
     end_if_stopped(outcome.record["status"], outcome.folder)
     if strict and warnings:
         raise StudyError(
-            f"{outcome.folder} is written, and has {_count(warnings)}; the first: {warnings[0]['sentence']}"
+            f"{outcome.folder} is written, and has {counted(len(warnings), 'warning')}; the first: "
+            f"{warnings[0]['sentence']}"
         )
 
 
@@ -214,11 +216,7 @@ def end_if_stopped(status: str, folder: Path) -> None:
 
 
 def _mention(warnings: Sequence[Any]) -> str:
-    return f" ({_count(warnings)} at its top)" if warnings else ""
-
-
-def _count(warnings: Sequence[Any]) -> str:
-    return f"{len(warnings)} warning{'' if len(warnings) == 1 else 's'}"
+    return f" ({counted(len(warnings), 'warning')} at its top)" if warnings else ""
 
 
 def stage_of(p: Progress) -> Stage:

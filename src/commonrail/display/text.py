@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from commonrail.units import to_text
 
 __all__ = [
     "MISSING",
+    "FieldUnit",
     "counted",
     "duration",
+    "field_unit",
     "fixed",
+    "in_print",
     "listed",
     "megapascal",
     "number",
@@ -25,7 +28,36 @@ __all__ = [
 
 MISSING = "–"
 _PRETTY = {"mm3": "mm³", "cm3": "cm³", "mm2": "mm²", "m3": "m³", "m2": "m²", "ohm": "Ω"}
-_PRETTY |= {"um": "µm", "us": "µs", "N/um": "N/µm", "um/MPa": "µm/MPa", "mohm": "mΩ"}
+_PRETTY |= {"um": "µm", "us": "µs", "N/um": "N/µm", "um/MPa": "µm/MPa", "mohm": "mΩ", "mm3/ms": "mm³/ms", "degC": "°C"}
+# Unit in which the field states all values of an SI unit, whatever their size, and its factor.
+_FIELD = {
+    "Pa": ("MPa", 1e-6),
+    "s": ("us", 1e6),
+    "m": ("um", 1e6),
+    "m3": ("mm3", 1e9),
+    "kg": ("mg", 1e6),
+    "m3/s": ("mm3/ms", 1e6),
+    "kg/s": ("mg/ms", 1e3),
+}
+
+
+class FieldUnit(NamedTuple):
+    """Unit in which the field states a quantity: its name in files, text on pages, and factor from SI."""
+
+    name: str
+    text: str
+    factor: float
+
+
+def field_unit(unit: str) -> FieldUnit:
+    """Unit in which the field states values of an SI unit; "1" has no text, and other units are left as they are."""
+    name, factor = _FIELD.get(unit, (unit, 1.0))
+    return FieldUnit(name, "" if unit == "1" else in_print(name), factor)
+
+
+def in_print(unit: str) -> str:
+    """Name of a unit as pages print it: µs for us."""
+    return _PRETTY.get(unit, unit)
 
 
 def number(value: Any) -> float | None:
@@ -80,7 +112,7 @@ def quantity(value: Any, unit: str, digits: int = 4) -> str:
     if found is None:
         return MISSING
     amount, _, shown = to_text(found, unit, digits).partition(" ")
-    return f"{amount} {_PRETTY.get(shown, shown)}".strip()
+    return f"{amount} {in_print(shown)}".strip()
 
 
 def duration(seconds: Any) -> str:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at
 from commonrail.injector.definition import Injector
 from commonrail.parts import feed_pipe
-
-Floats = NDArray[np.float64]
 
 SMALL = 1e-6  # a small pilot's mass [kg]: without an injection there is nothing to be relative to
 

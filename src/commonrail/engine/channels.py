@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.choices import Actuation, Boundary
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.plan import coefficients_at
@@ -15,7 +15,6 @@ from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import solenoid
 
-Floats = NDArray[np.float64]
 States = Mapping[str, Floats]
 
 _PRESSURES = {  # names of the states, those that an injector has

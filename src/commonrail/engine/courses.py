@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, Ints
 from commonrail.choices import Drive
 from commonrail.engine.feed import NEVER
 from commonrail.engine.job import Courses
@@ -17,8 +17,6 @@ from commonrail.injector.definition import Injector
 
 __all__ = ["LOOK_AFTER", "MAXIMUM_STEPS", "courses_of"]
 
-Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 LOOK_AFTER = 100e-6  # earliest time after energising at which the end of injection is looked for [s]
 MAXIMUM_STEPS = 2_000_000
@@ -84,9 +82,7 @@ def _quiet(point: OperatingPoint, dt: float) -> int:
     return round((last - point.start + LOOK_AFTER) / dt)
 
 
-def _turns(
-    pulses: Floats, count: Whole, at: tuple[Whole, Whole], times: Floats, dt: float
-) -> tuple[Whole, Whole, Floats]:
+def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt: float) -> tuple[Ints, Ints, Floats]:
     """Places of the points' first turns, and steps and origins of all turns, as in `Courses`.
 
     Parameters
@@ -120,7 +116,7 @@ def _turns(
     return first, turns, origins
 
 
-def _still_on(pulses: Floats, ordinal: Whole, now: Floats, dt: float) -> Floats:
+def _still_on(pulses: Floats, ordinal: Ints, now: Floats, dt: float) -> Floats:
     """Time [s] for which earlier energisings still last in the step in which each one counts as begun.
 
     A step that sees one energising end and the next begin is energised for as long as both together: the next counts

@@ -10,8 +10,8 @@ import importlib.util
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.choices import Precision
 from commonrail.engine.block import FUEL
 from commonrail.engine.job import Job
@@ -22,7 +22,6 @@ from commonrail.injector.variants import Variant, wiring
 
 __all__ = ["missing", "require_device", "run"]
 
-Floats = NDArray[np.float64]
 
 # A thread takes nearly all the registers that one may have, so that a multiprocessor holds 8 warps in any case:
 # small groups of threads end sooner where their needles close early.

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from commonrail.arrays import Floats
 from commonrail.choices import Drive
 from commonrail.engine.balance import relative_to_injected
 from commonrail.engine.channels import all_channels
@@ -39,7 +39,6 @@ from commonrail.parts.contents import Contents, contents
 
 __all__ = ["simulate_direct"]
 
-Floats = NDArray[np.float64]
 
 INSTANT = 1e-9  # in place of a lag of zero [s]: the flux then follows within a thousandth of a step
 

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, Ints
 from commonrail.choices import Drive
 from commonrail.compile import physics
 from commonrail.engine.instant import AT, past_limit
@@ -30,7 +30,6 @@ from commonrail.parts.drive import turned
 
 __all__ = ["Marched", "Problem", "march"]
 
-Floats = NDArray[np.float64]
 
 # Runge's stages: where in the step each is taken (there is no fifth), and what its slope contributes
 AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
@@ -57,7 +56,7 @@ class Fixed(NamedTuple):
     """
 
     constants: Floats
-    cells: NDArray[np.int64]
+    cells: Ints
     friction: Floats
 
 
@@ -103,7 +102,7 @@ class _Plan(NamedTuple):
     stops: Floats
     courses: Floats
     schedule: Floats
-    rows: NDArray[np.int64]
+    rows: Ints
 
 
 def march(problem: Problem, time: Floats, step: float) -> Marched:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, Ints
 from commonrail.choices import Precision
 from commonrail.injector.model import Inputs
 
 __all__ = ["Courses", "Job", "Samples", "Vector"]
-
-Floats = NDArray[np.float64]
 
 
 class Vector(NamedTuple):
@@ -57,14 +55,14 @@ class Courses(NamedTuple):
     """
 
     settings: Floats
-    steps: NDArray[np.int64]
-    quiet: NDArray[np.int64]
+    steps: Ints
+    quiet: Ints
     times: Floats
-    clock: NDArray[np.int64]
-    first: NDArray[np.int64]
-    turns: NDArray[np.int64]
+    clock: Ints
+    first: Ints
+    turns: Ints
     origins: Floats
-    trace: NDArray[np.int64]
+    trace: Ints
     traces: Floats
 
     @property
@@ -107,8 +105,8 @@ class Job(NamedTuple):
 
     theta: Floats
     courses: Any
-    points: NDArray[np.int64]
-    candidates: NDArray[np.int64]
+    points: Ints
+    candidates: Ints
     dt: float
     ring: int
     look_every: int
@@ -129,7 +127,7 @@ class Samples(NamedTuple):
         As in `lanes.Misfit`.
     """
 
-    bound_count: NDArray[np.int64]
-    due: NDArray[np.int64]
+    bound_count: Ints
+    due: Ints
     samples: Floats
     density: Floats

@@ -14,8 +14,8 @@ import threading
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, Ints
 from commonrail.choices import Precision
 from commonrail.engine.block import shape_of
 from commonrail.engine.job import Job, Samples, Vector
@@ -26,9 +26,6 @@ from commonrail.engine.threads import side_by_side
 from commonrail.errors import SimulationError
 from commonrail.injector.model import Waves
 from commonrail.injector.variants import Variant, wiring
-
-Floats = NDArray[np.float64]
-
 
 # One register of 512 bits: docs/decisions/0011-the-widest-registers.md.
 VECTORS = {
@@ -56,7 +53,7 @@ class Misfit(NamedTuple):
         With ones the targets are masses [kg/s].
     """
 
-    bound_count: NDArray[np.int64]
+    bound_count: Ints
     bounds: Floats
     target: Floats
     weight: Floats
@@ -68,7 +65,7 @@ class Misfit(NamedTuple):
         empty = np.zeros((points, 0))
         return cls(np.zeros(points, np.int64), empty, empty, empty, np.ones((1, points)))
 
-    def samples(self, dt: float, steps: NDArray[np.int64]) -> Samples:
+    def samples(self, dt: float, steps: Ints) -> Samples:
         """The samples as a loop over steps takes them.
 
         Parameters

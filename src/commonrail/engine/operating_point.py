@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from commonrail.arguments import Limits, Quantity, amount, array, instance, number, sequence, settle, shown
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 
 # Limits that no injector comes near, and that numbers meant in another unit pass: 160 (MPa) and 1600 (bar) lie below
@@ -57,19 +58,17 @@ class Trace:
         """Trace from arrays (samples,) of times [s], or texts with units, and of SI values."""
         return cls(time, value)  # type: ignore[arg-type]  # read by __post_init__
 
-    def at(self, time: ArrayLike) -> NDArray[np.float64]:
+    def at(self, time: ArrayLike) -> Floats:
         """Values at times [s]."""
         return np.asarray(np.interp(np.asarray(time, float), self.time, self.value))
 
-    def mean(self, start: NDArray[np.float64], stop: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mean(self, start: Floats, stop: Floats) -> Floats:
         """Means over intervals [s], exact for the piecewise linear course."""
         knots = np.asarray(self.time)
         area = np.concatenate(([0.0], np.cumsum(np.diff(knots) * 0.5 * (np.add(self.value[1:], self.value[:-1])))))
         return np.asarray((self._area(stop, knots, area) - self._area(start, knots, area)) / (stop - start))
 
-    def _area(
-        self, t: NDArray[np.float64], knots: NDArray[np.float64], area: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _area(self, t: Floats, knots: Floats, area: Floats) -> Floats:
         inside = np.clip(t, knots[0], knots[-1])
         i = np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, len(knots) - 2)
         value = np.asarray(self.value)
@@ -216,6 +215,11 @@ class OperatingPoint:
         if isinstance(self.energisings, float):
             return (Energising(0.0, self.energisings),)
         return self.energisings
+
+    @property
+    def end_of_energising(self) -> float:
+        """End of the last energising, the start of the simulation if there is none [s]."""
+        return self.pulses[-1].start + self.pulses[-1].duration if self.pulses else self.start
 
     @property
     def duration(self) -> float:

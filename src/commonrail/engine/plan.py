@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, Ints
 from commonrail.choices import Precision
 from commonrail.engine.courses import MAXIMUM_STEPS as MAXIMUM_STEPS
 from commonrail.engine.courses import courses_of
@@ -22,8 +22,6 @@ from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.model import Setting
 from commonrail.injector.variants import wiring
-
-Floats = NDArray[np.float64]
 
 LOOK_INTERVAL = 20e-6  # between looks at health and rest [s]
 RESTING = 100e-6  # an injection has ended once needle and valve have rested this long [s]
@@ -182,7 +180,7 @@ def make_job(
 
 
 @functools.lru_cache(maxsize=4)
-def _lanes(order: bytes, starts: bytes, candidates: int, width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _lanes(order: bytes, starts: bytes, candidates: int, width: int) -> tuple[Ints, Ints]:
     """Points and candidates of the lanes, (blocks, width) each.
 
     Parameters
@@ -206,7 +204,7 @@ def _lanes(order: bytes, starts: bytes, candidates: int, width: int) -> tuple[ND
 
 def fill_lanes(
     courses: Courses, candidates: int, width: int, *, by_quiet: bool = False, apart: bool = False
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Ints, Ints]:
     """Points and candidates of the lanes of each block, (blocks, width) each: every candidate at every point.
 
     Points follow one another by the end of their simulation, so that the lanes of a block, and the blocks of each

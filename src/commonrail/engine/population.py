@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from commonrail.arguments import array, sequence
+from commonrail.arrays import Bools, Floats, IndexArray
 from commonrail.choices import Actuation
 from commonrail.engine.block import FUEL
 from commonrail.errors import ConfigurationError
@@ -19,8 +20,6 @@ from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter
 from commonrail.parts.furniture import Domain
 
 __all__ = ["admissible", "candidate_matrix", "columns", "read_candidates"]
-
-Floats = NDArray[np.float64]
 
 
 def read_candidates(names: Sequence[str], values: ArrayLike | None) -> Floats:
@@ -96,13 +95,13 @@ def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats, r
 
 
 @functools.lru_cache(maxsize=64)
-def columns(names: tuple[str, ...], actuation: Actuation = Actuation.SERVO) -> NDArray[np.intp]:
+def columns(names: tuple[str, ...], actuation: Actuation = Actuation.SERVO) -> IndexArray:
     """Positions of parameters in a full vector of an actuation."""
     paths = parameter_paths(actuation)
     return np.array([paths.index(name) for name in names], np.intp)
 
 
-def admissible(names: Sequence[str], values: Floats, fuel: Fuel | None = None) -> NDArray[np.bool_]:
+def admissible(names: Sequence[str], values: Floats, fuel: Fuel | None = None) -> Bools:
     """True for candidates in the domain of their parameters, and in the fuel's range of temperature: (candidates,).
 
     Parameters

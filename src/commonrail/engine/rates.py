@@ -6,7 +6,6 @@ pressures are taken at one time.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -35,7 +34,7 @@ from commonrail.parts.chain import Nine
 from commonrail.parts.contents import Contents, contents
 from commonrail.parts.plunger_needle import Motion
 
-__all__ = ["compiled_rates", "make_hydraulics", "make_rates", "make_sac_rate"]
+__all__ = ["make_hydraulics", "make_rates", "make_sac_rate"]
 
 
 class Hydraulics(NamedTuple):
@@ -101,14 +100,6 @@ def return_rates(y: Any, dy: Any, place: tuple[int, int], c: Coefficients, inflo
         last = j == cells - 1
         behind = low if last else y[i + 2]
         dy[i + 1] = -(behind - y[i]) * per_cell / (z * (0.5 if last else 1.0))
-
-
-@functools.cache
-def compiled_rates(variant: Variant) -> Callable[..., None]:
-    """Function (y, outside, constants, cells, friction, dy) of a variant, compiled."""
-    from commonrail.jit import kernel
-
-    return kernel(make_rates(variant), f"rates: {variant.label}")  # type: ignore[no-any-return]
 
 
 def make_hydraulics(variant: Variant) -> Callable[..., Hydraulics]:

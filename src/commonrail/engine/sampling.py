@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.population import candidate_matrix
@@ -14,8 +14,6 @@ from commonrail.engine.simulate import usable_threads
 from commonrail.engine.status import which_failed
 from commonrail.engine.statuses import statuses_of
 from commonrail.injector.definition import Injector
-
-Floats = NDArray[np.float64]
 
 
 def sampled_rates(

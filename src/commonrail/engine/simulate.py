@@ -10,9 +10,10 @@ from dataclasses import fields
 from typing import NamedTuple, ParamSpec
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from commonrail.arguments import Quantity, chosen, flag, instance, instances, known_names, number, thread_count
+from commonrail.arrays import Floats
 from commonrail.choices import Engine, Precision
 from commonrail.engine import lanes, plan
 from commonrail.engine.balance import relative_balance
@@ -32,8 +33,6 @@ from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.variants import Variant
 from commonrail.units import to_text
-
-Floats = NDArray[np.float64]
 
 ROUNDING = 1e-6  # relative difference from a whole number of steps that counts as rounding
 

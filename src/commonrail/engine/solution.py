@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats, Ints
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import step_advice
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -127,7 +125,7 @@ class Batch:
     closing: Floats
     first_closing: Floats
     greatest_lift: Floats
-    status: NDArray[np.int64]
+    status: Ints
     reference_density: Floats
     absolute_error: Floats
     squared_error: Floats
@@ -137,7 +135,7 @@ class Batch:
         return Batch(**{f.name: getattr(self, f.name)[:, points] for f in fields(self)})
 
     @property
-    def failed(self) -> NDArray[np.bool_]:
+    def failed(self) -> Bools:
         """Mask of the simulations that failed."""
         return ~np.isin(self.status, (Status.OK, Status.STILL_INJECTING))
 

@@ -14,8 +14,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.choices import Actuation, Body, Boundary
 from commonrail.engine import direct_stability
 from commonrail.flow.wave import pipe_area
@@ -26,7 +26,6 @@ from commonrail.parts.chain import Seven, around
 
 __all__ = ["Medium", "bears", "longest", "longest_step", "medium_of", "stiffest_corner", "too_long"]
 
-Floats = NDArray[np.float64]
 Values = Mapping[str, Any]
 
 # Largest ω dt of the valve on its seat or stop: leapfrog's correction of fourth order needs it well below one. The
@@ -261,7 +260,7 @@ def longest(variant: Variant, values: Values, medium: Medium) -> float:
 
 def too_long(
     injector: Injector, names: Sequence[str], theta: Floats, medium: Medium, dt: float, lift: Floats | float = 0.0
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Candidates (n,) for which a step is too long.
 
     Parameters

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arrays import Bools
+
 
 class Status(IntEnum):
     """Outcome of one simulation. What `failed` costs +inf in a study; so does a needle still open in a quantity map."""
@@ -59,6 +61,6 @@ _SENTENCES = {
 OK, STILL_INJECTING = int(Status.OK), int(Status.STILL_INJECTING)  # NumPy takes five times as long for an enum
 
 
-def which_failed(statuses: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+def which_failed(statuses: NDArray[np.integer[Any]]) -> Bools:
     """`Status.failed` of many."""
     return np.asarray((statuses != OK) & (statuses != STILL_INJECTING))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats, Ints
 from commonrail.engine.notes import Outcome
 from commonrail.engine.plan import Prepared
 from commonrail.engine.stability import Medium, medium_of, too_long
@@ -14,12 +14,11 @@ from commonrail.engine.status import OK, STILL_INJECTING, Status
 
 __all__ = ["statuses_of"]
 
-Floats = NDArray[np.float64]
 
 BACKFLOW = 1e-7  # largest mass that a SAC takes back from the cylinder [kg]; more is an injector that has run empty
 
 
-def statuses_of(names: Sequence[str], theta: Floats, prepared: Prepared, outcome: Outcome) -> NDArray[np.int64]:
+def statuses_of(names: Sequence[str], theta: Floats, prepared: Prepared, outcome: Outcome) -> Ints:
     """Status of each candidate at each operating point: (candidates, points).
 
     Parameters
@@ -46,7 +45,7 @@ def statuses_of(names: Sequence[str], theta: Floats, prepared: Prepared, outcome
     return status
 
 
-def _step_too_long(names: Sequence[str], theta: Floats, prepared: Prepared, lifts: Floats) -> NDArray[np.bool_]:
+def _step_too_long(names: Sequence[str], theta: Floats, prepared: Prepared, lifts: Floats) -> Bools:
     """True for (candidates, points) whose step is too long at the point's own rail pressure and largest lift.
 
     Parameters

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arrays import Ints
 from commonrail.compile import CACHE_LINE
 from commonrail.engine.job import Courses, Job, Samples
 
@@ -149,7 +150,7 @@ def _aligned(count: int, real: Any) -> NDArray[Any]:
     return whole[first : first + count]
 
 
-def fill(given: Given, real: Any) -> tuple[NDArray[np.int64], list[NDArray[Any]]]:
+def fill(given: Given, real: Any) -> tuple[Ints, list[NDArray[Any]]]:
     """Table of arguments, and arrays that must outlive it.
 
     Parameters

@@ -7,13 +7,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 
 __all__ = ["Segment", "courses", "knots", "segments", "value_at"]
-
-Floats = NDArray[np.float64]
 
 
 class Segment(NamedTuple):

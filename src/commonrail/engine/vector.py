@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, Ints
 from commonrail.compile import physics
 from commonrail.injector.layout import layout_of
 from commonrail.injector.model import Books, Setting, State
@@ -20,7 +20,6 @@ from commonrail.parts import nozzle, solenoid, valve
 
 __all__ = ["CORE", "ROW", "Core", "Frame", "Masses", "make_frame", "start_vector", "typical_sizes", "vector_states"]
 
-Floats = NDArray[np.float64]
 
 LINE = 1e6  # typical pressure in the return line, for absolute tolerances [Pa]
 
@@ -78,7 +77,7 @@ def make_frame(variant: Variant) -> Callable[[Any], Frame]:
     return frame
 
 
-def start_vector(variant: Variant, s: State, cells: NDArray[np.int64], at: Setting) -> Floats:
+def start_vector(variant: Variant, s: State, cells: Ints, at: Setting) -> Floats:
     """The vector at rest.
 
     Parameters
@@ -96,7 +95,7 @@ def start_vector(variant: Variant, s: State, cells: NDArray[np.int64], at: Setti
     return _joined(variant, core, (s.body.z, 0.0), cells, ((0.0, at.rail), (at.low, 0.0)))
 
 
-def typical_sizes(variant: Variant, start: Floats, cells: NDArray[np.int64], rail: float) -> Floats:
+def typical_sizes(variant: Variant, start: Floats, cells: Ints, rail: float) -> Floats:
     """Typical size of each entry, for a solver's absolute tolerances.
 
     Parameters
@@ -123,7 +122,7 @@ def _joined(variant: Variant, core: Core, body: Any, cells: Any, pipes: Any) -> 
     return y
 
 
-def vector_states(variant: Variant, y: Floats, cells: NDArray[np.int64]) -> dict[str, Floats]:
+def vector_states(variant: Variant, y: Floats, cells: Ints) -> dict[str, Floats]:
     """Core, positions and velocities by name, from vectors (…, entries); "body" where it is one mass.
 
     Parameters

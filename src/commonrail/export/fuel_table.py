@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.fuel.fuel import Fuel
 
@@ -33,10 +33,10 @@ class FuelTable(NamedTuple):
 
     coldest: float
     hottest: float
-    series: NDArray[np.float64]
-    own: NDArray[np.float64]
+    series: Floats
+    own: Floats
 
-    def at(self, temperature: float) -> NDArray[np.float64]:
+    def at(self, temperature: float) -> Floats:
         """Coefficients at a temperature [K]."""
         x = (2.0 * temperature - self.coldest - self.hottest) / (self.hottest - self.coldest)
         return np.asarray(chebyshev.chebval(x, self.series.T))

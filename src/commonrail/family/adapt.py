@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import file_path, instance, thread_count
+from commonrail.arrays import Floats
 from commonrail.calibration.goal import Loss
 from commonrail.calibration.injector_type import InjectorType
 from commonrail.calibration.optimisers import StagedSettings
@@ -60,8 +60,8 @@ class Adapted:
 
     injector: Injector
     flow_factor: float
-    before: NDArray[np.float64]
-    after: NDArray[np.float64]
+    before: Floats
+    after: Floats
     points: QuantityData
     calibration: Calibration
 
@@ -129,7 +129,7 @@ def adapt(
     return Adapted(_named(known, study, found, factor), factor, start, best, points, found)
 
 
-def _check_met(points: QuantityData, best: NDArray[np.float64]) -> None:
+def _check_met(points: QuantityData, best: Floats) -> None:
     """Refuse reference quantities that the adapted model does not come near: no flow factor can repair that."""
     for point, wanted, given in zip(points.points, points.quantity, best, strict=True):
         if not abs(given - wanted) <= max(FAR * wanted, ANYWAY):

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import file_path, instances, number, thread_count, whole
+from commonrail.arrays import Floats
 from commonrail.calibration.injector_type import InjectorType
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.prior import Prior
@@ -29,7 +29,6 @@ from commonrail.reading.tables import Column, read_columns
 
 __all__ = ["FLOW_SPREAD", "Advice", "advise", "grid", "read_candidates"]
 
-Floats = NDArray[np.float64]
 
 DRAWS = 256
 FLOW_SPREAD = 0.03  # standard deviation of the flow of a nozzle about its drawing: an estimate of the tolerance

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.identifiability import identify_at
 from commonrail.arguments import function, instance, thread_count
+from commonrail.arrays import Floats
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.injector_type import InjectorType
 from commonrail.calibration.members import mean_of, members_of
@@ -26,8 +26,6 @@ from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.workers import Workers
 
 __all__ = ["FamilyFit", "FittedPart", "fit_family", "objective_of_parts"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import file_path, number, plain_text, sequence
+from commonrail.arrays import Floats
 from commonrail.calibration.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
 from commonrail.errors import InputError
 from commonrail.family.fixed import PartValues, fixed_values
@@ -28,7 +28,6 @@ from commonrail.reading.sheet import name_and_unit
 
 __all__ = ["FLEET", "type_from_fleet", "type_from_runs"]
 
-Floats = NDArray[np.float64]
 
 FLEET, TABLE = "fleet.json", "results.csv"
 FEWEST_MEMBERS = 2

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, IndexArray
 from commonrail.calibration.goal import Goal, Loss
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.calibration.prior import Priors
@@ -17,8 +17,6 @@ from commonrail.family.sharing import Sharing
 from commonrail.kinds import Role, of_role
 
 __all__ = ["FamilyObjective"]
-
-Floats = NDArray[np.float64]
 
 
 class FamilyObjective(Objective):
@@ -85,7 +83,7 @@ class FamilyObjective(Objective):
         found = [part.linearised(self.sharing.of_part(k, values)) for k, part in enumerate(self.parts)]
         return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
 
-    def _distinct(self, values: Floats) -> list[tuple[Floats, NDArray[np.intp]]]:
+    def _distinct(self, values: Floats) -> list[tuple[Floats, IndexArray]]:
         """For each part its candidates, each once, and which of them belongs to each joint candidate."""
         found = []
         for k in range(len(self.parts)):

@@ -8,8 +8,8 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.prior import Prior
 from commonrail.calibration.products import Products
@@ -18,7 +18,6 @@ from commonrail.errors import ConfigurationError, nearest
 
 __all__ = ["OF", "Share", "Shared", "Sharing", "joint_space"]
 
-Floats = NDArray[np.float64]
 
 OF = " of part "  # between a parameter and the part whose own it is
 WIDEST = 4.0  # standard deviations that a part may lie from the common value

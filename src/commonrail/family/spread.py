@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from commonrail.arrays import Floats
 
 __all__ = ["Estimate", "FEWEST", "over_parts", "without_prior"]
 
 FEWEST = 2  # parts that data hold, for a spread
 _FAINT = 0.1  # data that tell less than this share of what the prior does tell nothing
 
-Floats = NDArray[np.float64]
 
 _HALVINGS = 200  # of the interval that holds the variance between parts: to the last bit
 
@@ -93,7 +94,7 @@ def without_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, floa
         return np.where(np.isinf(total), x, (x * total - mean * own) / weight), weight**-0.5
 
 
-def _mean(x: NDArray[np.float64], variance: NDArray[np.float64]) -> tuple[float, float]:
+def _mean(x: Floats, variance: Floats) -> tuple[float, float]:
     """Weighed mean and its standard error."""
     if not np.all(variance > 0.0):  # all parts alike, or exact
         return float(np.mean(x)), 0.0
@@ -101,7 +102,7 @@ def _mean(x: NDArray[np.float64], variance: NDArray[np.float64]) -> tuple[float,
     return float(np.sum(weights * x) / np.sum(weights)), float(1.0 / np.sqrt(np.sum(weights)))
 
 
-def _excess(x: NDArray[np.float64], variance: NDArray[np.float64]) -> float:
+def _excess(x: Floats, variance: Floats) -> float:
     """Σ (x − μ)²/variance beyond n − 1."""
     if not np.all(variance > 0.0):
         return float(np.ptp(x) > 0.0)

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from commonrail.display.text import FieldUnit, field_unit
 from commonrail.files.atomic import write_csv
 from commonrail.files.run_features import ComparedFeatures
 from commonrail.signals.measures import FEATURES
-from commonrail.signals.result import SHOWN, Features, Shown, unit_of
+from commonrail.signals.result import Features, unit_of
 from commonrail.signals.shots import ShotStatistic
 
 __all__ = ["compared_record", "features_record", "write_compared", "write_features"]
@@ -31,12 +32,12 @@ def write_features(path: Path, found: Mapping[str, Features]) -> None:
         If it cannot be written.
     """
     (unit,) = {one.unit for one in found.values()}
-    units = {name: SHOWN[unit_of(name, unit)] for name in FEATURES}
+    units = {name: field_unit(unit_of(name, unit)) for name in FEATURES}
     header = [
         "trace",
         "injection",
         "energising",
-        *(f"{name} [{shown.unit}]" for name, shown in units.items()),
+        *(f"{name} [{shown.name}]" for name, shown in units.items()),
         "status",
     ]
 
@@ -70,10 +71,10 @@ def write_compared(path: Path, found: Sequence[ComparedFeatures]) -> None:
         for one in found:
             for i in range(1, len(one.measured.energisings) + 1):
                 for name in FEATURES:
-                    shown = SHOWN[unit_of(name)]
+                    shown = field_unit(unit_of(name))
                     pair = one.measured.value(name, i), one.simulated.value(name, i)
                     texts = (_text(value, shown) for value in (*pair, pair[1] - pair[0]))
-                    yield [one.name, str(i), name, shown.unit, *texts]
+                    yield [one.name, str(i), name, shown.name, *texts]
 
     notes = [note for one in found for note in (_note(one.name, one.measured), *_synthetic(one))]
     write_csv(path, notes, ["data", "injection", "feature", "unit", "measured", "simulated", "difference"], rows())
@@ -116,8 +117,8 @@ def compared_record(found: Sequence[ComparedFeatures]) -> dict[str, Any]:
 
 
 def _note(name: str, one: Features) -> str:
-    shown, levels = SHOWN[one.unit], one.levels
-    threshold = f"{levels.threshold * shown.factor:.6g} {shown.unit}"
+    shown, levels = field_unit(one.unit), one.levels
+    threshold = f"{levels.threshold * shown.factor:.6g} {shown.name}"
     return f"{name}: threshold {threshold}, averaged over {levels.width * 1e6:.6g} us"
 
 
@@ -125,5 +126,5 @@ def _synthetic(one: ComparedFeatures) -> list[str]:
     return [f"{one.name}: synthetic, not measured: {one.synthetic}"] if one.synthetic else []
 
 
-def _text(value: float, shown: Shown) -> str:
+def _text(value: float, shown: FieldUnit) -> str:
     return f"{value * shown.factor:.9g}" if math.isfinite(value) else ""

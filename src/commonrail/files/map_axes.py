@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from commonrail.arrays import Floats
 from commonrail.errors import InputError
 from commonrail.files.dcm import read_dcm
 from commonrail.maps.table import Axis
@@ -14,8 +12,6 @@ from commonrail.reading.place import Place, located
 from commonrail.units import compatible, convert
 
 __all__ = ["axes_of_dcm"]
-
-Floats = NDArray[np.float64]
 
 
 def axes_of_dcm(path: Path, density: float) -> tuple[Floats, Floats]:

@@ -8,8 +8,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import InputError
 from commonrail.files.atomic import replacing, write_csv, write_text
 from commonrail.files.cdfx import write_cdfx
@@ -19,7 +19,6 @@ from commonrail.reading.formulas import neutralised
 
 __all__ = ["ENDINGS", "check_map_file", "write_map_file"]
 
-Floats = NDArray[np.float64]
 
 LONGEST_SHEET = 31  # characters of the name of a sheet
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib import resources
 
-import numpy as np
-from numpy.typing import NDArray
-
 from commonrail.analysis.outside import INTERVAL, Run
 from commonrail.analysis.virtual_bench import PAPER_OPTIMUM
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.files.injector_file import load_injector
 from commonrail.reading.csv_file import CsvFile
@@ -43,7 +41,7 @@ def load_outside() -> tuple[Run, ...]:
     )
 
 
-def _rates() -> dict[str, NDArray[np.float64]]:
+def _rates() -> dict[str, Floats]:
     """Rates [m³/s] by stiffness, rail pressure and energising time, as the columns are headed."""
     sheet = _sheet("rates.csv")
     names = sheet.names[1:]

@@ -8,10 +8,10 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.posterior.sample import Posterior
 from commonrail.arguments import file_path, instance
+from commonrail.arrays import Floats
 from commonrail.display.text import listed
 from commonrail.errors import InputError
 from commonrail.files.atomic import replacing
@@ -70,7 +70,7 @@ def write_posterior(folder: str | Path, found: Posterior) -> Path:
     return folder / POSTERIOR
 
 
-def read_posterior(folder: str | Path, names: Sequence[str]) -> NDArray[np.float64]:
+def read_posterior(folder: str | Path, names: Sequence[str]) -> Floats:
     """Draws (n, d) [SI] of a run folder, for parameters of these names.
 
     Parameters
@@ -112,7 +112,7 @@ def read_posterior(folder: str | Path, names: Sequence[str]) -> NDArray[np.float
     return np.asarray(found.reshape(-1, len(own)), float)
 
 
-def read_draws(folder: str | Path, names: Sequence[str]) -> NDArray[np.float64]:
+def read_draws(folder: str | Path, names: Sequence[str]) -> Floats:
     """Draws as `read_posterior`, some hundreds at even distances: as many as predictions are simulated with."""
     kept = read_posterior(folder, names)
     return kept[:: max(len(kept) // MOST_DRAWS, 1)]

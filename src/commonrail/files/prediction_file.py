@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.prediction.band import Band
 from commonrail.analysis.prediction.predict import Prediction
+from commonrail.display.text import field_unit
 from commonrail.files.atomic import write_csv
 from commonrail.parts.furniture import Domain
 from commonrail.reading.tables import Column, read_columns
@@ -17,9 +17,7 @@ from commonrail.units import convert
 
 __all__ = ["read_points", "write_bands"]
 
-Floats = NDArray[np.float64]
 
-SHOWN = {"m3": "mm3", "m3/s": "mm3/ms"}  # units of the file by the SI unit
 RAIL, TIME = "rail_pressure", "energising_time"
 
 
@@ -59,7 +57,7 @@ def write_bands(path: Path, found: Prediction) -> None:
 
 def _rows(band: Band) -> Iterator[Sequence[str]]:
     data = band.data
-    unit = SHOWN.get(data.unit, data.unit)
+    unit = field_unit(data.unit).name
     columns = [band.values, *(edge for pair in band.edges.values() for edge in pair)]
     columns.append(data.measured if band.measured else np.full(len(band.values), np.nan))
     shown = [convert(column, data.unit, unit) for column in columns]

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, IndexArray
 from commonrail.engine.operating_point import Energising
 from commonrail.errors import InputError
 from commonrail.files.named_columns import named_points
@@ -22,7 +22,6 @@ from commonrail.units import compatible, to_text
 
 __all__ = ["RateColumns", "are_repeated", "read_rates"]
 
-Floats = NDArray[np.float64]
 
 MOST_SHOTS = 500
 
@@ -139,7 +138,7 @@ def _is_rate(unit: str) -> bool:
         return False
 
 
-def _within(bounds: Floats, window: tuple[float, float] | None, path: Path) -> NDArray[np.intp]:
+def _within(bounds: Floats, window: tuple[float, float] | None, path: Path) -> IndexArray:
     begin, end = (-np.inf, np.inf) if window is None else window
     keep = np.flatnonzero((bounds[:-1] >= begin) & (bounds[1:] <= end))
     if len(keep) < 4:

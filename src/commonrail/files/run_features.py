@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.study import Study
 from commonrail.errors import InputError
 from commonrail.files.run_folder import read_fit, read_run
@@ -21,8 +21,6 @@ from commonrail.signals.result import Features
 from commonrail.signals.settings import FeatureSettings
 
 __all__ = ["ComparedFeatures", "run_features"]
-
-Floats = NDArray[np.float64]
 
 
 class ComparedFeatures(NamedTuple):

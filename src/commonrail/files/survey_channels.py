@@ -13,7 +13,7 @@ from commonrail.errors import InputError
 from commonrail.files.named_columns import pattern_of
 from commonrail.reading.channel_sheet import TIME, ChannelSheet
 from commonrail.reading.sheet import Column, Sheet
-from commonrail.units import compatible, convert, to_text
+from commonrail.units import convert, fits, to_text
 
 __all__ = ["UNKNOWN", "ZERO", "Channel", "block_of", "channels_of", "zero_of"]
 
@@ -66,7 +66,7 @@ class Channel(NamedTuple):
     @property
     def kind(self) -> str:
         """SI unit of what it measures, empty if that is unknown."""
-        return next((si for si in _MEANINGS if _fits(self.unit, si)), "") if self.unit else ""
+        return next((si for si in _MEANINGS if fits(self.unit, si)), "") if self.unit else ""
 
     def text(self) -> str:
         """One line on it."""
@@ -171,10 +171,3 @@ def _shots(channels: Sequence[Channel]) -> dict[str, Any] | None:
 
 def _names(channels: Sequence[Channel]) -> str:
     return " and ".join(f'"{c.name}"' for c in channels[:4]) + (" and others" if len(channels) > 4 else "")
-
-
-def _fits(unit: str, kind: str) -> bool:
-    try:
-        return compatible(unit, kind)
-    except InputError:
-        return False

@@ -8,22 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.display.text import number
 from commonrail.files.atomic import write_csv
 from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import Compensation
-from commonrail.maps.sweep import Sweep
+from commonrail.maps.sweep import Sweep, table_unit
 from commonrail.maps.table import notes_of
 from commonrail.maps.without_number import without_number
 from commonrail.units import convert
 
-Floats = NDArray[np.float64]
-
 __all__ = ["compensation_record", "sweep_record", "write_compensation", "write_sweep"]
-
-SHOWN = {"Pa": "MPa", "s": "us", "K": "degC", "m": "um"}  # units of a table by the SI unit
 
 
 def write_sweep(path: Path, found: Sweep) -> None:
@@ -39,7 +35,7 @@ def write_sweep(path: Path, found: Sweep) -> None:
     OutputError
         If it cannot be written.
     """
-    head = [f"{v.name} [{SHOWN.get(v.unit, v.unit)}]" for v in found.variables] + ["quantity [mm3]"]
+    head = [f"{v.name} [{table_unit(v.unit)}]" for v in found.variables] + ["quantity [mm3]"]
     if found.two:
         head += ["second_quantity [mm3]", "fused"]
     lacking = [f"{g.combinations} of {found.volume.size} without a number: {g.sentence}" for g in without_number(found)]
@@ -49,7 +45,7 @@ def write_sweep(path: Path, found: Sweep) -> None:
 
 
 def _rows(found: Sweep) -> Iterator[Sequence[str]]:
-    axes = [convert(v.values, v.unit, SHOWN.get(v.unit, v.unit)) for v in found.variables]
+    axes = [convert(v.values, v.unit, table_unit(v.unit)) for v in found.variables]
     places = product(*([f"{value:.9g}" for value in axis.tolist()] for axis in axes))
     columns = [_texts(found.volume)]
     if found.two:
@@ -154,5 +150,5 @@ def _text(value: float | Floats) -> str:
     return f"{float(value):.4f}" if np.isfinite(value) else ""
 
 
-def _numbers(values: NDArray[np.float64]) -> list[Any]:
+def _numbers(values: Floats) -> list[Any]:
     return [number(v) for v in values.tolist()] if values.ndim == 1 else [_numbers(part) for part in values]

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import InputError
 from commonrail.files.atomic import write_csv
 from commonrail.files.sums import check_sum
@@ -19,7 +19,6 @@ from commonrail.reading.sheet import Column
 
 __all__ = ["Curve", "Traces", "read_curves", "read_traces", "write_traces"]
 
-Floats = NDArray[np.float64]
 Trace = dict[str, Floats]
 Traces = dict[str, Trace]
 

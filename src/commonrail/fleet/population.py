@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.fleet.journal import Entry
 
 __all__ = ["population_record"]
 
-Floats = NDArray[np.float64]
 
 BINS = 20  # classes of a histogram
 FAR = 3.5  # robust standard deviations from the median beyond which a value is an outlier

@@ -8,9 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from commonrail.arrays import IndexArray
 from commonrail.errors import InputError, nearest
 from commonrail.files.atomic import write_text
 from commonrail.fleet.supply import DEAD_TIMES, INJECTOR, Layout, check_name, checked_names
@@ -81,7 +79,7 @@ class _Form(NamedTuple):
 class _Part:
     """Rows of one injector and data set; compared by identity."""
 
-    def __init__(self, table: Table, form: _Form, rows: NDArray[np.intp]) -> None:
+    def __init__(self, table: Table, form: _Form, rows: IndexArray) -> None:
         self.table, self.form, self.rows = table, form, rows
 
     def text(self) -> str:

@@ -9,10 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
+from commonrail.arrays import IndexArray
 from commonrail.reading import sheet
 from commonrail.reading.csv_file import CsvFile
 from commonrail.reading.parquet_file import LARGEST_FLEET, ParquetFile
-from commonrail.reading.table_limits import MOST_ROWS, Groups, Indices
+from commonrail.reading.table_limits import MOST_ROWS, Groups
 
 __all__ = ["Table", "find_column", "names_of", "read_table"]
 
@@ -33,7 +34,7 @@ class Table(Protocol):
     def groups(self, columns: Sequence[int]) -> Groups:
         """Rows, in their order, by the texts in columns; the groups are in the order of their first rows."""
 
-    def cells(self, rows: Indices) -> list[list[str]]:
+    def cells(self, rows: IndexArray) -> list[list[str]]:
         """Texts of some rows, empty where there is no value."""
 
     def place(self, row: int) -> str:
@@ -74,7 +75,7 @@ class _Csv:
             found.setdefault(tuple(row[column].strip() for column in columns), []).append(i)
         return {key: np.array(places, dtype=np.intp) for key, places in found.items()}
 
-    def cells(self, rows: Indices) -> list[list[str]]:
+    def cells(self, rows: IndexArray) -> list[list[str]]:
         return [[cell.strip() for cell in self.rows[row]] for row in rows]
 
     def place(self, row: int) -> str:

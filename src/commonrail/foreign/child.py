@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.foreign.data import Run, Setting
 from commonrail.foreign.statuses import FmuStatus
 
 __all__ = ["FATAL_EXIT", "Answered", "Asked", "FmuWork"]
 
-Floats = NDArray[np.float64]
 
 FATAL_EXIT = 71  # of a process whose FMU may not be called any more
 LONGEST = 300  # characters of a message

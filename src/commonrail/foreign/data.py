@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from commonrail.arguments import array, chosen, number, plain_text, settle
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 from commonrail.kinds import Role
 
 __all__ = ["SHARE", "FmuData", "FmuInputs", "Run", "fmu_curve", "fmu_rows"]
 
-Floats = NDArray[np.float64]
 Setting = float | bool | str
 
 SHARE = 0.01  # tolerance where none is stated: this share of the range of the measured values

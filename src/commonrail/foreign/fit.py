@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.identifiability import identify_at
 from commonrail.arguments import function, instance
+from commonrail.arrays import Floats
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Recorder
 from commonrail.calibration.optimisers import Counts
-from commonrail.calibration.optimisers.verdict import Verdict
+from commonrail.calibration.optimisers.verdict import Convergence
 from commonrail.calibration.search import Listeners, Progress, Search
 from commonrail.errors import SimulationError
 from commonrail.foreign.objective import FmuObjective
@@ -25,7 +25,6 @@ from commonrail.workers.interrupt import held_interrupts
 
 __all__ = ["FmuFit", "calibrate_fmu"]
 
-Floats = NDArray[np.float64]
 
 NOT_JUDGED = "not judged: the search was stopped"
 
@@ -59,7 +58,7 @@ class FmuFit:
         The first message of the FMU with each of these statuses.
     status, reason : str
         "finished" or "interrupted", and why it stopped.
-    convergence : Verdict or None
+    convergence : Convergence or None
         None of one that was interrupted.
     seconds : float
         Time of the search.
@@ -79,7 +78,7 @@ class FmuFit:
     told: Mapping[str, str]
     status: str = "finished"
     reason: str = ""
-    convergence: Verdict | None = None
+    convergence: Convergence | None = None
     seconds: float = 0.0
 
 

@@ -6,15 +6,14 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.foreign.data import FmuData, FmuInputs
 from commonrail.foreign.fmu import Fmu
 from commonrail.units import to_text
 
 __all__ = ["notes_on"]
 
-Floats = NDArray[np.float64]
 
 _NEAR = 1e-6  # share of a step by which rounding may bring samples closer together
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.goal import Goal
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.calibration.prior import Priors
@@ -17,7 +18,6 @@ from commonrail.kinds import Role
 
 __all__ = ["FmuObjective"]
 
-Floats = NDArray[np.float64]
 
 EXACT = 1e-6  # relative error of a simulation, which solvers of FMUs do not fall below
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.foreign.child import FATAL_EXIT, Answered, Asked, FmuWork
 from commonrail.foreign.data import FmuData
 from commonrail.foreign.fmu import Fmu, unpacked
@@ -19,7 +20,6 @@ from commonrail.workers.workers import Workers
 
 __all__ = ["FmuSimulator", "Simulated", "opened"]
 
-Floats = NDArray[np.float64]
 
 _LIMITS = Limits(check_one_in=0)
 

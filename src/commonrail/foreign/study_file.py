@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, PlainValidator
 
 from commonrail.arguments import file_path
@@ -37,7 +35,6 @@ __all__ = ["FORMAT", "load_fmu_study"]
 FORMAT = "commonrail-fmu-study/1"
 MOST_OUTPUTS = 100
 
-Floats = NDArray[np.float64]
 _Value = str | float | int | bool
 _Settings = dict[str, _Value]
 _Columns = dict[str, Text]

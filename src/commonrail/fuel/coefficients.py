@@ -14,13 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.elementary import cosine
 from commonrail.errors import ConfigurationError
 from commonrail.fuel.fuel import Fuel
 from commonrail.fuel.kernel import FuelCoefficients
-from commonrail.fuel.laws import Array
 from commonrail.linear import least_squares
 
 __all__ = ["PolynomialErrors", "coefficient_rows", "fuel_coefficients", "polynomial_errors"]
@@ -64,7 +63,7 @@ def fuel_coefficients(fuel: Fuel, temperature: float) -> FuelCoefficients:
 
 
 @functools.lru_cache(maxsize=64)
-def coefficient_rows(fuel: Fuel, temperatures: tuple[float, ...]) -> Array:
+def coefficient_rows(fuel: Fuel, temperatures: tuple[float, ...]) -> Floats:
     """Polynomials at several temperatures, as rows (temperatures, coefficients) in the order of `FuelCoefficients`.
 
     A row has the bits that its temperature has alone.
@@ -90,13 +89,13 @@ def coefficient_rows(fuel: Fuel, temperatures: tuple[float, ...]) -> Array:
 class _Values(NamedTuple):
     """Values of a fuel's laws (temperatures, pressures) [SI]."""
 
-    density: Array
-    modulus: Array
-    viscosity: Array
-    ratio: Array
+    density: Floats
+    modulus: Floats
+    viscosity: Floats
+    ratio: Floats
 
     @classmethod
-    def of(cls, fuel: Fuel, p: Array, temperatures: Array) -> _Values:
+    def of(cls, fuel: Fuel, p: Floats, temperatures: Floats) -> _Values:
         """Values at pressures (n,) and temperatures (k,)."""
         at = temperatures[:, None]
         modulus = fuel.bulk_modulus(p, at)
@@ -108,7 +107,7 @@ class _Values(NamedTuple):
         return _Values._make(law[:, pressures] for law in self)
 
 
-def _fitted(fuel: Fuel, temperatures: Array) -> Array:
+def _fitted(fuel: Fuel, temperatures: Floats) -> Floats:
     """Coefficients (k, c) at temperatures (k,), all laws evaluated together: fitted here, checked there."""
     p, inside = _grid(fuel)
     check = _checked(fuel)
@@ -155,12 +154,12 @@ def polynomial_errors(fuel: Fuel, temperature: float, coefficients: FuelCoeffici
     return _errors(_Values.of(fuel, p, np.array([temperature])), p, coefficients)
 
 
-def _checked(fuel: Fuel) -> Array:
+def _checked(fuel: Fuel) -> Floats:
     """Pressures [Pa] that polynomials are measured at."""
     return np.linspace(*fuel.pressure_range, 101)
 
 
-def _errors(values: _Values, p: Array, f: FuelCoefficients) -> PolynomialErrors:
+def _errors(values: _Values, p: Floats, f: FuelCoefficients) -> PolynomialErrors:
     """Measure polynomials against values (1, n) of the laws at pressures (n,)."""
     rho, modulus, viscosity, ratio = (law[0] for law in values)
     s = p * 1e-8
@@ -178,14 +177,14 @@ def _errors(values: _Values, p: Array, f: FuelCoefficients) -> PolynomialErrors:
     )
 
 
-def _grid(fuel: Fuel) -> tuple[Array, NDArray[np.bool_]]:
+def _grid(fuel: Fuel) -> tuple[Floats, Bools]:
     """Return Chebyshev-distributed pressures [Pa] from zero, and which lie inside the range."""
     top = fuel.pressure_range[1]
     p = 0.5 * _BEYOND * top * (1.0 - cosine(np.pi * np.arange(_POINTS) / (_POINTS - 1)))
     return p, p <= top
 
 
-def _pressure_polynomial(x: Array, p: Array, modulus: Array, weight: Array) -> Array:
+def _pressure_polynomial(x: Floats, p: Floats, modulus: Floats, weight: Floats) -> Floats:
     """Fit p(x) (k, degree), zero at zero, to the pressures (n,) and, with equal weight, to the moduli (k, n)."""
     scale = x[:, -1:]
     power = np.arange(1, _DEGREE_PRESSURE + 1)
@@ -197,12 +196,12 @@ def _pressure_polynomial(x: Array, p: Array, modulus: Array, weight: Array) -> A
     return least_squares(rows, wanted) / _powers(scale, _DEGREE_PRESSURE)[:, 0, 1:]
 
 
-def _polynomial(s: Array, y: Array, degree: int, lowest: int, weight: Array) -> Array:
+def _polynomial(s: Floats, y: Floats, degree: int, lowest: int, weight: Floats) -> Floats:
     """Fit y(s) (k, n) by the powers `lowest` to `degree`, ascending."""
     return least_squares(_powers(s, degree)[..., lowest:] * weight[..., None], y * weight)
 
 
-def _powers(x: Array, degree: int) -> Array:
+def _powers(x: Floats, degree: int) -> Floats:
     """Powers (…, degree + 1) of numbers (…), by multiplication."""
     columns = [np.ones_like(x)]
     for _ in range(degree):
@@ -221,5 +220,5 @@ def _refuse_if_poor(fuel: Fuel, temperature: float, errors: PolynomialErrors) ->
         )
 
 
-def _largest(deviation: Array) -> float:
+def _largest(deviation: Floats) -> float:
     return float(np.max(np.abs(deviation)))

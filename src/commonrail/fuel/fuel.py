@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from commonrail.arguments import array
+from commonrail.arrays import Bools, Floats
 from commonrail.elementary import exp
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.fuel import laws
-from commonrail.fuel.laws import Array
 
 __all__ = ["Fuel", "Law", "Origin", "Polynomial"]
 
@@ -61,7 +61,7 @@ class Law:
     coefficients: tuple[Polynomial, ...]
     origin: Origin
 
-    def at(self, temperature: ArrayLike) -> tuple[Array, ...]:
+    def at(self, temperature: ArrayLike) -> tuple[Floats, ...]:
         """Return every K at a temperature [K]."""
         return tuple(laws.coefficient(k, temperature) for k in self.coefficients)
 
@@ -122,7 +122,7 @@ class Fuel:
         stated |= {"kinematic_viscosity": self.viscosity_law, "vapour_pressure": self.vapour_law}
         return {name: law.origin.error for name, law in stated.items() if law is not None}
 
-    def density(self, p: ArrayLike, temperature: ArrayLike) -> Array:
+    def density(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the density [kg/m3], Eq. (2).
 
         Parameters
@@ -141,46 +141,46 @@ class Fuel:
         stretch = exp(tension / self._modulus(held, at))
         return np.asarray(self._density(held, at) * stretch)
 
-    def bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Array:
+    def bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the isothermal bulk modulus rho dp/d(rho) [Pa]; shapes as in `density`."""
         held, _, at = self._read(p, temperature)
         return np.asarray(_MPA * self._modulus(held, at))
 
-    def isentropic_bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Array:
+    def isentropic_bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the isentropic bulk modulus [Pa], the one that waves feel."""
         if self.isentropic_law is None:
             return self.bulk_modulus(p, temperature)
         held, _, at = self._read(p, temperature)
         return np.asarray(_MPA * laws.saturating_law(held, *self.isentropic_law.at(at)))
 
-    def sound_speed(self, p: ArrayLike, temperature: ArrayLike) -> Array:
+    def sound_speed(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the speed of sound sqrt(K_S/rho) [m/s]."""
         modulus = self.isentropic_bulk_modulus(p, temperature)
         return np.asarray(np.sqrt(modulus / self.density(p, temperature)))
 
-    def kinematic_viscosity(self, p: ArrayLike, temperature: ArrayLike) -> Array:
+    def kinematic_viscosity(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the kinematic viscosity [m2/s], Eq. (2)."""
         held, _, at = self._read(p, temperature)
         return np.asarray(_MM2_PER_S * laws.power_law(held, *self.viscosity_law.at(at)))
 
-    def vapour_pressure(self, temperature: ArrayLike) -> Array:
+    def vapour_pressure(self, temperature: ArrayLike) -> Floats:
         """Return the vapour pressure [Pa], the exponential of a polynomial in temperature."""
         return np.asarray(exp(self.vapour_law.at(self._temperature(temperature))[0]))
 
-    def _density(self, held: Array, temperature: ArrayLike) -> Array:
+    def _density(self, held: Floats, temperature: ArrayLike) -> Floats:
         if self.bulk_modulus_law is None:
             return laws.saturating_law(held, *self.density_law.at(temperature))
         compression = laws.log_compression(held, *self.bulk_modulus_law.at(temperature))
         return np.asarray(self.density_law.at(temperature)[0] * exp(compression))
 
-    def _modulus(self, held: Array, temperature: ArrayLike) -> Array:
+    def _modulus(self, held: Floats, temperature: ArrayLike) -> Floats:
         """Isothermal modulus [MPa] at pressures inside the range [MPa]."""
         if self.bulk_modulus_law is not None:
             return laws.saturating_law(held, *self.bulk_modulus_law.at(temperature))
         _, k2, k3, k4 = self.density_law.at(temperature)
         return self._density(held, temperature) / laws.saturating_slope(held, k2, k3, k4)
 
-    def _read(self, p: ArrayLike, temperature: ArrayLike) -> tuple[Array, Array, Array]:
+    def _read(self, p: ArrayLike, temperature: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Pressure held at the range's lower end, what lies below it, both in MPa, and temperature [K]."""
         at, pressure = self._temperature(temperature), array(p, "Pa", "pressure") / _MPA
         try:
@@ -193,13 +193,13 @@ class Fuel:
         low = self.pressure_range[0] / _MPA
         return np.maximum(pressure, low), np.minimum(pressure - low, 0.0), at
 
-    def defined_at(self, temperature: ArrayLike) -> NDArray[np.bool_]:
+    def defined_at(self, temperature: ArrayLike) -> Bools:
         """Return which temperatures [K] lie in `temperature_range`."""
         asked = np.asarray(temperature, dtype=np.float64)
         low, high = self.temperature_range
         return np.asarray((asked >= low - _TEMPERATURE_TOLERANCE) & (asked <= high + _TEMPERATURE_TOLERANCE))
 
-    def _temperature(self, temperature: ArrayLike) -> Array:
+    def _temperature(self, temperature: ArrayLike) -> Floats:
         asked = array(temperature, "K", "temperature", finite=False)
         low, high = self.temperature_range
         inside = self.defined_at(asked)

@@ -13,11 +13,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from commonrail.arrays import Floats
 from commonrail.elementary import cosine, expm1, power
-
-Array = NDArray[np.float64]
 
 TEMPERATURE_ORIGIN = 353.15
 """Temperature [K] at which a K is the first coefficient of its polynomial: the paper's 80 °C."""
@@ -28,7 +27,7 @@ TEMPERATURE_SCALE = 40.0
 _GAUSS_POINTS = 48
 
 
-def _gauss_legendre(n: int) -> tuple[Array, Array]:
+def _gauss_legendre(n: int) -> tuple[Floats, Floats]:
     """Return nodes and weights from 0 to 1, by Newton's method on the Legendre polynomial.
 
     NumPy's come from an eigenvalue solver of LAPACK, whose last bits depend on the processor.
@@ -46,17 +45,17 @@ def _gauss_legendre(n: int) -> tuple[Array, Array]:
 _NODES, _WEIGHTS = _gauss_legendre(_GAUSS_POINTS)
 
 
-def scaled_temperature(temperature: ArrayLike) -> Array:
+def scaled_temperature(temperature: ArrayLike) -> Floats:
     """Return (T - 353.15 K)/(40 K), the variable of every coefficient polynomial, for a temperature T [K]."""
     return (np.asarray(temperature, dtype=np.float64) - TEMPERATURE_ORIGIN) / TEMPERATURE_SCALE
 
 
-def coefficient(polynomial: Sequence[float], temperature: ArrayLike) -> Array:
+def coefficient(polynomial: Sequence[float], temperature: ArrayLike) -> Floats:
     """Return K(T) of a polynomial, ascending, in the scaled temperature of T [K]."""
     return np.asarray(polyval(scaled_temperature(temperature), np.asarray(polynomial)))
 
 
-def saturating_law(p: ArrayLike, k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
+def saturating_law(p: ArrayLike, k1: Floats, k2: Floats, k3: Floats, k4: Floats) -> Floats:
     """Return K1 + (1 - exp(-p/K2)) K3 p^K4, the density and bulk modulus of Eq. (2).
 
     Parameters
@@ -70,7 +69,7 @@ def saturating_law(p: ArrayLike, k1: Array, k2: Array, k3: Array, k4: Array) -> 
     return np.asarray(k1 + _bracket(p, k2) * k3 * _power(p, k4))
 
 
-def saturating_slope(p: ArrayLike, k2: Array, k3: Array, k4: Array) -> Array:
+def saturating_slope(p: ArrayLike, k2: Floats, k3: Floats, k4: Floats) -> Floats:
     """Return the derivative of `saturating_law` with respect to pressure.
 
     Parameters
@@ -85,7 +84,7 @@ def saturating_slope(p: ArrayLike, k2: Array, k3: Array, k4: Array) -> Array:
     return np.asarray(k3 * power(p, k4) * (rise + _bracket(p, k2) * k4 / p))
 
 
-def power_law(p: ArrayLike, k1: Array, k2: Array, k3: Array) -> Array:
+def power_law(p: ArrayLike, k1: Floats, k2: Floats, k3: Floats) -> Floats:
     """Return K1 + K2 p^K3, the kinematic viscosity of Eq. (2).
 
     Parameters
@@ -98,7 +97,7 @@ def power_law(p: ArrayLike, k1: Array, k2: Array, k3: Array) -> Array:
     return np.asarray(k1 + k2 * power(p, k3))
 
 
-def log_compression(p: ArrayLike, k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
+def log_compression(p: ArrayLike, k1: Floats, k2: Floats, k3: Floats, k4: Floats) -> Floats:
     """Return ln(rho(p)/rho(0)), the integral of dp/K from 0 to p, for K of Eq. (2).
 
     It integrates d(rho)/dp = rho/K by 48 Gauss points in the cube root of pressure, which removes
@@ -116,13 +115,13 @@ def log_compression(p: ArrayLike, k1: Array, k2: Array, k3: Array, k4: Array) ->
     return np.asarray(np.sum(3.0 * _NODES * _NODES * _WEIGHTS * p / modulus, axis=-1))
 
 
-def _bracket(p: Array, k2: Array) -> Array:
+def _bracket(p: Floats, k2: Floats) -> Floats:
     """Return 1 - exp(-p/K2), 1 where K2 = 0."""
     absent = np.asarray(k2) <= 0.0
     return np.where(absent, 1.0, -expm1(-p / np.where(absent, 1.0, k2)))
 
 
-def _power(p: Array, exponent: Array) -> Array:
+def _power(p: Floats, exponent: Floats) -> Floats:
     """Return p^K4, taken as 0 at p = 0: the bracket makes the product vanish there for K4 > -1."""
     positive = p > 0.0
     return np.where(positive, power(np.where(positive, p, 1.0), exponent), 0.0)

@@ -13,9 +13,9 @@ from enum import Enum
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import chosen, instance, number, plain_text, settle
+from commonrail.arrays import Bools, Floats, Ints
 from commonrail.display.chart import Figure
 from commonrail.display.table import Table
 from commonrail.engine.lanes import Misfit
@@ -31,8 +31,6 @@ from commonrail.reading.place import Place
 
 __all__ = ["LATER", "DataSet", "Missing", "Role", "Score", "Term", "View", "share_of"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 # Marks a field that the fingerprint of a study leaves out: studies of earlier versions did not have it, or it follows
 # from the others.
@@ -69,7 +67,7 @@ class Term(NamedTuple):
     weights: Floats
     misfits: Callable[[Batch, Candidates], Floats]
     squares: Callable[[Batch, Candidates], Floats]
-    failed: Callable[[NDArray[np.int64]], Bools]
+    failed: Callable[[Ints], Bools]
     misfit: Misfit | None = None
     whole: bool = False
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
-from commonrail.engine.lanes import Floats
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector, Source
 from commonrail.kinds import DataSet

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from commonrail.arrays import Floats
 from commonrail.display.chart import Points, Series
 from commonrail.display.text import number
 from commonrail.engine.operating_point import OperatingPoint
 
 Record = Mapping[str, Any]
 Texts = Mapping[str, str]  # of the labels, in order
-Traces = Mapping[str, Mapping[str, NDArray[np.float64]]]  # by data set: "time_s", "measured", and rates by label
+Traces = Mapping[str, Mapping[str, Floats]]  # by data set: "time_s", "measured", and rates by label
 
 MM3 = 1e9  # of 1 m³
 MM3_PER_MS = 1e6  # of 1 m³/s: the unit of the paper's J

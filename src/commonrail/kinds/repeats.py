@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonrail.arrays import Floats, IndexArray
 
 __all__ = ["Averaged", "averaged", "groups_of"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 SEEN = 9.0  # squared standard errors of an autocorrelation, below which it counts as none
 
@@ -30,12 +29,12 @@ class Averaged(NamedTuple):
     """
 
     mean: Floats
-    counts: NDArray[np.intp]
+    counts: IndexArray
     sigma: float | None
     freedom: float = 0.0
 
 
-def groups_of(places: Floats, same: float) -> list[Indices]:
+def groups_of(places: Floats, same: float) -> list[IndexArray]:
     """Rows of equal places, in the order of their first rows.
 
     Parameters
@@ -56,7 +55,7 @@ def groups_of(places: Floats, same: float) -> list[Indices]:
     return [np.flatnonzero(which.reshape(-1) == i) for i in np.argsort(first)]
 
 
-def averaged(values: Floats, groups: list[Indices], scale: Floats | float = 1.0) -> Averaged:
+def averaged(values: Floats, groups: list[IndexArray], scale: Floats | float = 1.0) -> Averaged:
     """Means of groups of rows.
 
     Parameters

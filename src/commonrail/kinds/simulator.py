@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.choices import Precision
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
@@ -24,7 +24,6 @@ from commonrail.observation.signal import Flow, given_values
 
 __all__ = ["ITSELF", "Candidates", "Simulator"]
 
-Floats = NDArray[np.float64]
 
 ITSELF = np.empty((1, 0))  # values of the one candidate that is the injector as it is
 SHARE = 1_000_000  # steps of candidates that are kept at a time: some 40 MB

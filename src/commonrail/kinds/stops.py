@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.engine import lanes, plan
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.population import candidate_matrix
@@ -16,7 +16,6 @@ from commonrail.kinds.simulator import Simulator
 
 __all__ = ["Past", "past_stops"]
 
-Floats = NDArray[np.float64]
 
 SHARE = 8  # candidates whose states are kept at a time: 15 MB for 3.5 ms in steps of 1 us
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from commonrail.arguments import array, settle
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 from commonrail.units import to_text
 
 __all__ = ["ENERGISING_TIMES", "MOST_POINTS", "QUANTITIES", "RAIL_PRESSURES", "MapAxes", "increasing"]
 
-Floats = NDArray[np.float64]
 
 MOST_POINTS = 200  # of an axis; maps of control units have some twenty
 

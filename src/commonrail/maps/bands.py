@@ -4,43 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.errors import ConfigurationError
+from commonrail.maps.quantity_map import InjectionMap, MapBands
 from commonrail.maps.response import LONGEST_AFTER
 
 if TYPE_CHECKING:
     from commonrail.calibration.study import Study
-    from commonrail.maps.quantity_map import InjectionMap
 
-__all__ = ["SAME", "Edges", "MapBands", "with_bands"]
+__all__ = ["SAME", "with_bands"]
 
-Floats = NDArray[np.float64]
-Edges = Mapping[float, tuple[Floats, Floats]]
 
 SAME = 1e-6  # relative difference of a parameter from the fit's value that is rounding of the injector's file
-
-
-class MapBands(NamedTuple):
-    """Edges between which measured quantities are expected, by the share of them that a band is to hold.
-
-    Attributes
-    ----------
-    estimator : str
-        Estimator of the bands, as `Prediction.estimator`.
-    quantity : mapping of float to (lower, upper)
-        Of the quantity map, (pressures, energising times) each [m³].
-    delivered : mapping of float to (lower, upper)
-        Of what the energising times of the inverse deliver, (pressures, quantities) each [m³]; NaN in cells that hold
-        no simulated time.
-    """
-
-    estimator: str
-    quantity: Edges
-    delivered: Edges
 
 
 def with_bands(
@@ -99,7 +78,7 @@ def _check_values(found: InjectionMap, best: Mapping[str, float]) -> None:
             )
 
 
-def _pairs(rail_pressure: Floats, time: Floats, which: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def _pairs(rail_pressure: Floats, time: Floats, which: Bools) -> list[tuple[float, float]]:
     """Rail pressures and energising times of marked cells."""
     rail = np.broadcast_to(rail_pressure[:, None], time.shape)
     return list(zip(rail[which].tolist(), time[which].tolist(), strict=True))
@@ -110,7 +89,7 @@ def _volume_factor(stated: float, density: float) -> float:
     return stated / density if np.isfinite(stated) else 1.0
 
 
-def _tables(volume: Floats, which: NDArray[np.bool_], apart: list[Floats]) -> tuple[Floats, Floats]:
+def _tables(volume: Floats, which: Bools, apart: list[Floats]) -> tuple[Floats, Floats]:
     """Edges of all cells, from their distances from the quantities of marked ones; none is injected backwards."""
     low, high = np.full((2, *volume.shape), np.nan)
     own = volume[which]

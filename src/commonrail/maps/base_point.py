@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import Limits
+from commonrail.arrays import Bools, Floats
 from commonrail.engine.operating_point import (
     ENERGISING_TIMES,
     LONGEST,
@@ -22,8 +22,6 @@ from commonrail.maps.response import Conditions
 
 __all__ = ["Base", "Points"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 AFTER = 5e-3  # simulated after the last energising; it ends early once the needle has closed [s]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats, IndexArray
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.errors import ConfigurationError
@@ -21,7 +21,6 @@ from commonrail.maps.sweep import Base, fused_of
 
 __all__ = ["Compensation", "compensation", "fusion_dwell"]
 
-Floats = NDArray[np.float64]
 
 NARROW = 1e-6  # bracket of the dwell at which two injections fuse [s]
 
@@ -90,7 +89,7 @@ def compensation(
     rows_pressure, rows_dwell = np.tile(pressures, len(dwell)), np.repeat(dwell, count)
     rows_first, delay = np.tile(first.injected_volume[0], len(dwell)), np.tile(first.opening[0], len(dwell))
 
-    def simulate(rows: NDArray[np.intp], times: Floats) -> Response:
+    def simulate(rows: IndexArray, times: Floats) -> Response:
         places = zip(rows_pressure[rows].tolist(), rows_dwell[rows].tolist(), times.tolist(), strict=True)
         points = [Base(p, t, first_energising_time, pause, conditions).point({}) for p, pause, t in places]
         found = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
@@ -146,12 +145,12 @@ def fusion_dwell(
     first = _first(injector, rail_pressure, times[0], conditions)
     delay, lost = first.opening, first.status[0] != OK
 
-    def fused(dwell: Floats) -> NDArray[np.bool_]:
+    def fused(dwell: Floats) -> Bools:
         places = zip(rail_pressure.tolist(), dwell.tolist(), strict=True)
         points = [Base(rail, times[1], times[0], pause, conditions).point({}) for rail, pause in places]
         batch = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
         lost[batch.status[0] != OK] = True
-        found: NDArray[np.bool_] = fused_of(batch, times[0] + dwell, delay)[0]
+        found: Bools = fused_of(batch, times[0] + dwell, delay)[0]
         return found
 
     beyond, never = fused(high), ~fused(low)

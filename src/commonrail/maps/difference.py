@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
+from commonrail.kinds.maps.data import rms
 from commonrail.maps.quantity_map import InjectionMap
 from commonrail.maps.response import respond
 
 __all__ = ["SMALL", "Comparison", "MeasuredMap", "compare_with", "difference"]
 
-Floats = NDArray[np.float64]
 
 SMALL = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
 
@@ -37,13 +37,13 @@ class Comparison(NamedTuple):
     def rms_large(self) -> float:
         """Root mean square of the relative errors where more than `SMALL` is measured; NaN if nowhere."""
         large = (self.measured.volume > SMALL) & np.isfinite(self.simulated)
-        return _rms((self.simulated[large] - self.measured.volume[large]) / self.measured.volume[large])
+        return rms((self.simulated[large] - self.measured.volume[large]) / self.measured.volume[large])
 
     @property
     def rms_small(self) -> float:
         """Root mean square of the errors elsewhere [m³]; NaN if nowhere."""
         small = (self.measured.volume <= SMALL) & np.isfinite(self.simulated)
-        return _rms(self.simulated[small] - self.measured.volume[small])
+        return rms(self.simulated[small] - self.measured.volume[small])
 
 
 def compare_with(found: InjectionMap, measured: MeasuredMap, source: str) -> Comparison:
@@ -72,7 +72,3 @@ def difference(first: InjectionMap, second: InjectionMap) -> tuple[Floats, Float
         if not np.array_equal(getattr(first.axes, name), getattr(second.axes, name)):
             raise ConfigurationError(f"Two maps are compared over the same axes; their axes of {name} differ.")
     return second.inverse.energising_time - first.inverse.energising_time, second.volume - first.volume
-
-
-def _rms(errors: Floats) -> float:
-    return float(np.sqrt(np.mean(errors**2))) if len(errors) else float("nan")

@@ -11,20 +11,18 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.maps.choices import Beyond, CellState, Several
 from commonrail.maps.response import Response
 from commonrail.maps.samples import Line, falls_of
 
 __all__ = ["NARROWEST", "TOLERANCE", "Inverse", "Rules", "invert"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-States = NDArray[np.int64]
+States = Ints
 
 # Responses (n,) of lines, given by their indices (n,), at energising times (n,) [s].
-Simulate = Callable[[NDArray[np.intp], Floats], Response]
+Simulate = Callable[[IndexArray, Floats], Response]
 
 TOLERANCE = 0.01e-9  # of a delivered quantity [m³]
 NARROWEST = 10e-9  # bracket within which a quantity that is not met has been jumped over [s]; control units have 100 ns
@@ -56,7 +54,7 @@ class _Cells(NamedTuple):
     The wanted volume lies between the first two times; the third is the one that they have replaced last.
     """
 
-    place: NDArray[np.intp]
+    place: IndexArray
     wanted: Floats
     time: Floats
     miss: Floats
@@ -133,7 +131,7 @@ def _beyond(time: Floats, miss: Floats, rule: Beyond) -> float:
 
 def _searched(simulate: Simulate, found: Inverse, lines: list[Line], cells: _Cells) -> list[Line]:
     """Search all open cells in `found`; return the lines with the samples that were simulated."""
-    seen: list[tuple[NDArray[np.intp], Floats, Response]] = []
+    seen: list[tuple[IndexArray, Floats, Response]] = []
     while cells.place.size:
         near, far, _ = cells.time
         narrow = np.abs(far - near) <= NARROWEST
@@ -182,7 +180,7 @@ def _take(found: Inverse, cells: _Cells, time: Floats, response: Response) -> No
     found.state[at] = np.select([~sound, met], [int(CellState.FAILED), int(CellState.REACHED)], int(CellState.JUMP))
 
 
-def _with_samples(lines: list[Line], seen: list[tuple[NDArray[np.intp], Floats, Response]]) -> list[Line]:
+def _with_samples(lines: list[Line], seen: list[tuple[IndexArray, Floats, Response]]) -> list[Line]:
     rows, times = np.concatenate([s[0] for s in seen]), np.concatenate([s[1] for s in seen])
     volume, lift = (np.concatenate([getattr(s[2], name) for s in seen]) for name in ("volume", "lift"))
     return [

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, Ints
 from commonrail.choices import Precision
 from commonrail.engine.job import Courses
 from commonrail.engine.lanes import compiled
@@ -20,8 +20,6 @@ from commonrail.injector.definition import Injector
 
 __all__ = ["prepare_shared", "simulate_many"]
 
-Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 AT_A_TIME = 2048  # points of a batch: Ctrl-C is heeded between batches
 ENOUGH = 4  # batches for each thread from which on every thread has batches of its own
@@ -119,7 +117,7 @@ def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: flo
     )
 
 
-def _spread(few: Courses, by_pressure: Whole, by_energising: Whole) -> Courses:
+def _spread(few: Courses, by_pressure: Ints, by_energising: Ints) -> Courses:
     """Boundary conditions of many points from those of a few.
 
     Parameters

@@ -2,29 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import instance
+from commonrail.arrays import Bools, Floats
 from commonrail.display.shown import Shown
 from commonrail.display.text import counted
 from commonrail.injector.definition import Injector
 from commonrail.maps.axes import MapAxes
-from commonrail.maps.bands import MapBands
 from commonrail.maps.choices import CellState
 from commonrail.maps.inverse import Inverse, Rules, invert
 from commonrail.maps.response import Conditions, density_at, require_some, respond
 from commonrail.maps.samples import Fall, Line, falls_of, knots_of
 
-__all__ = ["BALLISTIC", "InjectionMap", "injection_map", "usual_axes"]
+__all__ = ["BALLISTIC", "Edges", "InjectionMap", "MapBands", "injection_map", "usual_axes"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+Edges = Mapping[float, tuple[Floats, Floats]]
 
 BALLISTIC = 0.98  # share of the largest lift at a rail pressure below which a needle turns round before its end
+
+
+class MapBands(NamedTuple):
+    """Edges between which measured quantities are expected, by the share of them that a band is to hold.
+
+    Attributes
+    ----------
+    estimator : str
+        Estimator of the bands, as `Prediction.estimator`.
+    quantity : mapping of float to (lower, upper)
+        Of the quantity map, (pressures, energising times) each [m³].
+    delivered : mapping of float to (lower, upper)
+        Of what the energising times of the inverse deliver, (pressures, quantities) each [m³]; NaN in cells that hold
+        no simulated time.
+    """
+
+    estimator: str
+    quantity: Edges
+    delivered: Edges
 
 
 @dataclass(frozen=True, repr=False)

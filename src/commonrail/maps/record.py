@@ -5,18 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from commonrail.arrays import Floats
 from commonrail.display.text import number
-from commonrail.maps.bands import MapBands
 from commonrail.maps.choices import CellState
 from commonrail.maps.difference import Comparison
-from commonrail.maps.quantity_map import InjectionMap
+from commonrail.maps.quantity_map import InjectionMap, MapBands
 
 __all__ = ["map_record"]
-
-Floats = NDArray[np.float64]
 
 
 def map_record(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> dict[str, Any]:

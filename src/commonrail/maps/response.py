@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, Ints
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_density
 from commonrail.engine.status import OK, STILL_INJECTING, Status
@@ -19,8 +19,6 @@ from commonrail.maps.many_points import simulate_many
 
 __all__ = ["Conditions", "Response", "density_at", "require_some", "respond", "simulate_points"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 # Simulated after the end of energising, a time and a share of the energising; a simulation ends early once its needle
 # has closed, and one whose needle has not is repeated with the longest horizon.
@@ -150,7 +148,7 @@ def _last_end(point: OperatingPoint) -> float:
 
 def _simulated(
     injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions
-) -> tuple[Floats, Floats, NDArray[np.int64]]:
+) -> tuple[Floats, Floats, Ints]:
     """Volumes [m³], lifts [m] and statuses of points."""
     batch = simulate_many(injector, points, time_step=conditions.time_step, threads=conditions.threads)
     return batch.injected_volume[0], batch.greatest_lift[0], batch.status[0]

@@ -6,13 +6,12 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.maps.response import Response
 
 __all__ = ["FALL", "Fall", "Line", "falls_of", "knots_of"]
 
-Floats = NDArray[np.float64]
 
 # Spacing of the energising times that are simulated: within the first half millisecond, where the needle turns round
 # before its stop, a fall of the quantity is some tens of microseconds wide; later the quantity is nearly a line.

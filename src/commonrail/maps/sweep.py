@@ -15,22 +15,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import not_whole
+from commonrail.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.display.shown import Shown
+from commonrail.display.text import field_unit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
-from commonrail.engine.status import OK
+from commonrail.engine.status import OK, Status
 from commonrail.errors import ConfigurationError, SimulationError, nearest
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.injector.reads import reader_of, unread_parameters
-from commonrail.maps.base_point import Base
+from commonrail.maps.base_point import AFTER, Base
 from commonrail.maps.many_points import simulate_many
-from commonrail.maps.without_number import most_frequent
+from commonrail.units import to_text
 
-__all__ = ["OPERATING", "Base", "Sweep", "Variable", "fused_of", "sweep", "unit_of"]
+__all__ = [
+    "OPERATING",
+    "Base",
+    "Sweep",
+    "Variable",
+    "fused_of",
+    "most_frequent",
+    "reason_of",
+    "sweep",
+    "table_unit",
+    "unit_of",
+]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Whole = NDArray[np.int64]
 _Any = TypeVar("_Any", np.float64, np.bool_, np.int64)
 
 # Variables of the operating point and their SI units.
@@ -44,6 +54,13 @@ OPERATING = {
 }
 SHORT = {"temperature": FUEL_TEMPERATURE}
 OF_THE_SECOND = ("energising_time", "dwell")  # variables that the first of two injections does not know
+
+# Statuses whose cure is another one in a sweep, which has no horizon; nor has it bounds, see `reason_of`.
+_SENTENCES = {
+    Status.STILL_INJECTING: (
+        f"The needle was still open {to_text(AFTER, 's')} after the last energising, so the quantity is not known."
+    ),
+}
 
 MOST_VARIABLES = 3
 MOST_SIMULATIONS = 200_000
@@ -89,13 +106,29 @@ class Sweep(Shown):
     second: Floats
     fused: Bools
     opening: Floats
-    status: Whole
-    first_status: Whole
+    status: Ints
+    first_status: Ints
 
     @property
     def two(self) -> bool:
         """True if there are two injections."""
         return _two(self.base, self.variables)
+
+
+def reason_of(status: Status) -> str:
+    """Sentence of a status, as it is in a sweep."""
+    return _SENTENCES.get(status, status.sentence.replace("narrow the bounds", "other values"))
+
+
+def most_frequent(statuses: NDArray[np.integer]) -> str:
+    """Sentence of the status that most simulations ended with."""
+    kinds, counts = np.unique(statuses, return_counts=True)
+    return reason_of(Status(int(kinds[np.argmax(counts)])))
+
+
+def table_unit(unit: str) -> str:
+    """Unit of a table for a variable by its SI unit; temperatures are in degrees Celsius."""
+    return "degC" if unit == "K" else field_unit(unit).name
 
 
 def unit_of(name: str) -> tuple[str, str]:
@@ -185,9 +218,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     )
 
 
-def _first_alone(
-    base: Base, columns: Mapping[str, Floats], count: int
-) -> tuple[Sequence[OperatingPoint], NDArray[np.intp]]:
+def _first_alone(base: Base, columns: Mapping[str, Floats], count: int) -> tuple[Sequence[OperatingPoint], IndexArray]:
     """Distinct points with the first of two injections alone, and the place of each given point among them.
 
     Parameters

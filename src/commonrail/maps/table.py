@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import InputError
-from commonrail.maps.bands import Edges
 from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import Compensation
-from commonrail.maps.quantity_map import InjectionMap
+from commonrail.maps.quantity_map import Edges, InjectionMap
 from commonrail.reading.map_table import BAND
 from commonrail.units import convert
 
@@ -30,7 +29,6 @@ __all__ = [
     "quantity_table",
 ]
 
-Floats = NDArray[np.float64]
 
 LONGEST_LABEL = 128
 _LABEL = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\[\d+\])?(\.[A-Za-z_][A-Za-z0-9_]*(\[\d+\])?)*")

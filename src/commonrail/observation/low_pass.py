@@ -9,11 +9,11 @@ import math
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonrail.arrays import Floats
 
 __all__ = ["LowPass", "first_order", "look_ahead", "low_pass"]
 
-Floats = NDArray[np.float64]
 
 _TAIL = 30.0  # e-foldings after which the response of the zero-phase filter has died away, below rounding
 _SEEN = 7.0  # e-foldings of it that a simulation must reach beyond the last sample: 0.1 %

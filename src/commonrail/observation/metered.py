@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import instance
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import reference_densities
 from commonrail.engine.solution import Solution
@@ -18,7 +18,6 @@ from commonrail.observation.signal import Flow, given_values, shown_quantities, 
 
 __all__ = ["Metered", "metered"]
 
-Floats = NDArray[np.float64]
 
 UNEVEN = 1e-6  # relative difference between intervals that counts as rounding
 

@@ -6,15 +6,14 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.observation.low_pass import first_order, low_pass
 from commonrail.observation.meter import Meter
 from commonrail.observation.quantities import QUANTITIES
 
 __all__ = ["Flow", "Given", "given_values", "shown_quantities", "shown_rates"]
 
-Floats = NDArray[np.float64]
 Given = Mapping[str, Floats]  # values of a meter's quantities, (candidates,) each
 
 _ECHOES = ("echo", "second_echo")

@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.space import Space
 from commonrail.display.text import number
 from commonrail.engine.notes import Outcome
@@ -35,7 +35,6 @@ from commonrail.units import convert, to_text
 
 __all__ = ["content"]
 
-Floats = NDArray[np.float64]
 
 TAIL = 2.5e-3  # simulated after the end of the last energising, unless needle and valve rest before [s]
 QUIET, RESTING = 100e-6, 300e-6  # an end is looked for so long after energising, and found after so long a rest [s]

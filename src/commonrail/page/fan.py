@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.neighbourhood import around
+from commonrail.arrays import Floats
 from commonrail.calibration.goal import Goal
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.prior import Priors
@@ -22,7 +22,6 @@ from commonrail.observation.quantities import is_of_meter
 
 __all__ = ["Fan", "near_fits", "scattered"]
 
-Floats = NDArray[np.float64]
 
 MEMBERS = 16
 TRIED = 128  # directions, of which the bounds and orders of a study may stop many at once

@@ -6,7 +6,7 @@ import base64
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from commonrail.kinds import RateData
 from commonrail.observation.low_pass import low_pass
@@ -15,7 +15,6 @@ from commonrail.observation.signal import given_values
 
 __all__ = ["meter_of", "packed"]
 
-Floats = NDArray[np.float64]
 
 NEGLIGIBLE = 1e-13  # share of the largest value of a response; what is smaller at its ends is left out
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.population import candidate_matrix
 from commonrail.engine.simulate import simulate_batch
@@ -17,7 +17,6 @@ from commonrail.page.subject import Slid, Subject, is_traced
 
 __all__ = ["ONE", "borne", "limits_of", "variant_of"]
 
-Floats = NDArray[np.float64]
 
 ONE = np.empty((1, 0))  # the candidate that is the injector as it is
 RAIL = (25e6, 200e6)  # ends of the sliders as far as the fuel's range reaches [Pa]

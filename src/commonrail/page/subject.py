@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import COUNTS
 from commonrail.calibration.space import Space
@@ -24,7 +23,6 @@ from commonrail.page.fan import Fan, near_fits, scattered
 
 __all__ = ["Slid", "Subject", "is_traced", "read_subject"]
 
-Floats = NDArray[np.float64]
 
 # Sliders of a model of which nothing was fitted, those that it has; each may be moved by this share of its value.
 USUAL = (

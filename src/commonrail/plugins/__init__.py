@@ -50,8 +50,6 @@ SHIPPED: dict[str, dict[str, str]] = {
         "new": "commonrail.cli.new:new",
         "virtual-bench": "commonrail.cli.virtual_bench:virtual_bench",
         "reproduce": "commonrail.cli.reproduce:reproduce",
-        "bench": "commonrail.cli.bench:bench",
-        "optimisers": "commonrail.cli.optimisers:optimisers",
         "doctor": "commonrail.cli.doctor:doctor",
     },
 }

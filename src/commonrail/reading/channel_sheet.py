@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import InputError
 from commonrail.reading.place import Place
 from commonrail.reading.sheet import Column, Table, find_column
@@ -17,8 +17,6 @@ from commonrail.reading.sheet import Column, Table, find_column
 __all__ = ["TIME", "Channel", "ChannelSheet"]
 
 TIME = "time"  # name of the times of whatever channel
-
-Floats = NDArray[np.float64]
 
 
 class Channel(NamedTuple):

@@ -11,14 +11,16 @@ import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from commonrail.errors import InputError
+from commonrail.reading.guarded_child import read_apart
 from commonrail.reading.guarded_file import read_plain
 from commonrail.reading.table_limits import Shape
 from commonrail.reading.text_file import LONGEST_LINE
 
-__all__ = ["Grid", "numbers_of", "read_grid"]
+__all__ = ["Grid", "numbers_of", "read_grid", "read_sheet"]
 
 LONGEST_NUMBER = 100  # [characters]
 MOST_COMMENTS = 1000  # that are kept
@@ -71,11 +73,29 @@ def read_grid(path: Path, encoding: str | None = None, sheet: str | None = None)
         If the file cannot be read, is too large or holds nothing.
     """
     if path.suffix.lower() == ".xlsx":
-        from commonrail.reading.workbook import read_sheet
-
         return read_sheet(path, sheet)
     text, found = _decoded(path, read_plain(path), encoding)
     return _parsed(path, text.replace("\r\n", "\n").replace("\r", "\n"), found)
+
+
+def read_sheet(path: Path, sheet: str | None = None) -> Grid:
+    """Cells of a sheet of a workbook (.xlsx), read by openpyxl in a child process.
+
+    Parameters
+    ----------
+    path : Path
+    sheet : str, optional
+        By default the first that is not empty.
+
+    Raises
+    ------
+    InputError
+        If it is no workbook, too large, has no such sheet or nothing in it, or openpyxl is not installed.
+    """
+    if find_spec("openpyxl") is None:
+        raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or export the sheet to CSV.")
+    about = read_apart("xlsx", path, read_plain(path), sheet=sheet).about
+    return Grid(path, tuple(map(tuple, about["rows"])), tuple(about["lines"]), (f'sheet "{about["sheet"]}"',))
 
 
 def numbers_of(cells: Sequence[str | float]) -> list[float] | None:

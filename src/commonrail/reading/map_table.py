@@ -12,15 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, IndexArray
 from commonrail.errors import InputError
 from commonrail.reading.grid import Grid, numbers_of
 from commonrail.units import compatible, convert, fits
 
 __all__ = ["BAND", "KINDS", "FoundMap", "GivenUnits", "find_map", "kind_of", "unit_in"]
 
-Floats = NDArray[np.float64]
 
 MOST_HEADER = 30  # rows in which the header of a table is looked for
 BAND = "_band_"  # in the names of columns that hold an edge of a band beside the quantity
@@ -70,7 +69,7 @@ class FoundMap:
     quantity: Floats
     units: dict[str, str]
     said: tuple[str, ...]
-    lines: NDArray[np.intp]
+    lines: IndexArray
 
     @property
     def by_mass(self) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.display.text import counted
 from commonrail.errors import InputError
@@ -14,7 +13,6 @@ from commonrail.reading.mat_file import MatFile
 
 __all__ = ["find_mat_map"]
 
-Floats = NDArray[np.float64]
 
 # Last parts of names, where several variables have a unit of the kind or none has.
 _NAMES = {

@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats, IndexArray
 from commonrail.errors import InputError
 from commonrail.reading.file_form import PLAIN, FileForm
 from commonrail.reading.guarded_child import read_apart
 from commonrail.reading.guarded_file import LARGEST_FILE, read_plain
 from commonrail.reading.sheet import Column, Table, cell_place, find_column, name_and_unit
-from commonrail.reading.table_limits import Groups, Indices
+from commonrail.reading.table_limits import Groups
 
 __all__ = ["LARGEST_FLEET", "ParquetFile"]
 
@@ -26,10 +27,10 @@ class _Column(NamedTuple):
     """Numbers, or places in the texts, and where there is no value."""
 
     values: NDArray[Any]
-    none: NDArray[np.bool_]
+    none: Bools
     texts: list[str] | None
 
-    def cells(self, rows: Indices) -> list[str]:
+    def cells(self, rows: IndexArray) -> list[str]:
         """Texts of some rows, empty where there is no value."""
         values = self.values[rows].tolist()
         if self.texts is None:
@@ -38,7 +39,7 @@ class _Column(NamedTuple):
             found = [self.texts[value] for value in values]
         return ["" if none else text for text, none in zip(found, self.none[rows].tolist(), strict=True)]
 
-    def numbers(self) -> NDArray[np.float64] | None:
+    def numbers(self) -> Floats | None:
         """Values, NaN where there is none; None if one is no number."""
         values = self.values
         if self.texts is not None:
@@ -114,12 +115,12 @@ class ParquetFile:
         order = np.argsort(codes, kind="stable")
         starts = np.flatnonzero(np.diff(codes[order], prepend=-1))
         parts = sorted(np.split(order, starts[1:]) if len(order) else [], key=lambda part: int(part[0]))
-        found: dict[tuple[str, ...], list[Indices]] = {}
+        found: dict[tuple[str, ...], list[IndexArray]] = {}
         for part in parts:
             found.setdefault(tuple(self._columns[i].cells(part[:1])[0] for i in columns), []).append(part)
         return {key: np.sort(np.concatenate(same)) for key, same in found.items()}
 
-    def cells(self, rows: Indices) -> list[list[str]]:
+    def cells(self, rows: IndexArray) -> list[list[str]]:
         """Texts of some rows."""
         return [list(row) for row in zip(*(column.cells(rows) for column in self._columns), strict=True)]
 

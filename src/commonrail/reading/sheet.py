@@ -7,9 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from commonrail.arrays import Floats, IndexArray
 from commonrail.errors import InputError, nearest
 from commonrail.parts.furniture import Domain
 from commonrail.reading.place import Place
@@ -77,10 +75,10 @@ class Table:
     """
 
     path: Path
-    columns: dict[str, NDArray[np.float64]]
+    columns: dict[str, Floats]
     texts: dict[str, list[str]]
     given: dict[str, str]
-    rows: NDArray[np.intp]
+    rows: IndexArray
     comments: tuple[str, ...] = ()
     row: str = "line"
     units: dict[str, str] = field(default_factory=dict)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from commonrail.arrays import IndexArray
 from commonrail.errors import InputError
 
 __all__ = [
@@ -16,13 +14,11 @@ __all__ = [
     "MOST_ROWS",
     "MOST_VALUES",
     "Groups",
-    "Indices",
     "Shape",
     "check_columns",
 ]
 
-Indices = NDArray[np.intp]
-Groups = dict[tuple[str, ...], Indices]
+Groups = dict[tuple[str, ...], IndexArray]
 
 MOST_ROWS = 10_000_000  # of a fleet: many injectors, each with a curve
 MOST_COLUMNS = 1000

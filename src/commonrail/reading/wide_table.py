@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, IndexArray
 from commonrail.errors import InputError
 from commonrail.reading.grid import Grid, numbers_of
 from commonrail.reading.map_table import kind_of, unit_in
@@ -24,7 +24,6 @@ from commonrail.units import compatible, convert, fits
 
 __all__ = ["WideTable", "find_traces"]
 
-Floats = NDArray[np.float64]
 
 _KINDS = ("rail pressure", "energising time")
 _SI = {"rail pressure": "Pa", "energising time": "s"}
@@ -119,7 +118,7 @@ def _named(head: str, stated: dict[str, str]) -> str:
     return next((kind for kind, known in words.items() if stated.get(kind) and first and first[0] in known), "")
 
 
-def _body(grid: Grid, start: int) -> tuple[list[Sequence[str]], NDArray[np.intp], Floats]:
+def _body(grid: Grid, start: int) -> tuple[list[Sequence[str]], IndexArray, Floats]:
     """Rows of texts, then lines and numbers of the rows below them."""
     texts: list[Sequence[str]] = []
     lines: list[int] = []

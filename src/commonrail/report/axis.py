@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonrail.arrays import Floats
 
 __all__ = ["Axis", "span"]
 
@@ -39,7 +40,7 @@ class Axis:
         low, high, value = (self._scaled(v) for v in (self.low, self.high, value))
         return self.start + (value - low) / (high - low) * (self.end - self.start)
 
-    def places(self, values: Sequence[float | None] | NDArray[np.float64]) -> NDArray[np.float64]:
+    def places(self, values: Sequence[float | None] | Floats) -> Floats:
         """Places of values [px]; NaN where there is none, and on a logarithmic axis where one is not positive."""
         if self.logarithmic:
             values = [self._scaled(v) if v is not None and v > 0.0 else None for v in values]

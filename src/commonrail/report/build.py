@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from commonrail.arguments import file_path
+from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.registry import size_in_words
 from commonrail.display.chart import Figure
 from commonrail.display.text import duration, number, significant
@@ -35,7 +33,6 @@ from commonrail.report.verdict import verdict
 
 __all__ = ["BENCH", "report_html", "write_report"]
 
-Floats = NDArray[np.float64]
 
 BENCH = "bench.html"  # page with sliders, which a report links where it lies beside
 MANY = 6  # figures; more are set beside one another, below a table of contents

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator, Sequence
 
 from commonrail.display.table import Part, Table, table_of
-from commonrail.display.text import MISSING, listed, quantity
+from commonrail.display.text import MISSING, field_unit, listed, quantity
 from commonrail.files.run_features import ComparedFeatures
 from commonrail.signals.measures import FEATURES
 from commonrail.signals.rate_trace import RATE_UNITS
-from commonrail.signals.result import SHOWN, Features, Injection, unit_of
+from commonrail.signals.result import DECIMALS, Features, Injection, unit_of
 from commonrail.signals.shots import ShotStatistic
 
 __all__ = ["compared_table", "feature_sentences", "feature_table", "shot_table"]
@@ -58,7 +58,7 @@ def _which(one: Injection, number: int, found: Features) -> str:
     if one.energising or not found.energisings:
         return f"injection {one.energising or number}"
     unit = RATE_UNITS[found.unit]
-    return f"injection of {_text(one['quantity'], unit)} {SHOWN[unit].text} at {_text(one['opening'], 's')} µs"
+    return f"injection of {_text(one['quantity'], unit)} {field_unit(unit).text} at {_text(one['opening'], 's')} µs"
 
 
 def shot_table(found: Sequence[ShotStatistic], shots: int) -> Table:
@@ -68,7 +68,7 @@ def shot_table(found: Sequence[ShotStatistic], shots: int) -> Table:
         return f"{_text(edges[0], one.unit)} … {_text(edges[1], one.unit)}"
 
     parts = (
-        Part(("feature", "unit"), lambda one: (one.name, SHOWN[one.unit].text)),
+        Part(("feature", "unit"), lambda one: (one.name, field_unit(one.unit).text)),
         Part(("injection",), lambda one: (str(one.injection),)),
         Part(("mean",), lambda one: (_text(one.mean, one.unit),)),
         Part(("95 %",), lambda one: (interval(one, one.mean_interval),)),
@@ -105,7 +105,7 @@ def compared_table(one: ComparedFeatures) -> Table:
 
 
 def _head(unit: str) -> Part:
-    return Part(("feature", "unit"), lambda row: (row[0], SHOWN[unit_of(row[0], unit)].text))
+    return Part(("feature", "unit"), lambda row: (row[0], field_unit(unit_of(row[0], unit)).text))
 
 
 def _values(one: ComparedFeatures, row: Row) -> tuple[float, float]:
@@ -118,9 +118,8 @@ def _numbers(found: Sequence[Features]) -> list[int]:
 
 def _text(value: float, unit: str, more: int = 0, *, sign: bool = False) -> str:
     """Number in the unit that is shown, with `more` decimals than usual."""
-    shown = SHOWN[unit]
     if not math.isfinite(value):
         return MISSING
-    text = f"{abs(value * shown.factor):.{shown.decimals + more}f}"
+    text = f"{abs(value * field_unit(unit).factor):.{DECIMALS[unit] + more}f}"
     negative = value < 0.0 and float(text) != 0.0
     return f"{'−' if negative else '+' if sign and float(text) else ''}{text}"

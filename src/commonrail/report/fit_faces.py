@@ -8,7 +8,7 @@ import numpy as np
 
 from commonrail.analysis.certainty.certify import Certainty
 from commonrail.analysis.certainty.record import certainty_record
-from commonrail.analysis.identifiability import Verdict
+from commonrail.analysis.identifiability import ParameterVerdict
 from commonrail.analysis.posterior.record import posterior_record
 from commonrail.analysis.posterior.sample import Posterior
 from commonrail.display.table import Table
@@ -22,7 +22,7 @@ def _lines(found: Certainty) -> list[str]:
     """Number of parameters by verdict, then the sentences of the report."""
     counts = Counter(judged.verdict for judged in found.verdicts)
     size = counted(len(found.verdicts), "parameter")
-    named = [f"{counts[verdict]} {verdict.value}" for verdict in Verdict if counts[verdict]]
+    named = [f"{counts[verdict]} {verdict.value}" for verdict in ParameterVerdict if counts[verdict]]
     return [f"{size}: {', '.join(named)}", *certainty_lines(_kept(found))]
 
 

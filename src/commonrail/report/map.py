@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.display.chart import BOTH, MARKERS, Band, Figure, Panel, Series, points
 from commonrail.display.heat_map import HeatMap
 from commonrail.display.table import Table, tabulated
@@ -25,7 +25,6 @@ from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
 __all__ = ["map_figures", "map_html", "map_lines", "map_tables"]
 
-Floats = NDArray[np.float64]
 
 MPA, MM3, MICRO = 1e-6, 1e9, 1e6
 ZOOM = 10e-9  # largest quantity of the enlarged curves [m³]

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.display.chart import Band, points
 from commonrail.display.heat_map import HeatMap
 from commonrail.display.text import fixed, significant
-from commonrail.maps.bands import Edges, MapBands
-from commonrail.maps.quantity_map import InjectionMap
+from commonrail.maps.quantity_map import Edges, InjectionMap, MapBands
 
 __all__ = ["band_about", "band_heats", "band_sentences"]
 
-Floats = NDArray[np.float64]
 
 MPA, MM3, MICRO = 1e-6, 1e9, 1e6
 DIGITS = 2  # significant ones of a half width: more would pretend that bands are known so well

@@ -6,14 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 from markupsafe import escape
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.display.chart import Band, Bars, Boxes, Panel, Points, Series
 from commonrail.report.axis import Axis
 
 __all__ = ["DASHES", "TENTHS", "colour_of", "line_of", "marker_path", "marker_style", "pane_svg"]
 
-Floats = NDArray[np.float64]
 
 TENTHS = 10  # coordinates are whole tenths of a pixel
 PASSES = 5  # each may move a line by a tenth of a pixel

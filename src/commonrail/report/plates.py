@@ -11,13 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Sheet
 from matplotlib.ticker import LogLocator, NullLocator
-from numpy.typing import NDArray
 
 from commonrail.display.chart import MARKERS, Band, Boxes, Figure, Panel, Series
 
 __all__ = ["COLUMN", "PAGE", "printed", "side_by_side", "single"]
 
-Floats = NDArray[np.float64]
 
 MM = 1.0 / 25.4  # inch
 COLUMN, PAGE = 84.0, 174.0  # widths of print [mm]

@@ -5,9 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from commonrail.arrays import Floats
 from commonrail.display.text import duration, listed, percent, significant
 from commonrail.kinds.records import Record
 from commonrail.report import reproduction_figures as figures
@@ -17,7 +15,6 @@ from commonrail.report.html import render
 
 __all__ = ["PLATES", "PLATE_FOLDER", "reproduction_html", "verdicts"]
 
-Floats = NDArray[np.float64]
 Traces = Mapping[int, Mapping[str, Mapping[str, Floats]]]
 
 FEWEST = 6  # seeds that can tell a claim from chance

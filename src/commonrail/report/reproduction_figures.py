@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from commonrail.arrays import Floats
 from commonrail.display.chart import MARKERS, Band, Boxes, Figure, Panel, Series, points
 from commonrail.display.text import number
 from commonrail.kinds.records import MICROSECOND, MM3_PER_MS, Record
 
 __all__ = ["convergence", "rates", "search_boxes"]
 
-Floats = NDArray[np.float64]
 
 # Labels of the record that the paper's Fig. 6 shows, with their looks.
 SHOWN = {"rigid": "rigid", "rigid_fitted": "rigid fitted", "theoretical": "start", "optimised": "best"}

@@ -7,7 +7,7 @@ from itertools import product
 from typing import Any
 
 from commonrail.display.table import Cell, Column, Table, tabulated
-from commonrail.display.text import fixed, number, signed, significant
+from commonrail.display.text import field_unit, fixed, number, signed, significant
 from commonrail.kinds.records import Record
 
 __all__ = [
@@ -26,7 +26,6 @@ __all__ = [
 SIGNS = {"holds": "✓", "does not hold": "✗", "cannot be told": "?"}
 PER_MICRON = 1e-6  # N/m to N/um
 MICROSECOND = 1e6
-_SCALES = {"m": (1e6, "µm"), "m3": (1e9, "mm³")}
 _EDGES = "An edge is where the rate passes 10 % of the experiment's greatest."
 
 
@@ -110,13 +109,13 @@ def rigid_tables(record: Record) -> list[Table]:
     """Stop and control volume of the rigid body that is fitted; none in a record of before it was."""
 
     def scaled(p: Record, key: str) -> str:
-        return significant(p[key], 4, _SCALES[p["unit"]][0])
+        return significant(p[key], 4, field_unit(p["unit"]).factor)
 
     columns: list[Column] = [
-        ("", lambda p: f"{p['meaning']}, {_SCALES[p['unit']][1]}"),
+        ("", lambda p: f"{p['meaning']}, {field_unit(p['unit']).text}"),
         ("drawing", lambda p: scaled(p, "drawing")),
         ("searched", lambda p: f"{scaled(p, 'lower')} to {scaled(p, 'upper')}"),
-        ("fitted: median (quartiles)", lambda p: _spread(p, 3, _SCALES[p["unit"]][0])),
+        ("fitted: median (quartiles)", lambda p: _spread(p, 3, field_unit(p["unit"]).factor)),
     ]
     note = (
         "Fitted at 160 MPa, as k1…k7 are, because the paper does not say how its rigid body was set up; its J is above."

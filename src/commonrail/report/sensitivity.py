@@ -9,7 +9,7 @@ from pathlib import Path
 
 from commonrail.display.chart import Bars, Figure, Panel, Points, Series
 from commonrail.display.table import Column, Table, tabulated
-from commonrail.display.text import MISSING, duration, percent, quantity, significant
+from commonrail.display.text import MISSING, duration, field_unit, percent, quantity, significant
 from commonrail.kinds.records import Record
 from commonrail.report.draw import figure_html
 from commonrail.report.html import render
@@ -22,20 +22,11 @@ __all__ = [
     "sensitivity_html",
     "sensitivity_lines",
     "sensitivity_tables",
-    "shown_unit",
     "time_and_software",
 ]
 
 SHOWN = 16  # parameters in a table or figure; all are in the CSV file
 HEIGHT_OF_A_ROW = 26  # of a figure with bars [px]
-
-# SI unit: factor to the unit of the field, and its text.
-_UNITS = {"m3": (1e9, "mm³"), "s": (1e6, "µs"), "m": (1e6, "µm"), "m3/s": (1e6, "mm³/ms")}
-
-
-def shown_unit(unit: str) -> tuple[float, str]:
-    """Factor from an SI unit to the one in which the field says it, and that unit; J has none."""
-    return _UNITS.get(unit, (1.0, "" if unit == "1" else unit))
 
 
 def bar_height(rows: int) -> int:
@@ -110,7 +101,7 @@ def _heading(output: Record) -> str:
 
 
 def _table(record: Record, output: Record) -> Table:
-    scale, unit = shown_unit(output["unit"])
+    _, unit, scale = field_unit(output["unit"])
     suffix = f", {unit}" if unit else ""
 
     def at(key: str) -> Column:
@@ -192,7 +183,7 @@ def _indices(record: Record, output: Record) -> Figure | None:
         return Figure(
             "Share of the variance", caption, "share of the variance, %", (Panel("", (), bars=bars, rows=names),)
         )
-    scale, unit = shown_unit(output["unit"])
+    _, unit, scale = field_unit(output["unit"])
     bar = _measured("mean size of the effects", "start", rows, "magnitude", scale)
     return Figure(
         "Elementary effects",
@@ -212,7 +203,7 @@ def _tornado(output: Record) -> Figure | None:
     base = output["base"]
     if base is None:
         return None
-    scale, unit = shown_unit(output["unit"])
+    _, unit, scale = field_unit(output["unit"])
     rows = sorted(output["parameters"], key=lambda row: -max(_reach(row, base)))[:SHOWN]
     start: Points = (scale * base,) * len(rows)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from commonrail.arguments import array, instance, mapping, plain_text
+from commonrail.arrays import Floats
 from commonrail.display.chart import Figure, Panel, Series, points
 from commonrail.engine.solution import Solution
 from commonrail.errors import ConfigurationError
@@ -18,7 +18,6 @@ from commonrail.report.html import render
 
 __all__ = ["course_figure", "simulation_figure"]
 
-Floats = NDArray[np.float64]
 
 MICRO = 1e6
 MPA = 1e-6

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.display.chart import BOTH, Figure, Panel, Series, points
 from commonrail.display.table import Table, tabulated
-from commonrail.display.text import counted, fixed, quantity, significant
+from commonrail.display.text import counted, fixed, in_print, quantity, significant
 from commonrail.injector.definition import FUEL_TEMPERATURE
 from commonrail.maps.choices import CellState
 from commonrail.maps.compensation import Compensation
-from commonrail.maps.sweep import Sweep, Variable
+from commonrail.maps.sweep import Sweep, Variable, table_unit
 from commonrail.maps.table import notes_of
 from commonrail.maps.without_number import WithoutNumber, without_number
 from commonrail.report.draw import drawings
@@ -23,12 +23,10 @@ from commonrail.units import convert
 
 __all__ = ["compensation_html", "compensation_table", "fusion_table", "sweep_figures", "sweep_html", "sweep_lines"]
 
-Floats = NDArray[np.float64]
 
 MPA, MM3, MICRO = 1e-6, 1e9, 1e6
 MOST_FIGURES = 6
 SHORT_NAMES = {FUEL_TEMPERATURE: "temperature"}
-UNITS = {"Pa": "MPa", "s": "us", "K": "degC", "m": "um"}
 DWELL = "Dwell: from the end of the first energising to the start of the second."
 
 
@@ -155,7 +153,7 @@ def _figures(found: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
     first, others = found.variables[0], found.variables[1:]
     volume = volume.reshape(*volume.shape, *(1,) * (3 - volume.ndim))
     rows, parts = int(volume.shape[1]), int(np.prod(volume.shape[2:]))
-    unit = UNITS.get(first.unit, first.unit)
+    unit = table_unit(first.unit)
     x = points(convert(first.values, first.unit, unit))
     for k in range(min(parts, MOST_FIGURES)):
         label = f", {_title(others[1])} {_value(others[1], k)}" if len(others) > 1 else ""
@@ -165,7 +163,7 @@ def _figures(found: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
             if np.isfinite(volume[:, j, k]).any()
         )
         caption = f"Each line: {_title(others[0])}." if others else "At the reference density."
-        axis = f"{_title(first)}, {unit.replace('us', 'µs').replace('degC', '°C').replace('um', 'µm')}"
+        axis = f"{_title(first)}, {in_print(unit)}"
         yield Figure(f"{title}{label}", caption, axis, (Panel("quantity, mm³", series),))
 
 

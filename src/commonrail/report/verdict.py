@@ -15,7 +15,7 @@ from commonrail.report.certainty import difference
 from commonrail.report.record import of_role
 from commonrail.report.rerun import map_line
 
-__all__ = ["Step", "Verdict", "verdict"]
+__all__ = ["Step", "ReportVerdict", "verdict"]
 
 GOOD, CARE, BAD = "good", "care", "bad"
 SHOWN = 4  # parameters that a sentence names
@@ -28,7 +28,7 @@ class Step(NamedTuple):
     command: str = ""
 
 
-class Verdict(NamedTuple):
+class ReportVerdict(NamedTuple):
     """Verdict on a calibration.
 
     Attributes
@@ -64,7 +64,7 @@ _TITLES = {
 }
 
 
-def verdict(record: Record, run: str) -> Verdict:
+def verdict(record: Record, run: str) -> ReportVerdict:
     """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
     folder = shlex.quote(run)
     found = [
@@ -78,7 +78,7 @@ def verdict(record: Record, run: str) -> Verdict:
     level = BAD if BAD in levels else CARE if CARE in levels else GOOD
     found.sort(key=lambda point: point.level != BAD)
     steps = list(dict.fromkeys(point.step for point in found))
-    return Verdict(
+    return ReportVerdict(
         level,
         _TITLES[level],
         [point.reason for point in found] or _praise(record),

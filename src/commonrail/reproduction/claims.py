@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.reproduction import paper
 from commonrail.reproduction.figures import Figures
@@ -15,8 +14,6 @@ from commonrail.reproduction.stiffness_claims import stiffness_claims
 from commonrail.reproduction.verdict import Claim, Sentence, judged, share, signed
 
 __all__ = ["claims"]
-
-Floats = NDArray[np.float64]
 
 
 class _Rigid(NamedTuple):

@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import commonrail as cr
+from commonrail.arrays import Floats
 from commonrail.reproduction import paper
 from commonrail.reproduction.measures import Edges, edges, j_by_phase, level_of, ninety_percent
 from commonrail.reproduction.paper import Configuration
@@ -18,7 +18,6 @@ from commonrail.reproduction.repetition import LABELS, Repetition
 
 __all__ = ["Figures"]
 
-Floats = NDArray[np.float64]
 
 K6 = "plunger_needle.k6"
 NEAR_MAXIMUM = 0.8  # of a range

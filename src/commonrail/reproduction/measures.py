@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import commonrail as cr
+from commonrail.arrays import Floats, IndexArray
 
 __all__ = ["PHASES", "Box", "Edges", "Spread", "box", "edges", "j_by_phase", "ninety_percent", "spread"]
 
-Floats = NDArray[np.float64]
 
 EDGE_SHARE = 0.1  # of the experiment's greatest rate: an injection has begun, or not yet ended, above it
 PHASE_LENGTH = 0.4e-3  # Sec. 5 speaks of 0–0.4 ms, the middle, and the descent up to 1.2 ms
@@ -80,7 +80,7 @@ def edges(rate: Floats, bounds: Floats, level: float) -> Edges:
     rises = np.flatnonzero(~above[:-1] & above[1:])
     falls = np.flatnonzero(above[:-1] & ~above[1:])
 
-    def crossing(found: NDArray[np.intp], which: int) -> float:
+    def crossing(found: IndexArray, which: int) -> float:
         if not len(found):
             return float("nan")
         i = int(found[which])

@@ -9,9 +9,10 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import commonrail as cr
+from commonrail.arrays import Floats
 from commonrail.reproduction import paper
 from commonrail.reproduction.claims import claims
 from commonrail.reproduction.figures import Figures
@@ -22,7 +23,6 @@ from commonrail.reproduction.run import Reproduction
 
 __all__ = ["SCHEMA", "reproduction_record"]
 
-Floats = NDArray[np.float64]
 
 # 2: a rigid body that is fitted, shares of random points beside the claims.
 # 3: verdicts and standard errors of `certify`, true stiffness and how often its intervals hold it.

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import commonrail as cr
+from commonrail.arrays import Floats
 from commonrail.reproduction import paper
 from commonrail.reproduction.paper import Configuration
 
 __all__ = ["LABELS", "METERED", "Found", "Repetition", "generations_of_one", "measure", "repeat", "search"]
 
-Floats = NDArray[np.float64]
 
 # Models that are set beside the experiment.
 LABELS = {

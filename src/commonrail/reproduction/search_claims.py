@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.reproduction import paper
 from commonrail.reproduction.figures import Figures
 from commonrail.reproduction.measures import spread
-from commonrail.reproduction.verdict import FAILS, HOLDS, OPEN, Claim, Sentence, Verdict, judged
+from commonrail.reproduction.verdict import FAILS, HOLDS, OPEN, Claim, ClaimVerdict, Sentence, judged
 
 __all__ = ["holm", "search_claims"]
 
-Floats = NDArray[np.float64]
 
 RAPID = 0.5  # of the generations: convergence is rapid if 90 % of the gain is reached before
 SIGNIFICANT = 0.05
@@ -56,7 +55,7 @@ def _best_configuration(f: Figures) -> Claim:
     return judged(sentence, figure, np.argmin(means, axis=0) == at, comment=comment, verdict=verdict)
 
 
-def _compared(means: Floats, at: int) -> tuple[Verdict, str]:
+def _compared(means: Floats, at: int) -> tuple[ClaimVerdict, str]:
     """True if row `at` of (configurations, seeds) is the lowest, by tests over the seeds."""
     from scipy.stats import friedmanchisquare  # slow to import
 

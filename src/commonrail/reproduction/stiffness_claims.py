@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.reproduction import paper
 from commonrail.reproduction.figures import Figures
 from commonrail.reproduction.measures import spread
 from commonrail.reproduction.verdict import Claim, Sentence, judged, percent, share
 
 __all__ = ["stiffness_claims"]
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 def stiffness_claims(f: Figures) -> list[Claim]:

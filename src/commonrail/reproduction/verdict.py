@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["FAILS", "HOLDS", "OPEN", "Claim", "Sentence", "Verdict", "judged", "percent", "share", "signed"]
+__all__ = ["FAILS", "HOLDS", "OPEN", "Claim", "Sentence", "ClaimVerdict", "judged", "percent", "share", "signed"]
 
 HOLDS, FAILS, OPEN = "holds", "does not hold", "cannot be told"
-Verdict = str
+ClaimVerdict = str
 
 
 class Claim(NamedTuple):
@@ -40,7 +40,7 @@ class Claim(NamedTuple):
     where: str
     measure: str
     figure: str
-    verdict: Verdict
+    verdict: ClaimVerdict
     true_in: int
     of: int
     interval: tuple[float, float]
@@ -63,7 +63,7 @@ def judged(
     true: ArrayLike,
     *,
     comment: str = "",
-    verdict: Verdict | None = None,
+    verdict: ClaimVerdict | None = None,
     valid: ArrayLike = True,
     chance: float | None = None,
 ) -> Claim:

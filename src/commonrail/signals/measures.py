@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.signals.parts import Course, Part
 from commonrail.signals.rate_trace import RateTrace
@@ -16,7 +15,6 @@ from commonrail.signals.status import FeatureStatus
 
 __all__ = ["FEATURES", "Feature", "Measured", "instants_of", "measured_between"]
 
-Floats = NDArray[np.float64]
 
 PLATEAU = 0.5  # share of the duration near the largest rate above which an injection has a steady rate
 ROUNDS = 3  # of slope and averaging about an instant: the slope of a first, wide mean is too small at the foot

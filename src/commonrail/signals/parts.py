@@ -6,14 +6,13 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, IndexArray
 from commonrail.signals.rate_trace import RateTrace
 from commonrail.signals.settings import Levels
 
 __all__ = ["Course", "Part", "averaged", "parts_of"]
 
-Floats = NDArray[np.float64]
 
 SAME = 1e-6  # of the averaging time, below which two knots are one
 DEEP = 6.0  # standard deviations by which the rate must fall for injections to be divided
@@ -30,12 +29,12 @@ class Course(NamedTuple):
         (t0, t1), (r0, r1) = self.time[first : first + 2], self.rate[first : first + 2]
         return float(t0 + (level - r0) / (r1 - r0) * (t1 - t0))
 
-    def rises(self, level: float, first: int, last: int) -> NDArray[np.intp]:
+    def rises(self, level: float, first: int, last: int) -> IndexArray:
         """Knots between two after which the rate rises above a level."""
         rate = self.rate[first : last + 1]
         return first + np.flatnonzero((rate[:-1] <= level) & (rate[1:] > level))
 
-    def falls(self, level: float, first: int, last: int) -> NDArray[np.intp]:
+    def falls(self, level: float, first: int, last: int) -> IndexArray:
         """Knots between two after which the rate falls to a level or below."""
         rate = self.rate[first : last + 1]
         return first + np.flatnonzero((rate[:-1] > level) & (rate[1:] <= level))

@@ -8,16 +8,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from commonrail.arguments import array, instances, settle, shown
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.solution import Solution
 from commonrail.errors import ConfigurationError
 
 __all__ = ["RATE_UNITS", "RateTrace", "bounds_around", "rate_trace", "spread"]
 
-Floats = NDArray[np.float64]
 
 RATE_UNITS = {"m3/s": "m3", "kg/s": "kg"}  # of a rate, and of its quantity
 LEAST_SAMPLES = 4

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from commonrail.arguments import shown
 from commonrail.display.text import number
@@ -16,25 +16,10 @@ from commonrail.signals.rate_trace import RATE_UNITS
 from commonrail.signals.settings import Levels
 from commonrail.signals.status import FeatureStatus
 
-__all__ = ["SHOWN", "Features", "Injection", "Shown", "known_feature", "unit_of"]
+__all__ = ["DECIMALS", "Features", "Injection", "known_feature", "unit_of"]
 
 
-class Shown(NamedTuple):
-    """Unit in which features of one SI unit are shown: factor, text in files and on pages, decimals."""
-
-    factor: float
-    unit: str
-    text: str
-    decimals: int
-
-
-SHOWN = {  # by SI unit
-    "s": Shown(1e6, "us", "µs", 1),
-    "m3/s": Shown(1e6, "mm3/ms", "mm³/ms", 2),
-    "kg/s": Shown(1e3, "mg/ms", "mg/ms", 2),
-    "m3": Shown(1e9, "mm3", "mm³", 3),
-    "kg": Shown(1e6, "mg", "mg", 3),
-}
+DECIMALS = {"s": 1, "m3/s": 2, "kg/s": 2, "m3": 3, "kg": 3}  # of a feature in its `field_unit`, by SI unit
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from commonrail.arguments import Limits, Quantity, amount, flag, number, settle
+from commonrail.arguments import Limits, Quantity, amount, flag, fraction, number, settle
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.signals.rate_trace import RateTrace, spread
 from commonrail.units import parse, to_text
@@ -105,15 +105,15 @@ class FeatureSettings:
     def __post_init__(self) -> None:
         if len(self.ramp) != 2:
             raise ConfigurationError("The ramp must be two shares of the largest rate, such as (0.2, 0.8).")
-        low, high = (_share(part, "ramp") for part in self.ramp)
+        low, high = (fraction(part, "ramp") for part in self.ramp)
         if not low < high:
             raise ConfigurationError(f"The shares of the ramp must increase, not {low:g} and {high:g}.")
         averaging = None if self.averaging is None else amount(self.averaging, "s", "averaging", AVERAGINGS)
         settle(
             self,
             threshold=_threshold(self.threshold),
-            hysteresis=_share(self.hysteresis, "hysteresis"),
-            split=_share(self.split, "split"),
+            hysteresis=fraction(self.hysteresis, "hysteresis"),
+            split=fraction(self.split, "split"),
             ramp=(low, high),
             averaging=averaging,
             peak_averaging=amount(self.peak_averaging, "s", "peak_averaging", AVERAGINGS),
@@ -176,13 +176,6 @@ def _averaged_noise(trace: RateTrace, width: float, noise: float) -> float:
     if len(inside) * trace.interval < 10.0 * width:
         return white
     return max(white, spread(trace.means(inside, width)))
-
-
-def _share(value: object, what: str) -> float:
-    found = number(value, "1", what)
-    if not 0.0 < found < 1.0:
-        raise ConfigurationError(f"The {what} must lie between 0 and 1, not {found:g}.")
-    return found
 
 
 def _threshold(given: object) -> Threshold:

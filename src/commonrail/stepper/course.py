@@ -6,9 +6,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import sequence, shown
+from commonrail.arrays import Floats
 from commonrail.choices import Drive
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import MAXIMUM_STEPS, Prepared, make_job, prepare
@@ -18,7 +18,6 @@ from commonrail.injector.definition import Injector
 
 __all__ = ["COLUMNS", "CoursePlan", "Held", "names_of", "refuse_pressures", "traced_input"]
 
-Floats = NDArray[np.float64]
 
 # Inputs that a caller may hold, and their columns among `Inputs`.
 COLUMNS = {"rail_pressure": 0, "cylinder_pressure": 1, "return_pressure": 2, "voltage": 3, "current": 3}

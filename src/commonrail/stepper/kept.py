@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 from commonrail.stepper.course import Held
 
 __all__ = ["Kept", "refuse_damaged"]
-
-Floats = NDArray[np.float64]
 
 
 class Kept(NamedTuple):

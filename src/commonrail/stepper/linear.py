@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.choices import Actuation, Boundary
 from commonrail.injector.model import Waves
 from commonrail.injector.variants import Variant
@@ -18,7 +18,6 @@ from commonrail.stepper.loop import Loop
 
 __all__ = ["LinearModel", "Operation", "linearise"]
 
-Floats = NDArray[np.float64]
 
 # Rows that are no state of the linear model: sums that nothing reads, the PWM's transistor, which jumps, and what
 # follows from the density in a volume. The density is one beside the mass, because the volume moves with its walls.

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.compile import FLUSH_TINY, KEEP_ALL, KEEP_NONE
 from commonrail.engine.block import (
@@ -24,8 +23,6 @@ from commonrail.injector.model import Inputs, Setting
 from commonrail.injector.variants import Variant, wiring
 
 __all__ = ["Loop", "make_loop"]
-
-Floats = NDArray[np.float64]
 
 
 class Loop(NamedTuple):

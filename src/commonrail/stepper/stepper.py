@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import Quantity, flag, instance, number
+from commonrail.arrays import Floats
 from commonrail.choices import Actuation, Boundary
 from commonrail.engine.channels import all_channels
 from commonrail.engine.operating_point import LONGEST, OperatingPoint
@@ -26,7 +26,6 @@ from commonrail.stepper.loop import Loop, make_loop
 
 __all__ = ["Kept", "Stepper"]
 
-Floats = NDArray[np.float64]
 
 ROUNDING = 1e-6  # relative difference from a whole number of time steps that counts as rounding
 _UNITS = {"voltage": "V", "current": "A"}  # of the inputs; the others are pressures

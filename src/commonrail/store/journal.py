@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.checkpoint import Checkpoint, Generation, Stage, Step
 from commonrail.compile_target import describe
 from commonrail.errors import StudyError
@@ -27,8 +27,6 @@ from commonrail.store.states import digest, number_bytes, pack, unpack
 __all__ = ["JOURNAL", "LOCK", "Input", "Journal", "State", "read_about"]
 
 JOURNAL, LOCK = "journal.sqlite", "journal.lock"
-
-Floats = NDArray[np.float64]
 
 
 class State:

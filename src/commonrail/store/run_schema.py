@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.reading.guarded_file import sha256
 from commonrail.store.schema import Schema, Version
 from commonrail.store.seals import add_seals
@@ -185,7 +185,7 @@ def _count(value: Any) -> int:
     return value
 
 
-def _array(content: bytes) -> NDArray[np.float64]:
+def _array(content: bytes) -> Floats:
     return np.frombuffer(content, "<f8").astype(float)
 
 

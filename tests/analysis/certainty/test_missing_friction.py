@@ -11,7 +11,7 @@ from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.lack_of_fit import LEVEL, lack_of_fit
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_friction import missing_friction
-from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
+from commonrail.analysis.certainty.verdict import ParameterVerdict, verdicts_of, withdrawal
 from commonrail.calibration.study import Study
 from commonrail.kinds.noise import Noise
 from tools.coverage import BEDS, FRICTION, Benches
@@ -24,7 +24,7 @@ def test_friction_that_moves_a_pinned_parameter_withdraws_it() -> None:
     tests = lack_of_fit(found)
     low, high = found.interval()
     verdicts = verdicts_of(found, low, high, withdrawal(found, tests))
-    assert any(one.verdict is Verdict.PINNED for one in verdicts)  # the tests of the meter see nothing
+    assert any(one.verdict is ParameterVerdict.PINNED for one in verdicts)  # the tests of the meter see nothing
     k7 = bench.truth[2]
     assert not low[2] < k7 < high[2]  # 9 % off
     friction = friction_withdraws(bench.study, found, verdicts, 1)
@@ -33,7 +33,7 @@ def test_friction_that_moves_a_pinned_parameter_withdraws_it() -> None:
     assert test.found  # the fall is 73
     assert "friction in the guides" in withdrawal(found, [*tests, test])
     assert abs(friction.point[2] - k7) < 0.6 * abs(found.point[2] - k7)
-    unseen = [one._replace(verdict=Verdict.UNSEEN) for one in verdicts]  # which have nothing to lose
+    unseen = [one._replace(verdict=ParameterVerdict.UNSEEN) for one in verdicts]  # which have nothing to lose
     assert friction_withdraws(bench.study, found, unseen, 1) is None
 
 

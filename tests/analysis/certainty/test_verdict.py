@@ -12,7 +12,7 @@ from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.lack_of_fit import lack_of_fit
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.nuisance import Nuisance
-from commonrail.analysis.certainty.verdict import Judged, Verdict, verdicts_of, withdrawal
+from commonrail.analysis.certainty.verdict import Judged, ParameterVerdict, verdicts_of, withdrawal
 from commonrail.kinds.noise import Correlation, Law, Noise
 from tests.analysis.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood, space
 
@@ -32,9 +32,9 @@ def judged(found: Estimate, limit: float = 0.1) -> list[Judged]:
 
 def test_a_narrow_interval_pins_and_a_stricter_limit_does_not() -> None:
     found = fitted(likelihood([curve(1)], [design()], [STATED], KNOWN))
-    assert [one.verdict for one in judged(found)] == [Verdict.PINNED] * 3
+    assert [one.verdict for one in judged(found)] == [ParameterVerdict.PINNED] * 3
     assert "pinned to ± " in judged(found)[0].sentence
-    assert all(one.verdict is Verdict.UNSEEN for one in judged(found, 1e-4))
+    assert all(one.verdict is ParameterVerdict.UNSEEN for one in judged(found, 1e-4))
     assert all(one.cure for one in judged(found, 1e-4))
 
 
@@ -43,7 +43,11 @@ def test_parameters_that_imitate_each_other_are_named() -> None:
     x[:, 1] = x[:, 0] + 0.01 * x[:, 1]
     y = x @ TRUTH + 0.2 * np.random.default_rng(2).standard_normal(N)
     first, second, third = judged(fitted(likelihood([y], [x], [STATED], KNOWN)))
-    assert (first.verdict, second.verdict, third.verdict) == (Verdict.COMBINED, Verdict.COMBINED, Verdict.PINNED)
+    assert (first.verdict, second.verdict, third.verdict) == (
+        ParameterVerdict.COMBINED,
+        ParameterVerdict.COMBINED,
+        ParameterVerdict.PINNED,
+    )
     assert "with b" in first.sentence
     assert "with a" in second.sentence
 
@@ -52,7 +56,7 @@ def test_an_uncertain_quantity_that_decides_is_blamed() -> None:
     shift = 1.0 * design()[:, 0]
     nuisances = [KNOWN[0], Nuisance("gain of bench", "gain", 0.01, "1", lambda point: shift)]
     first = judged(fitted(likelihood([curve(3)], [design()], [STATED], nuisances)))[0]
-    assert first.verdict is Verdict.COMBINED
+    assert first.verdict is ParameterVerdict.COMBINED
     assert "with the gain of bench" in first.sentence
 
 
@@ -70,10 +74,10 @@ def test_what_is_not_stated_is_assumed_and_widens_the_verdict_alone() -> None:
 def test_bounds_and_constraints_are_said() -> None:
     y = design() @ [2.0, 2.3, 5.0] + 0.2 * np.random.default_rng(5).standard_normal(N)
     first = judged(fitted(likelihood([y], [design()], [STATED], KNOWN, space(constraints=["b < a"]))))[0]
-    assert first.verdict is Verdict.CONSTRAINED
+    assert first.verdict is ParameterVerdict.CONSTRAINED
     assert '"b < a"' in first.sentence
     y = design() @ [2.0, 3.0, 11.0] + 0.2 * np.random.default_rng(5).standard_normal(N)
-    assert judged(fitted(likelihood([y], [design()], [STATED], KNOWN)))[2].verdict is Verdict.AT_BOUND
+    assert judged(fitted(likelihood([y], [design()], [STATED], KNOWN)))[2].verdict is ParameterVerdict.AT_BOUND
 
 
 def bump(t: Floats) -> Floats:
@@ -100,7 +104,7 @@ def test_a_delay_is_found_and_withdraws_the_verdict(correlation: Correlation) ->
     low, high = found.interval()
     reason = withdrawal(found, [test])
     assert "no noise" in reason
-    assert verdicts_of(found, low, high, reason, limit=0.9)[0].verdict is Verdict.WITHDRAWN
+    assert verdicts_of(found, low, high, reason, limit=0.9)[0].verdict is ParameterVerdict.WITHDRAWN
 
 
 def test_the_score_test_is_seldom_alarmed_by_noise() -> None:
@@ -149,7 +153,7 @@ def test_a_search_that_has_not_settled_withdraws() -> None:
     moving = replace(found, agreeing=2)
     assert withdrawal(found, []) == ""
     assert "2 of 4 starts agree" in withdrawal(moving, [])
-    assert judged(moving)[0].verdict is Verdict.WITHDRAWN
+    assert judged(moving)[0].verdict is ParameterVerdict.WITHDRAWN
 
 
 def test_an_interval_that_is_no_figure_is_given_in_words() -> None:

@@ -10,15 +10,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls, constrained_step
+from commonrail.arrays import Floats, IndexArray
 
 __all__ = ["FEW", "Ascent", "climb", "promised_step"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 DAMPINGS = np.array([0.03, 1.0, 30.0])  # tried side by side, times the current one
 FIRST, WEAKEST, STRONGEST = 1e-3, 1e-10, 1e8
@@ -56,7 +54,7 @@ class _Climber:
         self,
         likelihood: Likelihood,
         unit: Floats,
-        held: Indices | None,
+        held: IndexArray | None,
         errors: Floats | None,
         slopes: Floats | None,
     ) -> None:
@@ -93,7 +91,7 @@ class _Climber:
             found[:, block.rows] = noise.density.weight(wide[:, block.rows])
         return found
 
-    def _tangents(self, which: Indices) -> Floats:
+    def _tangents(self, which: IndexArray) -> Floats:
         """Derivatives (k, d, n + p) of innovations and pulls."""
         own, unit = self.likelihood, self.unit[which]
         new = which[np.isnan(self.slopes[which, 0, 0])]
@@ -135,20 +133,20 @@ class _Climber:
             step = step + self._bend(which, damped, weighted, tangents, step)
         self._try(which, damped, step, tolerance)
 
-    def _damped(self, metric: Floats, which: Indices) -> Floats:
+    def _damped(self, metric: Floats, which: IndexArray) -> Floats:
         diagonal = np.einsum("kii->ki", metric)
         diagonal = diagonal + 1e-9 * np.maximum(diagonal.max(axis=1, keepdims=True), 1e-300)
         strength = DAMPINGS * self.damping[which][:, None]
         return np.asarray(metric[:, None] + strength[..., None, None] * _diagonal(diagonal)[:, None])
 
-    def _promised(self, metric: Floats, force: Floats, which: Indices) -> Floats:
+    def _promised(self, metric: Floats, force: Floats, which: IndexArray) -> Floats:
         """Fall of the cost by an undamped step within the walls."""
         found = np.empty(len(which))
         for i, k in enumerate(which):
             found[i] = promised_step(self.walls, self.unit[k], metric[i], force[i])[1]
         return found
 
-    def _bend(self, which: Indices, damped: Floats, weighted: Floats, tangents: Floats, step: Floats) -> Floats:
+    def _bend(self, which: IndexArray, damped: Floats, weighted: Floats, tangents: Floats, step: Floats) -> Floats:
         """Half the acceleration of each trial step, where it is smaller than the step."""
         ahead = np.clip(self.unit[which][:, None] + AHEAD * step, 0.0, 1.0)
         errors, wide = self._simulated(ahead)
@@ -163,7 +161,7 @@ class _Climber:
         share = np.linalg.norm(bend, axis=-1) / np.maximum(np.linalg.norm(step, axis=-1), 1e-300)
         return np.asarray(np.where(share < MOST_BEND, 0.5, 0.0)[..., None] * bend)
 
-    def _inside(self, which: Indices, damped: Floats, step: Floats) -> Floats:
+    def _inside(self, which: IndexArray, damped: Floats, step: Floats) -> Floats:
         """Ends of trial steps (k, trials, d), bent along the walls that they would break."""
         start = self.unit[which]
         ends = start[:, None] + step
@@ -179,7 +177,7 @@ class _Climber:
         anchors = np.repeat(start, trials, axis=0)
         return self.walls.within(anchors, ends.reshape(-1, d)).reshape(k, trials, d)
 
-    def _try(self, which: Indices, damped: Floats, step: Floats, tolerance: float) -> None:
+    def _try(self, which: IndexArray, damped: Floats, step: Floats, tolerance: float) -> None:
         """Take the best trial step of each ascent, if any is better."""
         ends = self._inside(which, damped, step)
         errors, wide = self._simulated(ends)
@@ -199,7 +197,7 @@ class _Climber:
 def climb(
     likelihood: Likelihood,
     unit: Floats,
-    held: Indices | None = None,
+    held: IndexArray | None = None,
     *,
     errors: Floats | None = None,
     slopes: Floats | None = None,
@@ -251,7 +249,7 @@ def promised_step(walls: Walls, unit: Floats, metric: Floats, force: Floats) -> 
     return z, float(2.0 * force @ z - z @ own @ z)
 
 
-def _hold(metric: Floats, force: Floats, held: Indices) -> None:
+def _hold(metric: Floats, force: Floats, held: IndexArray) -> None:
     """Decouple the parameters that each ascent holds, in place."""
     rows = np.arange(len(held))
     for column in held.T:

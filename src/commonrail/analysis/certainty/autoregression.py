@@ -5,13 +5,12 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.laws import sample_count
+from commonrail.arrays import Floats
 
 __all__ = ["MOST", "Autoregression", "estimate"]
 
-Floats = NDArray[np.float64]
 
 MOST = 15  # largest order
 _SHARE = 0.1  # of the samples that the order may reach

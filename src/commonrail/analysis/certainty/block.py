@@ -6,17 +6,16 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.autoregression import Autoregression, estimate
 from commonrail.analysis.certainty.growth import EVEN, Growth, growth_of
 from commonrail.analysis.certainty.laws import LAWS, DensityLaw, sample_count, scale_of, unequal
+from commonrail.arrays import Floats
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import NOISE, Correlation, Law, Noise
 
 __all__ = ["Block", "FittedNoise", "block_of", "fit_noise", "places_of", "row_weights"]
 
-Floats = NDArray[np.float64]
 
 WHITE = Autoregression(np.empty(0))
 FAR, FAR_SHARE, FAR_LEAST = 4.0, 0.01, 50  # deviations, share and number of values by which outliers are recognised

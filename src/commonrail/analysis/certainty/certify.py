@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.ascent import FEW
 from commonrail.analysis.certainty.covariance import student
@@ -19,90 +17,27 @@ from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import missing_delay, visible_delay
 from commonrail.analysis.certainty.missing_friction import MissingFriction, missing_friction
 from commonrail.analysis.certainty.profile import Profile, profiles_of
-from commonrail.analysis.certainty.record import certainty_record
+from commonrail.analysis.certainty.record import Certainty
 from commonrail.analysis.certainty.ripple import Ripple, ripple_of
-from commonrail.analysis.certainty.verdict import LIMIT, Judged, Verdict, verdicts_of, withdrawal
+from commonrail.analysis.certainty.verdict import LIMIT, Judged, ParameterVerdict, verdicts_of, withdrawal
 from commonrail.analysis.certainty.within import Within, estimate_within
 from commonrail.analysis.identifiability import FinishedFit
-from commonrail.arguments import instance, number, thread_count, whole
+from commonrail.arguments import fraction, instance, thread_count, whole
+from commonrail.arrays import Floats
 from commonrail.calibration.constraint_text import parse_constraints
 from commonrail.calibration.result import CERTAINTY
 from commonrail.calibration.study import Study
-from commonrail.display.shown import Shown
 from commonrail.display.text import listed
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.noise import Law
 
 __all__ = ["Certainty", "certify", "friction_withdraws", "judge"]
 
-Floats = NDArray[np.float64]
 
 MEMBERS = 512  # of the library from which further starts are chosen
 MANY = 1e6  # degrees of freedom from which a quantile of Student's t is a normal one
 PROFILED = "profile likelihood"
 MOST_RESTARTS = 3  # from profile points that beat the optimum
-
-
-@dataclass(frozen=True, repr=False)
-class Certainty(Shown):
-    """Certainty of a fit.
-
-    Attributes
-    ----------
-    estimate : Estimate
-        Most likely values and their local intervals; `estimate.likelihood` is the likelihood with its fitted noise.
-    level : float
-        Share of intervals that hold the truth.
-    low, high : (d,)
-        Ends of the intervals [SI]: of the profile where there is a finished one, else local.
-    estimators : list of str
-        Estimator of each parameter's interval.
-    profiles : mapping of str to Profile
-    tests : list of LackOfFit
-        For each data set, and for a delay that all curves share.
-    visible : float
-        Smallest delay of the meter [s] that the test of a delay finds in 9 of 10 benches like this one; NaN without
-        that test.
-    withdrawn : str
-        Reason why no parameter is called pinned, empty if there is none.
-    verdicts : list of Judged
-    adopted : int
-        Times that a profile met a better optimum, which then took the place of the first.
-    combinations : mapping of str to (float, float)
-        Value and half width [SI] of each stated combination.
-    simulated : int
-        Points simulated.
-    within : Within
-        The same estimate with the quantities that were fitted as the study states them, see `within`.
-    gain : float
-        2 ln L of the most likely values less that of the values that the search started from, under the same noise.
-    ripple : Ripple or None
-        Comparison of the curvature with the simulated likelihood; None where profiles were asked for, or quantities
-        were fitted as stated.
-    """
-
-    presenter = "commonrail.report.fit_faces:CERTAINTY"
-
-    estimate: Estimate
-    level: float
-    low: Floats
-    high: Floats
-    estimators: list[str]
-    profiles: Mapping[str, Profile]
-    tests: list[LackOfFit]
-    visible: float
-    withdrawn: str
-    verdicts: list[Judged]
-    adopted: int
-    combinations: Mapping[str, tuple[float, float]]
-    simulated: int
-    within: Within
-    gain: float
-    ripple: Ripple | None = None
-
-    def record(self) -> dict[str, Any]:
-        """JSON-able form, the key "certainty" of a result."""
-        return certainty_record(self)
 
 
 def certify(
@@ -149,7 +84,7 @@ def certify(
     """
     instance(study, Study, "study")
     starts = whole(starts, "starts", 1)
-    level, limit = _share(level, "level"), _share(limit, "limit")
+    level, limit = fraction(level, "level"), fraction(limit, "limit")
     own = Likelihood.of(study, thread_count(threads))
     wanted = list(own.names) if profiles is None else list(profiles)
     columns = [_column(own, name) for name in wanted]
@@ -288,7 +223,7 @@ def friction_withdraws(
         Without this test.
     threads : int or None
     """
-    pinned = any(one.verdict is Verdict.PINNED for one in verdicts)
+    pinned = any(one.verdict is ParameterVerdict.PINNED for one in verdicts)
     return missing_friction(study, found, threads) if pinned else None
 
 
@@ -296,13 +231,6 @@ def _adopted(first: Within, again: Within) -> Within:
     """The better estimate; starts that agreed with the first one do not count for it."""
     whole, found = (replace(one, starts=first.whole.starts, agreeing=1) for one in (again.whole, again.found))
     return again._replace(whole=whole, found=found)
-
-
-def _share(value: float, what: str) -> float:
-    found = number(value, "1", what)
-    if not 0.0 < found < 1.0:
-        raise ConfigurationError(f"The {what} must lie between 0 and 1, not {found:g}.")
-    return found
 
 
 def _column(own: Likelihood, name: str) -> int:

@@ -12,16 +12,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.laws import unequal
 from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.arrays import Bools, Floats
 from commonrail.kinds.noise import Law
 from commonrail.probability import student_quantile
 
 __all__ = ["Covariance", "combined_freedom", "covariance_of", "half_widths", "moved_by", "student"]
 
-Floats = NDArray[np.float64]
 
 NEGLIGIBLE = 1e-11  # eigenvalue of the scaled information, below which a direction counts as unseen
 
@@ -145,7 +144,7 @@ def _bread(
         return bread, used, meat, slope / meat
 
 
-def _inverse(matrix: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def _inverse(matrix: Floats) -> tuple[Floats, Bools]:
     """Pseudo-inverse of a symmetric matrix, scaled to a unit diagonal, and the parameters that it does not hold."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))

@@ -7,16 +7,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import Block, fit_noise
 from commonrail.analysis.certainty.covariance import moved_by
 from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.arrays import Floats
 from commonrail.probability import gamma_rest
 
 __all__ = ["DRIFT", "drift_courses", "drift_probability", "with_drift"]
 
-Floats = NDArray[np.float64]
 
 DRIFT, HALF_PERIODS = "drift", 3  # cosines of half a period to one and a half over the record
 LEAST_DRIFTING = 50  # samples, from which the asymptotic distribution is used; chosen

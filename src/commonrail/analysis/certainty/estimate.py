@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.ascent import FEW, Ascent, climb, promised_step
 from commonrail.analysis.certainty.covariance import Covariance, covariance_of, half_widths, moved_by
@@ -19,6 +18,7 @@ from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.refits import with_refits
 from commonrail.analysis.certainty.secants import secant_slopes, wider
 from commonrail.analysis.certainty.steps import Walls
+from commonrail.arrays import Floats
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.errors import SimulationError
 from commonrail.kinds.noise import Law
@@ -35,7 +35,6 @@ __all__ = [
     "with_step_error",
 ]
 
-Floats = NDArray[np.float64]
 
 ROUNDS = 3  # of noise given residuals
 AGREED = 0.5  # of 2 ln L within which ends of the search agree

@@ -9,7 +9,6 @@ test is made there, and one of each quantity: is it where the study states it?
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate, estimate
 from commonrail.analysis.certainty.lack_of_fit import LackOfFit, beyond_stated, lack_of_fit, level_of
@@ -17,12 +16,12 @@ from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import MissingDelay
 from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.certainty.uncertain import with_uncertain_free
+from commonrail.arrays import Floats
 from commonrail.calibration.study import Study
 from commonrail.errors import SimulationError
 
 __all__ = ["judged_residuals"]
 
-Floats = NDArray[np.float64]
 
 BEGINS = np.array([0.0, -1.5, 1.5])  # standard deviations of all uncertain quantities that the search begins at
 

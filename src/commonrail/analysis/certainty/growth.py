@@ -10,11 +10,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonrail.arrays import Floats
 
 __all__ = ["EVEN", "Growth", "growth_of"]
 
-Floats = NDArray[np.float64]
 
 LEAST = 50  # values of the noise, below which none is looked for
 # Of 2 ln L, which chance exceeds in 0.16 % (chi-squared of one degree of freedom; 0.15 and 0.2 % of 20 000 series of

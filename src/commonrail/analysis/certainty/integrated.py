@@ -18,16 +18,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import Covariance, combined_freedom
 from commonrail.analysis.certainty.laws import LAWS
 from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.arrays import Floats
 from commonrail.kinds.noise import Law
 
 __all__ = ["Robust", "second_moment", "with_integration"]
 
-Floats = NDArray[np.float64]
 
 FREEDOMS = np.exp(np.linspace(0.0, math.log(30.0), 12))  # of Student's t: from a Cauchy to nearly a normal distribution
 SCALES = 41  # tried about the fitted one

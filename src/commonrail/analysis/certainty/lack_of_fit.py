@@ -17,20 +17,19 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import Block
 from commonrail.analysis.certainty.drift import DRIFT, drift_courses, drift_probability
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.laws import agreed, as_normal, unequal
 from commonrail.analysis.certainty.missing_delay import MissingDelay
+from commonrail.arrays import Floats
 from commonrail.kinds.noise import Correlation
 from commonrail.probability import beta_share, gamma_rest
 from commonrail.units import to_text
 
 __all__ = ["LEVEL", "LackOfFit", "beyond_stated", "lack_of_fit", "level_of"]
 
-Floats = NDArray[np.float64]
 
 IMITATED = 1e-6  # part of a suspect that the parameters leave unexplained, below which nothing can be said of it
 LEVEL = 0.01  # false alarms of all tests of a fit together

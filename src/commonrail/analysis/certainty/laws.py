@@ -12,14 +12,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.kinds.noise import Law
 from commonrail.probability import normal_quantile, student_tail
 
 __all__ = ["LAWS", "DensityLaw", "agreed", "as_normal", "sample_count", "scale_of", "unequal"]
 
-Floats = NDArray[np.float64]
 
 FREEDOM = 4.0  # of Student's t
 ROUNDING = 0.2  # of the corner of the Laplace law, and width of the kernel of its density, in scales

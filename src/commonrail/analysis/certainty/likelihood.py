@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import Block, FittedNoise, block_of, fit_noise, row_weights
 from commonrail.analysis.certainty.nuisance import Nuisance, nuisances_of
 from commonrail.analysis.certainty.shots import with_shots
+from commonrail.arrays import Bools, Floats, IndexArray
 from commonrail.calibration.goal import Goal
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.prior import Priors
@@ -27,7 +27,6 @@ from commonrail.observation.quantities import known_quantity
 
 __all__ = ["STEP", "Likelihood"]
 
-Floats = NDArray[np.float64]
 
 # Distance of the candidates of a central difference, in positions between the bounds: above the ripple of a PWM drive,
 # below the curvature, as `neighbourhood.STEP`.
@@ -188,7 +187,7 @@ class Likelihood:
         if not len(points):  # a profile of the only parameter has no other to fit
             return np.empty((0, self.size))
         found = self._residuals(points)
-        broken: NDArray[np.bool_] = np.asarray(~np.isfinite(found).all(axis=1))
+        broken: Bools = np.asarray(~np.isfinite(found).all(axis=1))
         self.simulated += len(points)
         self.failed += int(np.count_nonzero(broken))
         return np.where(broken[:, None], np.nan, found)
@@ -249,7 +248,7 @@ class Likelihood:
         *,
         central: bool = True,
         base: Floats | None = None,
-        held: NDArray[np.intp] | None = None,
+        held: IndexArray | None = None,
     ) -> Floats:
         """Derivatives (k, d, n) of the residuals with respect to positions between the bounds, at positions (k, d).
 

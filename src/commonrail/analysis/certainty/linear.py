@@ -11,20 +11,19 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import covariance_of
 from commonrail.analysis.certainty.estimate import ROUNDS, Estimate, estimate_at, pulls_of, with_outliers
 from commonrail.analysis.certainty.lack_of_fit import lack_of_fit
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls, constrained_step
-from commonrail.analysis.certainty.verdict import Verdict, verdicts_of, withdrawal
+from commonrail.analysis.certainty.verdict import ParameterVerdict, verdicts_of, withdrawal
+from commonrail.arrays import Floats
 from commonrail.calibration.study import Study
 from commonrail.errors import SimulationError
 
 __all__ = ["ESTIMATOR", "Near", "certify_near", "estimate_near"]
 
-Floats = NDArray[np.float64]
 
 ESTIMATOR = "curvature of the likelihood at the fitted values, their distance from the most likely ones added"
 DIGITS = 5  # of a standard error: LAPACK has other last bits on other processors
@@ -38,11 +37,11 @@ class Near(NamedTuple):
     ----------
     standard_error : float or None
         Of the given value [SI]; None where nothing holds the parameter.
-    verdict : Verdict
+    verdict : ParameterVerdict
     """
 
     standard_error: float | None
-    verdict: Verdict
+    verdict: ParameterVerdict
 
 
 def certify_near(study: Study, best: Mapping[str, float], threads: int | None = None) -> dict[str, Near]:

@@ -17,7 +17,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.ascent import Ascent, climb
 from commonrail.analysis.certainty.covariance import Covariance, covariance_of
@@ -25,6 +24,7 @@ from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.certainty.uncertain import wider, with_uncertain_free
+from commonrail.arrays import Floats
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
@@ -35,7 +35,6 @@ from commonrail.probability import normal_quantile, student_tail
 
 __all__ = ["POWER", "MissingDelay", "cost_of", "covariance_at", "missing_delay", "visible_delay"]
 
-Floats = NDArray[np.float64]
 
 DELAY = "delay"
 UNNAMED = "unnamed"  # meter of a curve that has none

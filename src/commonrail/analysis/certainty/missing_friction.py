@@ -14,7 +14,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.ascent import Ascent, climb
 from commonrail.analysis.certainty.estimate import Estimate
@@ -22,6 +21,7 @@ from commonrail.analysis.certainty.lack_of_fit import LackOfFit
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import cost_of, covariance_at
 from commonrail.analysis.certainty.uncertain import wider, with_uncertain_free
+from commonrail.arrays import Floats
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.study import Study
 from commonrail.probability import beta_share
@@ -29,7 +29,6 @@ from commonrail.units import to_text
 
 __all__ = ["MissingFriction", "missing_friction"]
 
-Floats = NDArray[np.float64]
 
 # Dry and viscous friction of each guide, and how much is looked for [N], [N s/m]; assumed, six times what is usual.
 FRICTION = {"plunger_needle.friction": (30.0, "N"), "plunger_needle.viscous": (12.0, "N s/m")}

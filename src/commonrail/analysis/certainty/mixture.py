@@ -12,18 +12,17 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.ascent import Ascent, climb
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.laws import unequal
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
+from commonrail.arrays import Floats, IndexArray
 from commonrail.probability import normal_quantile
 
 __all__ = ["Mixture", "mixture_of"]
 
-Floats = NDArray[np.float64]
 
 DRAWS = 32  # of each of two rounds
 TURNS, TOLERANCE = 4, 0.05  # of the fit with each draw
@@ -194,7 +193,7 @@ def _costs(own: Likelihood, whole: Estimate, ends: Ascent) -> Floats:
     return np.where(np.isfinite(costs) & np.isfinite(ends.cost), costs, np.inf)
 
 
-def _metric(own: Likelihood, whole: Estimate, ends: Ascent, held: NDArray[np.intp]) -> Floats:
+def _metric(own: Likelihood, whole: Estimate, ends: Ascent, held: IndexArray) -> Floats:
     """Information (k, d, d) on the parameters by data and priors, with the held ones known.
 
     Parameters

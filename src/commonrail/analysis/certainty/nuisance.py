@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.objective import Objective
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_quantities
@@ -20,7 +20,6 @@ from commonrail.parts.furniture import Q
 
 __all__ = ["Nuisance", "nuisances_of"]
 
-Floats = NDArray[np.float64]
 
 _UNNAMED = "unnamed"  # meter of a data set that has none
 

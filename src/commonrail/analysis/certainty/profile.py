@@ -11,18 +11,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.ascent import climb
 from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.steps import Walls, constrained_step
+from commonrail.arrays import Floats, IndexArray
 from commonrail.linear_programme import highest_point
 
 __all__ = ["Profile", "ProfileEnd", "fall_along", "profiles_of"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 ROUNDS = 6
 TURNS = 6  # steps of the fit at each point
@@ -155,7 +153,7 @@ class _Ends:
         self.step[live] = away
         self._bracket(live, away, root)
 
-    def _start(self, live: Indices, wanted: Floats) -> Floats:
+    def _start(self, live: IndexArray, wanted: Floats) -> Floats:
         """Points near the last ones, moved along the tangent, within bounds and constraints."""
         rows, column = np.arange(len(live)), self.column[live]
         start = self.at[live] + self.tangent[live] * (wanted - self.at[live, column])[:, None]
@@ -169,7 +167,7 @@ class _Ends:
             )
         return np.asarray(start)
 
-    def _note(self, live: Indices, wanted: Floats, unit: Floats, fall: Floats) -> None:
+    def _note(self, live: IndexArray, wanted: Floats, unit: Floats, fall: Floats) -> None:
         good = np.isfinite(fall)
         self.at[live[good]] = unit[good]
         values = self.own.space.from_unit(unit)
@@ -179,7 +177,7 @@ class _Ends:
         if good.any() and fall[good].min() < -BETTER:
             self.better = unit[int(np.argmin(np.where(good, fall, np.inf)))]
 
-    def _bracket(self, live: Indices, away: Floats, root: Floats) -> None:
+    def _bracket(self, live: IndexArray, away: Floats, root: Floats) -> None:
         """Next distances: the secant of the root of the fall, or farther out."""
         wanted, error = self.wanted[live], self.error[live]
         beyond = root >= wanted

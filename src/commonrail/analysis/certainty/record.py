@@ -1,22 +1,88 @@
-"""Certainty of a fit as the JSON-able record that result.json keeps under the key "certainty"."""
+"""Certainty of a fit, and the JSON-able record that result.json keeps of it under the key "certainty"."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.analysis.certainty.lack_of_fit import LackOfFit
 from commonrail.analysis.certainty.profile import Profile, ProfileEnd
+from commonrail.analysis.certainty.ripple import Ripple
 from commonrail.analysis.certainty.sensitivity import sensitivity_records
+from commonrail.analysis.certainty.verdict import Judged
+from commonrail.analysis.certainty.within import Within
+from commonrail.arrays import Floats
+from commonrail.display.shown import Shown
 from commonrail.display.text import number
 from commonrail.observation.quantities import known_quantity
 
-if TYPE_CHECKING:
-    from commonrail.analysis.certainty.certify import Certainty
+__all__ = ["Certainty", "certainty_record"]
 
-__all__ = ["certainty_record"]
+
+@dataclass(frozen=True, repr=False)
+class Certainty(Shown):
+    """Certainty of a fit.
+
+    Attributes
+    ----------
+    estimate : Estimate
+        Most likely values and their local intervals; `estimate.likelihood` is the likelihood with its fitted noise.
+    level : float
+        Share of intervals that hold the truth.
+    low, high : (d,)
+        Ends of the intervals [SI]: of the profile where there is a finished one, else local.
+    estimators : list of str
+        Estimator of each parameter's interval.
+    profiles : mapping of str to Profile
+    tests : list of LackOfFit
+        For each data set, and for a delay that all curves share.
+    visible : float
+        Smallest delay of the meter [s] that the test of a delay finds in 9 of 10 benches like this one; NaN without
+        that test.
+    withdrawn : str
+        Reason why no parameter is called pinned, empty if there is none.
+    verdicts : list of Judged
+    adopted : int
+        Times that a profile met a better optimum, which then took the place of the first.
+    combinations : mapping of str to (float, float)
+        Value and half width [SI] of each stated combination.
+    simulated : int
+        Points simulated.
+    within : Within
+        The same estimate with the quantities that were fitted as the study states them, see `within`.
+    gain : float
+        2 ln L of the most likely values less that of the values that the search started from, under the same noise.
+    ripple : Ripple or None
+        Comparison of the curvature with the simulated likelihood; None where profiles were asked for, or quantities
+        were fitted as stated.
+    """
+
+    presenter = "commonrail.report.fit_faces:CERTAINTY"
+
+    estimate: Estimate
+    level: float
+    low: Floats
+    high: Floats
+    estimators: list[str]
+    profiles: Mapping[str, Profile]
+    tests: list[LackOfFit]
+    visible: float
+    withdrawn: str
+    verdicts: list[Judged]
+    adopted: int
+    combinations: Mapping[str, tuple[float, float]]
+    simulated: int
+    within: Within
+    gain: float
+    ripple: Ripple | None = None
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form, the key "certainty" of a result."""
+        return certainty_record(self)
 
 
 def certainty_record(found: Certainty) -> dict[str, Any]:

@@ -9,17 +9,16 @@ below.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.ascent import climb
 from commonrail.analysis.certainty.covariance import Covariance
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.nuisance import Nuisance
 from commonrail.analysis.certainty.steps import Walls
+from commonrail.arrays import Floats
 
 __all__ = ["with_refits"]
 
-Floats = NDArray[np.float64]
 
 LARGE = 0.25  # move over standard error by noise, from which it is taken from fits
 TURNS, TOLERANCE = 8, 0.05  # of each fit

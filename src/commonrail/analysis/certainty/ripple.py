@@ -9,14 +9,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.profile import fall_along
+from commonrail.arrays import Bools, Floats
 
 __all__ = ["MOST_RATIO", "Ripple", "ripple_of"]
 
-Floats = NDArray[np.float64]
 
 DISTANCES = (1.0, 2.0)  # standard errors: within and at the end of a 95 % interval
 MOST_RATIO = 1.2  # an interval 1.2 times too short holds 90 % instead of 95 % (normal distribution, 1.96/1.2)
@@ -37,7 +36,7 @@ class Ripple(NamedTuple):
     """
 
     ratios: Floats
-    rippled: NDArray[np.bool_]
+    rippled: Bools
     simulated: int
 
 

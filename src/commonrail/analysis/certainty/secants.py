@@ -9,15 +9,14 @@ average the ripple; they and the covariance that follows from them are repeated 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import Covariance
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
+from commonrail.arrays import Floats
 
 __all__ = ["secant_slopes", "wider"]
 
-Floats = NDArray[np.float64]
 
 REACH = 3.0  # standard errors; chosen, beyond the two at which an interval of 95 % ends
 LONGEST = 0.1  # of the range of a parameter: beyond it curvature counts, which the ripple is not

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate
+from commonrail.arrays import Floats
 from commonrail.observation.quantities import is_of_meter, parts_of
 
 __all__ = ["ASSUMED", "Assumed", "moves_of", "sensitivity_records", "unstated"]
-
-Floats = NDArray[np.float64]
 
 
 class Assumed(NamedTuple):

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import Block, fit_noise
 from commonrail.analysis.certainty.laws import sample_count
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 from commonrail.kinds import DataSet
 
 __all__ = ["with_shots"]
-
-Floats = NDArray[np.float64]
 
 
 def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block, ...]:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.calibration.space import Space
 from commonrail.linear_programme import non_negative
 
 __all__ = ["Walls", "constrained_step"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 SLACK = 1e-9  # distance beyond a wall that is forgiven, in positions
 _TINY = 1e-12

@@ -6,20 +6,19 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.lack_of_fit import LackOfFit
 from commonrail.analysis.certainty.sensitivity import Assumed, unstated
 from commonrail.analysis.certainty.steps import Walls
-from commonrail.analysis.identifiability import LIMIT, Verdict
+from commonrail.analysis.identifiability import LIMIT, ParameterVerdict
+from commonrail.arrays import Floats
 from commonrail.display.text import listed, significant
 from commonrail.units import to_text
 
-__all__ = ["LIMIT", "Judged", "Verdict", "verdicts_of", "withdrawal"]
+__all__ = ["LIMIT", "Judged", "ParameterVerdict", "verdicts_of", "withdrawal"]
 
-Floats = NDArray[np.float64]
 
 NAMED = 0.5  # correlation from which another parameter is named
 MOST_NAMED = 3
@@ -33,7 +32,7 @@ class Judged(NamedTuple):
 
     Attributes
     ----------
-    verdict : Verdict
+    verdict : ParameterVerdict
     sentence : str
         Verdict with its figure.
     cure : str
@@ -43,19 +42,18 @@ class Judged(NamedTuple):
         that are assumed where the study states none.
     """
 
-    verdict: Verdict
+    verdict: ParameterVerdict
     sentence: str
     cure: str
     half: float
 
 
 class _Case(NamedTuple):
-    """Parameter that is judged: its column, half width [SI], the same over the value, and that where all others are
-    known; by what quantity of the bench most of it is, and that quantity's standard deviation; figure in words."""
+    """Parameter that is judged: its column, half width [SI], and that where all others are known; by what quantity of
+    the bench most of it is, and that quantity's standard deviation; figure in words."""
 
     column: int
     half: float
-    share: float
     alone: float
     blamed: tuple[str, str] | None
     figure: str
@@ -102,8 +100,7 @@ def verdicts_of(
         if assumed:
             apart = f", by noise alone {_percent(interval, value)}" if half > NOTICED * interval else ""
             figure += f"{apart}; {words} assumed"
-        shares = [h / value if value > 0.0 else np.inf for h in (half, float(single[i]))]
-        case = _Case(i, half, shares[0], shares[1], _blamed(estimate, assumed, i), figure)
+        case = _Case(i, half, float(single[i]), _blamed(estimate, assumed, i), figure)
         found.append(_judged(estimate, case, reason, limit))
     return found
 
@@ -113,26 +110,29 @@ def _judged(estimate: Estimate, case: _Case, reason: str, limit: float) -> Judge
     parameter, value = own.space.parameters[case.column], float(estimate.point[case.column])
     if parameter.is_at_bound(value):
         cure = "widen the bound if the part allows it, or read the value as something the model lacks"
-        return Judged(Verdict.AT_BOUND, f"at a bound ({case.figure} without it)", cure, case.half)
+        return Judged(ParameterVerdict.AT_BOUND, f"at a bound ({case.figure} without it)", cure, case.half)
     if wall := _constraint(estimate, case.column):
         cure = "measure what tells its members apart, or check the constraint"
-        return Judged(Verdict.CONSTRAINED, f'held by the constraint "{wall}" ({case.figure})', cure, case.half)
-    if case.share <= limit:
+        return Judged(ParameterVerdict.CONSTRAINED, f'held by the constraint "{wall}" ({case.figure})', cure, case.half)
+    verdict = ParameterVerdict.by_width(case.half, case.alone, value, limit)
+    if verdict is ParameterVerdict.PINNED:
         if reason:
             cure = "search with more starts" if "settled" in reason else "describe the meter, or state a discrepancy"
-            return Judged(Verdict.WITHDRAWN, f"{case.figure}; withdrawn, because {reason}", cure, case.half)
-        return Judged(Verdict.PINNED, f"pinned to {case.figure}", "", case.half)
+            return Judged(ParameterVerdict.WITHDRAWN, f"{case.figure}; withdrawn, because {reason}", cure, case.half)
+        return Judged(ParameterVerdict.PINNED, f"pinned to {case.figure}", "", case.half)
     if case.blamed is not None:
         name, deviation = case.blamed
         cure = f"know the {name} better than to {deviation}, and state it in the noise of the data"
-        return Judged(Verdict.COMBINED, f"only in combination with the {name} ({case.figure})", cure, case.half)
-    if case.alone <= limit:
+        return Judged(
+            ParameterVerdict.COMBINED, f"only in combination with the {name} ({case.figure})", cure, case.half
+        )
+    if verdict is ParameterVerdict.COMBINED:
         others = _partners(estimate, case.column)
         words = f" with {listed(others)}" if others else ""
         cure = "measure at another rail pressure or energising time, or state a prior of one of them"
-        return Judged(Verdict.COMBINED, f"only in combination{words} ({case.figure})", cure, case.half)
+        return Judged(ParameterVerdict.COMBINED, f"only in combination{words} ({case.figure})", cure, case.half)
     cure = "measure it on the part, or where it acts more; the fitted value means nothing"
-    return Judged(Verdict.UNSEEN, f"not seen by these data ({case.figure})", cure, case.half)
+    return Judged(ParameterVerdict.UNSEEN, f"not seen by these data ({case.figure})", cure, case.half)
 
 
 def _percent(half: float, value: float) -> str:

@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import Covariance, moved_by
 from commonrail.analysis.certainty.estimate import Estimate, estimate
@@ -22,11 +21,11 @@ from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.mixture import Mixture, mixture_of
 from commonrail.analysis.certainty.nuisance import Nuisance
 from commonrail.analysis.certainty.uncertain import one_sided, with_uncertain_free
+from commonrail.arrays import Floats
 from commonrail.calibration.study import Study
 
 __all__ = ["Within", "estimate_within"]
 
-Floats = NDArray[np.float64]
 
 BEGINS = (0.1, 0.8)  # standard deviations of the fitted quantities that the starts begin at, in turn
 

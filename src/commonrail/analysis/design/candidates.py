@@ -8,15 +8,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.errors import ConfigurationError
 from commonrail.kinds import DataSet, QuantityData, RateData, ReturnData
 
 __all__ = ["KINDS", "MOST_CANDIDATES", "Candidate", "grid", "place_of", "planned", "usual_axes"]
 
-Floats = NDArray[np.float64]
 
 KINDS = (QuantityData.kind, RateData.kind, ReturnData.kind)
 MOST_CANDIDATES = 2000
@@ -156,14 +155,10 @@ def _planned_rate(model: RateData, point: OperatingPoint) -> RateData:
     """Curve sampled as the model's, as long after the end of energising."""
     width = float(np.median(np.diff(model.bounds)))
     begin = min(float(model.bounds[0]) - model.point.start, 0.0)
-    after = float(model.bounds[-1]) - _end(model.point)
-    bounds = np.arange(max(begin, 0.0), _end(point) + max(after, 0.0), width)
+    after = float(model.bounds[-1]) - model.point.end_of_energising
+    bounds = np.arange(max(begin, 0.0), point.end_of_energising + max(after, 0.0), width)
     horizon = max(float(bounds[-1]) + width, point.duration)
     zeros = np.zeros(len(bounds) - 1)
     return replace(
         model, point=replace(point, horizon=horizon), bounds=bounds, rate=zeros, mass_density=float("nan"), weight=1.0
     )
-
-
-def _end(point: OperatingPoint) -> float:
-    return point.pulses[-1].start + point.pulses[-1].duration if point.pulses else point.start

@@ -12,11 +12,10 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonrail.arrays import Floats
 
 __all__ = ["Criterion", "Problem"]
-
-Floats = NDArray[np.float64]
 
 
 class Criterion(StrEnum):

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
+from commonrail.arrays import Floats
 
 __all__ = ["BOUNDED", "laplace_draws", "posterior_draws", "prior_information", "slope_weights"]
 
-Floats = NDArray[np.float64]
 
 # Information on a position that is known to lie between its bounds and no more: a uniform distribution has the
 # variance 1/12.

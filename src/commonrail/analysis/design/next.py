@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import Block, FittedNoise
 from commonrail.analysis.certainty.estimate import Estimate, estimate
@@ -20,6 +19,7 @@ from commonrail.analysis.design.problem import problem_of
 from commonrail.analysis.design.responses import Responder, Response
 from commonrail.analysis.design.selection import Rules, select, too_close
 from commonrail.arguments import chosen, instance, number, settle, thread_count, whole
+from commonrail.arrays import Floats
 from commonrail.calibration.study import Study
 from commonrail.display.shown import Shown
 from commonrail.errors import ConfigurationError, nearest
@@ -28,7 +28,6 @@ from commonrail.kinds.simulator import Simulator
 
 __all__ = ["DesignSettings", "Measurement", "Plan", "next_measurements", "usual_candidates"]
 
-Floats = NDArray[np.float64]
 
 TRUSTED = 5.0  # degrees of freedom from which a scale that was estimated is believed
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.likelihood import Likelihood
@@ -15,11 +14,10 @@ from commonrail.analysis.design.criteria import Criterion, Problem
 from commonrail.analysis.design.draws import prior_information, slope_weights
 from commonrail.analysis.design.responses import Response
 from commonrail.analysis.design.shared import common_loads, decorrelated
+from commonrail.arrays import Bools, Floats
 from commonrail.kinds import DataSet
 
 __all__ = ["problem_of"]
-
-Floats = NDArray[np.float64]
 
 
 def problem_of(
@@ -94,7 +92,7 @@ def _rows(responses: Sequence[Response], planned: Floats, scales: Sequence[float
         own = one.rows.shape[1]
         rows[:, i, :own, :size] = one.rows
         if math.isfinite(one.scale):
-            sound: NDArray[np.bool_] = np.asarray(one.rows.any(axis=(1, 2)))[:, None]
+            sound: Bools = np.asarray(one.rows.any(axis=(1, 2)))[:, None]
             rows[:, i, 0, size:] = np.where(sound, planned[:, i] / scales[i], 0.0)
     return rows
 

@@ -7,18 +7,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import FittedNoise, block_of
 from commonrail.analysis.design.candidates import Candidate, planned
 from commonrail.analysis.design.shared import bench_loads, decorrelated
+from commonrail.arrays import Bools, Floats
 from commonrail.calibration.space import Space
 from commonrail.kinds import DataSet, QuantityData, RateData
 from commonrail.kinds.simulator import Simulator
 
 __all__ = ["STEP", "Responder", "Response", "slopes_of"]
 
-Floats = NDArray[np.float64]
 
 STEP = 5e-3  # of a central difference, in positions between the bounds, as in `likelihood`
 
@@ -143,7 +142,7 @@ class Responder(NamedTuple):
 
     def _of_curve(self, own: Candidate, data: DataSet, noise: FittedNoise) -> Response:
         slopes = self._slopes(data)
-        sound: NDArray[np.bool_] = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
+        sound: Bools = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
         both = self._with_loads(data, np.where(sound[:, None, None], slopes, 0.0))
         best = data.simulated(self.simulator, self.best)[0]
         noise = replace(noise, growth=noise.growth.at(data.residual_scale * np.nan_to_num(best)))

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.design.criteria import Problem
+from commonrail.arrays import Bools, Floats, IndexArray
 
 __all__ = ["Rules", "exchange", "greedy", "select", "too_close"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 LEAST = 1e-9  # fall of the criterion that counts as one
 MOST_EXCHANGES = 200
@@ -41,7 +39,7 @@ class Rules(NamedTuple):
     """
 
     costs: Floats
-    levels: NDArray[np.intp]
+    levels: IndexArray
     level_cost: float
     blocked: Bools
     most: int

@@ -10,17 +10,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import Block, FittedNoise
 from commonrail.analysis.certainty.nuisance import nuisances_of
+from commonrail.arrays import Floats
 from commonrail.calibration.objective import Objective
 from commonrail.kinds import DataSet
 from commonrail.kinds.simulator import Simulator
 
 __all__ = ["bench_loads", "common_loads", "decorrelated"]
 
-Floats = NDArray[np.float64]
 
 KEPT = 0.999  # share of a discrepancy's variance that its loads hold
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonrail.arrays import Floats
 
 __all__ = ["effective_size", "r_hat"]
 
-Floats = NDArray[np.float64]
 
 _SHORTEST = 8  # draws of a chain, below which nothing can be said
 

@@ -11,17 +11,16 @@ bounds on the scale of each, and zero beyond bounds and constraints.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import FittedNoise
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.laws import sample_count
 from commonrail.analysis.certainty.likelihood import Likelihood
+from commonrail.arrays import Floats
 from commonrail.kinds.noise import Law
 
 __all__ = ["PosteriorDensity"]
 
-Floats = NDArray[np.float64]
 
 _TURNS = 3  # of reweighting, for laws that are not Gaussian
 

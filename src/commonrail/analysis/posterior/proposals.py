@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.steps import Walls
+from commonrail.arrays import Floats
 
 __all__ = ["Surrogate", "bounded", "local_surrogate"]
 
-Floats = NDArray[np.float64]
 
 FREEDOM = 5.0  # degrees of freedom: tails wider than those of the posterior
 WIDEST = 12.0**-0.5  # standard deviation of a position between the bounds of which nothing is known

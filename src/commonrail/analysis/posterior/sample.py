@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.steps import Walls
@@ -20,13 +19,13 @@ from commonrail.analysis.posterior.convergence import effective_size, r_hat
 from commonrail.analysis.posterior.density import PosteriorDensity
 from commonrail.analysis.posterior.proposals import Surrogate, local_surrogate
 from commonrail.arguments import whole
+from commonrail.arrays import Floats
 from commonrail.display.shown import Shown
 from commonrail.display.text import listed
 from commonrail.errors import ConfigurationError, SimulationError
 
 __all__ = ["LARGEST_R_HAT", "LEAST_SIZE", "MOST", "Posterior", "sample_posterior"]
 
-Floats = NDArray[np.float64]
 
 LARGEST_R_HAT, LEAST_SIZE = 1.05, 400.0  # beyond which nothing is said from the draws
 MOST = 100_000  # simulations

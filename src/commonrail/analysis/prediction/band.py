@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import student
+from commonrail.arrays import Bools, Floats
 from commonrail.display.text import number
 from commonrail.kinds import DataSet
 from commonrail.kinds.records import point_record
@@ -17,7 +17,6 @@ from commonrail.probability import normal_quantile
 
 __all__ = ["Band", "Edges", "band_from_draws", "band_from_slopes", "union"]
 
-Floats = NDArray[np.float64]
 Edges = tuple[Floats, Floats]
 
 DIGITS = 5  # of the edges of courses in result.json
@@ -54,7 +53,7 @@ class Band(NamedTuple):
     drawn: bool = False
 
     @property
-    def counted(self) -> NDArray[np.bool_]:
+    def counted(self) -> Bools:
         """Values (n,) that are judged and have a band."""
         found = self.data.judged & np.isfinite(self.values)
         for low, high in self.edges.values():

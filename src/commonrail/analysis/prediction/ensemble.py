@@ -10,15 +10,14 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.prediction.band import Edges
+from commonrail.arrays import Floats
 from commonrail.calibration.space import Space
 
 __all__ = ["DRAWS", "Drawn", "drawn_about", "falls_below_zero"]
 
-Floats = NDArray[np.float64]
 
 DRAWS = 400  # the 5 % quantile of so many scatters by a tenth of the half width of a 90 % band
 SEED = 0

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.block import places_of
 from commonrail.analysis.certainty.estimate import Estimate, estimate, estimate_at, with_outliers, with_step_error
@@ -26,6 +25,7 @@ from commonrail.analysis.prediction.band import Band, Edges, band_from_draws, ba
 from commonrail.analysis.prediction.ensemble import drawn_about, falls_below_zero
 from commonrail.analysis.prediction.scatter import Scatter, curve_scatter, floored, scatter_of
 from commonrail.arguments import instance, instances, number, thread_count
+from commonrail.arrays import Bools, Floats
 from commonrail.calibration.result import CERTAINTY
 from commonrail.calibration.study import Study
 from commonrail.display.shown import Shown
@@ -37,7 +37,6 @@ from commonrail.kinds.simulator import Simulator
 
 __all__ = ["LEVEL", "LEVELS", "Prediction", "judge", "judged_bands", "predict"]
 
-Floats = NDArray[np.float64]
 
 LEVELS = (0.5, 0.9)
 LEVEL = 0.9  # of the bands that a result keeps
@@ -223,7 +222,7 @@ def _beyond(fit: _Fit, bands: Sequence[Band]) -> str:
     )
 
 
-def _is_beyond(fit: _Fit, data: DataSet) -> NDArray[np.bool_]:
+def _is_beyond(fit: _Fit, data: DataSet) -> Bools:
     """Mask (n,) of quantities beyond the energising times of all fitted ones; none of a curve."""
     fitted = [block.places[:, 0] for block in fit.estimate.likelihood.blocks if not block.ordered]
     if data.bounds is not None or not fitted:
@@ -232,7 +231,7 @@ def _is_beyond(fit: _Fit, data: DataSet) -> NDArray[np.bool_]:
     return np.asarray((times < known.min() * (1.0 - SAME)) | (times > known.max() * (1.0 + SAME)))
 
 
-def _widened(edges: Mapping[float, Edges], values: Floats, beyond: NDArray[np.bool_]) -> dict[float, Edges]:
+def _widened(edges: Mapping[float, Edges], values: Floats, beyond: Bools) -> dict[float, Edges]:
     """Edges, those of quantities beyond the fitted times farther away; below zero only where they were."""
     factor = np.where(beyond, BEYOND, 1.0)
     return {

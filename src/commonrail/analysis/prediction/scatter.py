@@ -7,18 +7,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import covariance_of
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of, with_outliers
 from commonrail.analysis.certainty.laws import sample_count, scale_of
 from commonrail.analysis.certainty.secants import wider
+from commonrail.arrays import Floats, IndexArray
 from commonrail.kinds import DataSet
 from commonrail.kinds.noise import Law
 
 __all__ = ["LEAST", "Scatter", "curve_scatter", "floored", "left_out", "scatter_of"]
 
-Floats = NDArray[np.float64]
 
 LEAST = 8  # values held out, from which their scatter is believed
 HELD = 1e-6  # of the variance of a residual, below which the fit follows the value whatever it is
@@ -74,7 +73,7 @@ class LeftOut(NamedTuple):
     freedom: float
 
 
-def left_out(found: Estimate, rows: NDArray[np.intp]) -> LeftOut:
+def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
     """Values held out one at a time, by the linear model about the estimate and without a further simulation.
 
     With the influence H of the fit, uncertain quantities and discrepancies among what is fitted, the error of the value
@@ -227,7 +226,7 @@ def _keep_larger(scatter: dict[str, Scatter], kind: str, one: Scatter) -> None:
         scatter[kind] = one
 
 
-def _rows(found: Estimate, fitted: Sequence[DataSet], kind: str) -> NDArray[np.intp]:
+def _rows(found: Estimate, fitted: Sequence[DataSet], kind: str) -> IndexArray:
     """Rows of the residuals that are values of a kind that is no course in time."""
     rows = [
         np.arange(block.rows.start, block.rows.stop)[data.judged]

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 
 __all__ = ["LEVELS", "MOST_COLUMNS", "one_at_a_time", "saltelli", "trajectories"]
 
-Floats = NDArray[np.float64]
 
 LEVELS = 4  # of Morris's grid: 0, 1/3, 2/3, 1, with steps of 2/3
 MOST_COLUMNS = 21_201  # of SciPy's table of Sobol' directions (Joe and Kuo 2008)

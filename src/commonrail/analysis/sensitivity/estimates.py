@@ -10,11 +10,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonrail.arrays import Floats, Ints
 
 __all__ = ["Effects", "Estimate", "Indices", "morris_effects", "sobol_indices"]
 
-Floats = NDArray[np.float64]
 
 AT_A_TIME = 100  # resamples whose weights are in memory
 FEWEST = 2  # effects of a parameter, below which nothing is estimated
@@ -46,7 +46,7 @@ class Indices(NamedTuple):
     total: Estimate
     mean: float
     variance: float
-    used: NDArray[np.int64]
+    used: Ints
 
 
 class Effects(NamedTuple):
@@ -65,7 +65,7 @@ class Effects(NamedTuple):
     mean: Estimate
     magnitude: Estimate
     spread: Floats
-    used: NDArray[np.int64]
+    used: Ints
 
 
 def sobol_indices(y: Floats, rng: np.random.Generator, resamples: int, confidence: float) -> Indices | None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.arguments import known_names
+from commonrail.arrays import Floats, Ints
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
@@ -27,7 +28,6 @@ __all__ = [
     "steady_rates",
 ]
 
-Floats = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
 STEADY = "steady_rate"  # needs a simulation of its own
@@ -61,10 +61,6 @@ def _first(point: OperatingPoint) -> float:
     return point.pulses[0].start if point.pulses else point.start
 
 
-def _end(point: OperatingPoint) -> float:
-    return point.pulses[-1].start + point.pulses[-1].duration if point.pulses else point.start
-
-
 _ALL = (
     Feature("quantity", "m3", "injected quantity", lambda b, p: b.injected_volume[:, 0]),
     Feature("return_quantity", "m3", "return quantity", lambda b, p: b.returned_volume[:, 0]),
@@ -81,7 +77,7 @@ _ALL = (
         "closing_delay",
         "s",
         "closing delay: from the end of energising to closing",
-        lambda b, p: b.closing[:, 0] - _end(p),
+        lambda b, p: b.closing[:, 0] - p.end_of_energising,
     ),
     Feature("duration", "s", "duration from opening to closing", lambda b, p: b.closing[:, 0] - b.opening[:, 0]),
     Feature("lift", "m", "largest needle lift", lambda b, p: b.greatest_lift[:, 0]),
@@ -108,7 +104,7 @@ def read_features(names: Sequence[str]) -> tuple[Feature, ...]:
     return tuple(FEATURES[name] for name in known_names(names, FEATURES, "features", "quantity"))
 
 
-def codes_of(feature: Feature, values: Floats, statuses: NDArray[np.int64]) -> Codes:
+def codes_of(feature: Feature, values: Floats, statuses: Ints) -> Codes:
     """Code of each value: OK where it can be used, else the status of its simulation or `NO_EVENT`.
 
     Parameters

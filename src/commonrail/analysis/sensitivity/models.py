@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.sensitivity.features import STEADY, Codes, Feature, codes_of, steady_rates
+from commonrail.arrays import Floats
 from commonrail.calibration.objective import Objective
 from commonrail.choices import Precision
 from commonrail.engine.operating_point import OperatingPoint
@@ -20,8 +20,6 @@ from commonrail.injector.definition import Injector
 from commonrail.units import to_text
 
 __all__ = ["Computing", "Evaluated", "Features", "Joined", "Model", "Misfits", "Output", "point_text"]
-
-Floats = NDArray[np.float64]
 
 
 class Output(NamedTuple):

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.sensitivity.designs import one_at_a_time, saltelli, trajectories
 from commonrail.analysis.sensitivity.estimates import Effects, Indices, morris_effects, sobol_indices
@@ -16,6 +15,7 @@ from commonrail.analysis.sensitivity.models import Computing, Evaluated, Feature
 from commonrail.analysis.sensitivity.result import Failed, OutputSensitivity, Sensitivity, Tornado
 from commonrail.analysis.sensitivity.settings import Design, OnFailure, SensitivitySettings
 from commonrail.arguments import function, instance, instances, thread_count
+from commonrail.arrays import Floats
 from commonrail.calibration.goal import Goal
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.parameter import Parameter
@@ -28,7 +28,6 @@ from commonrail.injector.definition import Injector
 
 __all__ = ["Progress", "sensitivity", "study_of_model"]
 
-Floats = NDArray[np.float64]
 
 AT_A_TIME = 16_384  # candidates that are evaluated together
 

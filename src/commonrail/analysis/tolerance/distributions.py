@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import number, settle
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 
 __all__ = ["Distribution", "Normal", "Triangular", "Uniform"]
-
-Floats = NDArray[np.float64]
 
 
 class Distribution(Protocol):

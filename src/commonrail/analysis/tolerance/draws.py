@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.tolerance.tolerances import Sampling, Tolerances
+from commonrail.arrays import Floats
 
 __all__ = ["Draws"]
 
-Floats = NDArray[np.float64]
 
 EDGE = 1e-12  # distance of a share from 0 and 1, where a normal distribution has no value
 

@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.tolerance.draws import Draws
+from commonrail.analysis.tolerance.parts import Parts, Simulated
 from commonrail.analysis.tolerance.result import PointResult, ToleranceResult
 from commonrail.analysis.tolerance.shares import GROUPS, VarianceShares
 from commonrail.analysis.tolerance.spread import spread_of
 from commonrail.analysis.tolerance.tolerances import Tolerances
 from commonrail.analysis.tolerance.trim import trimmed
 from commonrail.arguments import function, instance, number, thread_count
-from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.plan import Prepared, prepare
-from commonrail.engine.simulate import simulate_batch
+from commonrail.arrays import Floats
 from commonrail.engine.status import OK, Status
 from commonrail.errors import ConfigurationError, SimulationError
 from commonrail.workers.interrupt import held_interrupts
 
-__all__ = ["Parts", "Progress", "Simulated", "tolerance"]
+__all__ = ["Progress", "tolerance"]
 
-Floats = NDArray[np.float64]
 
 LARGEST_BLOCK, SMALLEST_BLOCK = 16_384, 64  # parts that are simulated together; powers of two
 
@@ -36,52 +33,6 @@ class Progress(NamedTuple):
     phase: str
     done: int
     total: int
-
-
-class Parts(NamedTuple):
-    """Quantities (parts, points) [m³], NaN where a simulation failed, and codes: values of `Status`."""
-
-    quantities: Floats
-    codes: NDArray[np.int8]
-
-
-class Simulated:
-    """The study's injector with its dimensions as columns.
-
-    Parameters
-    ----------
-    tolerances : Tolerances
-    threads : int, optional
-    """
-
-    def __init__(self, tolerances: Tolerances, threads: int | None = None) -> None:
-        self.tolerances, self.threads, self.injections = tolerances, threads, 0
-        self.points = [p.point for p in tolerances.points]
-        self._prepared = prepare(tolerances.injector, self.points, tolerances.time_step)
-
-    def parts(self, values: Floats | None) -> Parts:
-        """Quantities of parts (n, dimensions) [SI] at the study's points; of the part as drawn for None."""
-        return self._run(self.points, values, self._prepared)
-
-    def at(self, point: OperatingPoint, values: Floats | None) -> Parts:
-        """Quantities of parts at another point, as those of `parts`."""
-        return self._run([point], values, None)
-
-    def _run(self, points: Sequence[OperatingPoint], values: Floats | None, prepared: Prepared | None) -> Parts:
-        t = self.tolerances
-        self.injections += (1 if values is None else len(values)) * len(points)
-        batch = simulate_batch(
-            t.injector,
-            points,
-            () if values is None else t.names,
-            values,
-            time_step=t.time_step,
-            threads=self.threads,
-            precision=t.precision,
-            prepared=prepared,
-        )
-        good = batch.status == OK
-        return Parts(np.where(good, batch.injected_volume, np.nan), batch.status.astype(np.int8))
 
 
 def tolerance(

@@ -11,13 +11,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.tolerance.tolerances import Tolerances
+from commonrail.arrays import Floats, IndexArray
 
 __all__ = ["DEGREE", "GROUPS", "Shares", "VarianceShares"]
 
-Floats = NDArray[np.float64]
 
 DEGREE = 3  # of a dimension's polynomial
 GROUPS = 16  # of parts, each left out in turn for the intervals
@@ -143,6 +142,6 @@ class VarianceShares:
         return _Fit(shares, 2.0 * odd, halved, float(1.0 - shares.sum()))
 
 
-def _quadratic(covariances: Floats, slopes: Floats, columns: NDArray[np.intp]) -> float:
+def _quadratic(covariances: Floats, slopes: Floats, columns: IndexArray) -> float:
     """Variance of one dimension's polynomial."""
     return float(slopes[columns] @ covariances[np.ix_(columns, columns)] @ slopes[columns])

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.engine.status import OK, Status
 
 __all__ = ["QUANTILES", "Spread", "binomial_interval", "spread_of"]
 
-Floats = NDArray[np.float64]
 
 # Shares of the parts below the quantiles that are given; the outer two enclose 6 sigma of a normal distribution.
 QUANTILES = (0.00135, 0.025, 0.5, 0.975, 0.99865)

@@ -7,10 +7,10 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.tolerance.distributions import Distribution
 from commonrail.arguments import COUNTS, chosen, instance, instances, known_names, number, plain_text, settle, whole
+from commonrail.arrays import Floats
 from commonrail.choices import Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
@@ -19,7 +19,6 @@ from commonrail.injector.definition import Injector, Source, parameter_quantitie
 
 __all__ = ["Correlation", "Dimension", "Limit", "MOST_FIGURES", "Sampling", "TolerancePoint", "Tolerances", "Trim"]
 
-Floats = NDArray[np.float64]
 
 MOST_FIGURES = 50_000_000  # parts times operating points: 400 MB
 UNSTATED = Source("E", "no source stated")

@@ -9,23 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.tolerance.draws import Draws
+from commonrail.analysis.tolerance.parts import Parts, Simulated
 from commonrail.analysis.tolerance.spread import Spread, spread_of
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import OK
 from commonrail.errors import SimulationError
 
-if TYPE_CHECKING:
-    from commonrail.analysis.tolerance.run import Parts, Simulated
-
 __all__ = ["Trimmed", "TrimmedPoint", "trimmed"]
 
-Floats = NDArray[np.float64]
 
 STEP = 10e-6  # of the energising time to either side for the nominal slope [s]; above the ripple of a PWM current
 SHORTEST, LONGEST = 0.5, 1.5  # corrected energising time as a multiple of the nominal one

@@ -16,7 +16,7 @@ from commonrail.calibration.optimisers.refinement import Refinement, RefinementS
 from commonrail.calibration.optimisers.staged import StagedLeastSquares
 from commonrail.calibration.optimisers.staged_settings import StagedSettings
 from commonrail.calibration.optimisers.treatments import Treatment
-from commonrail.calibration.optimisers.verdict import Verdict
+from commonrail.calibration.optimisers.verdict import Convergence
 
 __all__ = [
     "Best",
@@ -37,7 +37,7 @@ __all__ = [
     "StagedSettings",
     "Treatment",
     "Trials",
-    "Verdict",
+    "Convergence",
     "Wanted",
     "diverse_members",
 ]

@@ -9,16 +9,15 @@ from enum import Enum
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from commonrail.calibration.optimisers.verdict import Verdict
+from commonrail.arrays import Bools, Floats
+from commonrail.calibration.optimisers.verdict import Convergence
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError, StudyError
 
 __all__ = ["MOST_GENERATIONS", "Best", "Counts", "Optimiser", "Settings", "Trials", "Wanted"]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 MOST_GENERATIONS = 1_000_000  # far above what anybody calibrates; below what would fill the memory
 
@@ -38,15 +37,15 @@ class Trials(NamedTuple):
     A trial that the treatment of constraints rejects is not simulated; whatever is told of it is ignored.
     """
 
-    x: FloatArray
-    simulate: BoolArray
+    x: Floats
+    simulate: Bools
     wanted: Wanted = Wanted.COSTS
 
 
 class Best(NamedTuple):
     """The best feasible point (d,) so far, SI, and its cost: +inf until a simulation succeeds."""
 
-    x: FloatArray
+    x: Floats
     cost: float
 
 
@@ -58,7 +57,7 @@ class Counts:
     simulated: int = 0
     failed: int = 0
 
-    def plus(self, costs: FloatArray, simulate: BoolArray) -> Counts:
+    def plus(self, costs: Floats, simulate: Bools) -> Counts:
         """These counts and those of one batch, with its cleaned costs (n,) and mask (n,)."""
         return Counts(
             self.slots + len(costs),
@@ -136,7 +135,7 @@ class Optimiser(ABC):
         return self._ended if self.finished else ""
 
     @property
-    def verdict(self) -> Verdict | None:
+    def verdict(self) -> Convergence | None:
         """Own verdict on convergence; None of a search that does not judge itself, see `calibration/convergence.py`."""
         return None
 
@@ -152,12 +151,12 @@ class Optimiser(ABC):
 
     @property
     @abstractmethod
-    def population(self) -> FloatArray:
+    def population(self) -> Floats:
         """Points (n, d) from which another optimiser may go on, SI; no rows before the first step."""
 
     @property
     @abstractmethod
-    def costs(self) -> FloatArray:
+    def costs(self) -> Floats:
         """Costs (n,) of those points; +inf where the simulation failed or there was none."""
 
     def ask(self) -> Trials:
@@ -250,7 +249,7 @@ class Optimiser(ABC):
         """First trials of the next step."""
 
     @abstractmethod
-    def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
+    def _take(self, trials: Trials, told: Floats) -> Trials | None:
         """Take the answers, and return further trials of the same step, or None if it is done."""
 
     @abstractmethod
@@ -262,7 +261,7 @@ class Optimiser(ABC):
         """Take up what `_kept` returned; ConfigurationError if it is not whole."""
 
 
-def _checked(answers: ArrayLike, trials: Trials) -> FloatArray:
+def _checked(answers: ArrayLike, trials: Trials) -> Floats:
     """Residuals (n, m) as they are; costs (n,) with +inf for trials not simulated and those that are not finite."""
     told = np.asarray(answers, dtype=float)
     residuals = trials.wanted in (Wanted.RESIDUALS, Wanted.SCREENED)

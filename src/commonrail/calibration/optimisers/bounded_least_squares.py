@@ -11,14 +11,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.elementary import norm, product
 from commonrail.linear import least_squares
 
 __all__ = ["Ended", "Limits", "soft_l1", "within_unit_box"]
 
-Floats = NDArray[np.float64]
 
 _FIRST_DAMPING = 1e-3  # of the largest square of a column of the Jacobian
 _FLAT = 1e-8  # a projected gradient below this is zero
@@ -134,7 +133,7 @@ def _linearised(jacobian: Floats, residuals: Floats, scale: float) -> _Slope:
     return _Slope(weight[:, None] * jacobian, residuals / root / weight, gradient)
 
 
-def _step(slope: _Slope, free: NDArray[np.bool_], damping: float) -> Floats:
+def _step(slope: _Slope, free: Bools, damping: float) -> Floats:
     """Damped step (d,) of the linearised problem, 0 for parameters held at a bound.
 
     Parameters

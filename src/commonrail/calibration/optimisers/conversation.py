@@ -7,12 +7,10 @@ from collections.abc import Callable, Generator
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+from commonrail.arrays import Floats
 
 __all__ = ["conversation"]
 
-Floats = NDArray[np.float64]
 Result = TypeVar("Result")
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import number, settle, whole
+from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Trials
 from commonrail.calibration.optimisers.members import MOST_MEMBERS, Members
 from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
@@ -22,7 +22,6 @@ from commonrail.linear import singular
 
 __all__ = ["CovarianceSettings", "CovarianceStrategy"]
 
-FloatArray = NDArray[np.float64]
 
 LARGEST_STEP = 1.0  # standard deviation, in widths of the bounds
 FEWEST = 4
@@ -68,7 +67,7 @@ class CovarianceSettings:
 class _Rates(NamedTuple):
     """Weights of the better half and learning rates, by the formulas of Hansen (2016), Table 1."""
 
-    weights: FloatArray
+    weights: Floats
     effective: float
     path: float
     one: float
@@ -123,16 +122,16 @@ class CovarianceStrategy(Stepwise):
         self._paths, self._covariance = np.zeros((2, d)), np.eye(d)  # of the step, of the covariance
 
     @property
-    def population(self) -> FloatArray:
+    def population(self) -> Floats:
         """Draws (n, d) of the last generation, SI."""
         return self.space.from_unit(self._members.unit)
 
     @property
-    def costs(self) -> FloatArray:
+    def costs(self) -> Floats:
         """Costs (n,) of these draws."""
         return self._members.costs.copy()
 
-    def _axes(self) -> tuple[FloatArray, FloatArray]:
+    def _axes(self) -> tuple[Floats, Floats]:
         """Standard deviations (d,) of the distribution with step 1, and their directions (d, d), one a row."""
         values, directions = singular(self._covariance)
         return np.sqrt(np.maximum(values, 1e-30)), directions
@@ -152,7 +151,7 @@ class CovarianceStrategy(Stepwise):
         else:
             self._adapt((used - self._mean) / self._width)
 
-    def _draws(self) -> tuple[FloatArray, Trials]:
+    def _draws(self) -> tuple[Floats, Trials]:
         """Points (n, d) in unit coordinates, feasible ones at first, then repaired draws, and their question."""
         count, d = self.settings.members, self.space.dimension
         if self.steps == 0:
@@ -160,7 +159,7 @@ class CovarianceStrategy(Stepwise):
             return np.clip(self.space.to_unit(x), 0.0, 1.0), asked(x)
         deviations, directions = self._axes()
 
-        def drawn(number_of: int) -> FloatArray:
+        def drawn(number_of: int) -> Floats:
             normal = self._rng.standard_normal((number_of, d))
             return np.asarray(self._mean + self._width * product(normal * deviations, directions))
 
@@ -168,7 +167,7 @@ class CovarianceStrategy(Stepwise):
         treated = treat(Treatment.REPAIR, self.space, anchor, drawn(count), lambda few: drawn(len(few))[:, None])
         return treated.unit, Trials(treated.x, treated.simulate)
 
-    def _adapt(self, moves: FloatArray) -> None:
+    def _adapt(self, moves: Floats) -> None:
         """Adapt mean, paths, covariance and step to the better half of the moves (μ, d), in steps, the best first."""
         r, d = self._rates, self.space.dimension
         move = np.sum(r.weights[:, None] * moves, axis=0)
@@ -187,7 +186,7 @@ class CovarianceStrategy(Stepwise):
         self._width = min(self._width * growth, LARGEST_STEP)
         self._paths, self._covariance = np.stack([step_path, path]), 0.5 * (covariance + covariance.T)
 
-    def _feasible(self, mean: FloatArray) -> FloatArray:
+    def _feasible(self, mean: Floats) -> Floats:
         """The new mean (d,), or the last feasible point on the way to it."""
         space = self.space
         wanted = space.from_unit(np.clip(mean, 0.0, 1.0))

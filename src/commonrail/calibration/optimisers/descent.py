@@ -6,8 +6,8 @@ from collections.abc import Generator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.calibration.optimisers.base import Trials, Wanted
 from commonrail.calibration.space import Space
 from commonrail.elementary import product
@@ -15,8 +15,6 @@ from commonrail.linear import cholesky, solve_lower, solve_upper
 
 __all__ = ["DAMPING", "DIFFERENCES", "Descents", "iterate"]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 # Forward differences as shares of the range, one stage each. Quantities jump where a valve or a needle bounces once
 # more: a small step measures such a jump or none, a large one the mean slope across many of them.
@@ -44,26 +42,26 @@ class Descents(NamedTuple):
         Iterations of the stage done.
     """
 
-    unit: FloatArray
-    damping: FloatArray
-    stage: NDArray[np.int64]
-    iteration: NDArray[np.int64]
+    unit: Floats
+    damping: Floats
+    stage: Ints
+    iteration: Ints
 
     @classmethod
-    def begin(cls, unit: FloatArray) -> Descents:
+    def begin(cls, unit: Floats) -> Descents:
         """New descents from points (k, d)."""
         none = np.zeros(len(unit), np.int64)
         return cls(unit.copy(), np.full(len(unit), DAMPING), none, none.copy())
 
-    def running(self, stages: int) -> BoolArray:
+    def running(self, stages: int) -> Bools:
         """Mask (k,) of those that have not done so many stages."""
         return self.stage < stages
 
-    def ended(self, mask: BoolArray) -> Descents:
+    def ended(self, mask: Bools) -> Descents:
         """The same, those of a mask (k,) at the end of all stages."""
         return self._replace(stage=np.where(mask, len(DIFFERENCES), self.stage))
 
-    def of(self, chosen: NDArray[np.intp]) -> Descents:
+    def of(self, chosen: IndexArray) -> Descents:
         """Some of the descents."""
         return Descents(self.unit[chosen], self.damping[chosen], self.stage[chosen], self.iteration[chosen])
 
@@ -76,10 +74,10 @@ class Descents(NamedTuple):
 class _Model(NamedTuple):
     """Residuals (m,) at a point and their derivatives (m, d) in unit coordinates."""
 
-    residuals: FloatArray
-    jacobian: FloatArray
+    residuals: Floats
+    jacobian: Floats
 
-    def step(self, unit: FloatArray, damping: float) -> FloatArray:
+    def step(self, unit: Floats, damping: float) -> Floats:
         """Point (d,) within the bounds to which a damped Gauss–Newton step leads.
 
         Parameters that a step would carry over a bound are held there, and the step of the others is solved anew.
@@ -104,7 +102,7 @@ class _Model(NamedTuple):
         return there
 
 
-def iterate(space: Space, descents: Descents, stages: int, most: int) -> Generator[Trials, FloatArray, Descents]:
+def iterate(space: Space, descents: Descents, stages: int, most: int) -> Generator[Trials, Floats, Descents]:
     """One iteration of each running descent: questions for residuals come out, answers are sent in.
 
     All differences of all descents are one question, those that failed and are taken to the other side a second one,
@@ -148,7 +146,7 @@ def iterate(space: Space, descents: Descents, stages: int, most: int) -> Generat
     return after
 
 
-def _models(space: Space, descents: Descents) -> Generator[Trials, FloatArray, list[_Model]]:
+def _models(space: Space, descents: Descents) -> Generator[Trials, Floats, list[_Model]]:
     """Residuals and Jacobians at the points of descents, all differences in one question."""
     d = space.dimension
     widths = np.array(DIFFERENCES)[descents.stage][:, None]
@@ -158,7 +156,7 @@ def _models(space: Space, descents: Descents) -> Generator[Trials, FloatArray, l
     told = _extended(space, flat, (yield _asked(space, flat))).reshape(len(steps), d + 1, -1)
     base, values = told[:, 0], told[:, 1:]
     other = descents.unit - steps
-    failed: BoolArray = np.any(~np.isfinite(values), axis=2) & np.isfinite(base).all(axis=1, keepdims=True)
+    failed: Bools = np.any(~np.isfinite(values), axis=2) & np.isfinite(base).all(axis=1, keepdims=True)
     redo = failed & (other >= 0.0) & (other <= 1.0)
     if redo.any():
         again = descents.unit[:, None, :] - _diagonal(steps)
@@ -170,27 +168,27 @@ def _models(space: Space, descents: Descents) -> Generator[Trials, FloatArray, l
     return [_Model(residuals, jacobian.T) for residuals, jacobian in zip(base, slopes, strict=True)]
 
 
-def _diagonal(steps: FloatArray) -> FloatArray:
+def _diagonal(steps: Floats) -> Floats:
     """Steps (k, d) of one parameter each, (k, d, d)."""
     return steps[:, :, None] * np.eye(steps.shape[1])
 
 
-def _asked(space: Space, unit: FloatArray) -> Trials:
+def _asked(space: Space, unit: Floats) -> Trials:
     return Trials(space.from_unit(unit), np.ones(len(unit), bool), Wanted.RESIDUALS)
 
 
-def _extended(space: Space, unit: FloatArray, told: FloatArray) -> FloatArray:
+def _extended(space: Space, unit: Floats, told: Floats) -> Floats:
     """Residuals (n, m) and those of broken constraints behind them."""
     return np.hstack([told, CONSTRAINT_WEIGHT * space.shortfall(space.from_unit(unit))])
 
 
-def _squares(residuals: FloatArray) -> FloatArray:
+def _squares(residuals: Floats) -> Floats:
     """Sum of squares (n,) of residuals (n, m); +inf where one is not finite."""
     total = np.sum(residuals**2, axis=1)
     return np.where(np.isfinite(total), total, np.inf)
 
 
-def _pulled(space: Space, unit: FloatArray, trials: FloatArray) -> FloatArray:
+def _pulled(space: Space, unit: Floats, trials: Floats) -> Floats:
     """Trials (n, d) pulled to the last feasible point on their way from a feasible point (d,), unit coordinates."""
     if not space.constrained:
         return trials

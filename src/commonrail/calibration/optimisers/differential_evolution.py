@@ -7,8 +7,9 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from commonrail.arrays import Floats, IndexArray
 from commonrail.calibration.optimisers.base import Best, Optimiser, Trials
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, InitialSampling
 from commonrail.calibration.optimisers.operators import crossover, draw, mutate
@@ -18,9 +19,6 @@ from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
 
 __all__ = ["DifferentialEvolution"]
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 
 class DifferentialEvolution(Optimiser):
@@ -77,12 +75,12 @@ class DifferentialEvolution(Optimiser):
         return f"all {self.settings.generations} generations after the initial population are done"
 
     @property
-    def population(self) -> FloatArray:
+    def population(self) -> Floats:
         """Members (n, d), SI; no rows before the first `tell`."""
         return self.space.from_unit(self._unit)
 
     @property
-    def costs(self) -> FloatArray:
+    def costs(self) -> Floats:
         """Costs (n,) of the members; +inf where the simulation failed or there was none."""
         return self._costs.copy()
 
@@ -99,14 +97,14 @@ class DifferentialEvolution(Optimiser):
         self._trial = self._next() if self.steps else self._first()
         return Trials(self._trial.x, self._trial.simulate)
 
-    def _take(self, trials: Trials, told: FloatArray) -> None:
+    def _take(self, trials: Trials, told: Floats) -> None:
         """Select the survivors, Eq. (20)."""
         if self.steps:
             self._select(self._trial, told)
         else:
             self._unit, self._costs, self._violations = self._trial.unit, told, self._trial.violation
 
-    def _select(self, trial: Treated, told: FloatArray) -> None:
+    def _select(self, trial: Treated, told: Floats) -> None:
         better = wins((told, trial.violation), (self._costs, self._violations))
         self._unit = np.where(better[:, None], trial.unit, self._unit)
         self._costs = np.where(better, told, self._costs)
@@ -120,7 +118,7 @@ class DifferentialEvolution(Optimiser):
         sample[: len(self._start)] = self._start
         centre = np.tile(self.space.to_unit(self.space.centre), (n, 1))
 
-        def redraw(members: IntArray) -> FloatArray:
+        def redraw(members: IndexArray) -> Floats:
             return self._rng.random((len(members), self.settings.redraws, d))
 
         unit = self.space.to_unit(sample)
@@ -129,7 +127,7 @@ class DifferentialEvolution(Optimiser):
     def _next(self) -> Treated:
         """One generation of trials."""
 
-        def redraw(members: IntArray) -> FloatArray:
+        def redraw(members: IndexArray) -> Floats:
             times = self.settings.redraws
             trials = self._trials(np.repeat(members, times))
             return trials.reshape(len(members), times, -1)
@@ -137,7 +135,7 @@ class DifferentialEvolution(Optimiser):
         trials = self._trials(np.arange(self.settings.members))
         return treat(self.settings.treatment, self.space, self._unit, trials, redraw)
 
-    def _trials(self, members: IntArray) -> FloatArray:
+    def _trials(self, members: IndexArray) -> Floats:
         """Raw trials (k, d) for `members` (k,)."""
         draws = draw(self._rng, members, self._unit.shape, self.settings.factor)
         mutants = mutate(self._unit, draws)
@@ -162,7 +160,7 @@ class DifferentialEvolution(Optimiser):
             raise ConfigurationError("state: its population lies outside the bounds or has costs that are no numbers")
 
 
-def _check_start(space: Space, start: ArrayLike | None, members: int) -> FloatArray:
+def _check_start(space: Space, start: ArrayLike | None, members: int) -> Floats:
     points = np.empty((0, space.dimension)) if start is None else np.atleast_2d(np.asarray(start))
     if points.ndim != 2 or points.shape[1] != space.dimension or len(points) > members:
         raise ConfigurationError(

@@ -10,8 +10,8 @@ from collections.abc import Generator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.calibration.optimisers.base import Trials, Wanted
 from commonrail.calibration.optimisers.losses import DescentLoss
 from commonrail.calibration.optimisers.quadratic import constrained_minimum
@@ -22,10 +22,7 @@ from commonrail.linear import cholesky, solve_lower, solve_upper
 
 __all__ = ["Ends", "Rules", "advance"]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
-Work = Generator[Trials, FloatArray, "Ends"]
+Work = Generator[Trials, Floats, "Ends"]
 
 FIRST_DAMPING = 1e-3  # relative to the diagonal of JᵀWJ
 FACTORS = np.array([0.1, 10.0])  # dampings tried at once, of the one that was best before
@@ -61,15 +58,15 @@ class Ends(NamedTuple):
         Change of 2 ln L that a full step from the last point but one, or the last, was predicted to gain.
     """
 
-    unit: FloatArray
-    residuals: FloatArray
-    damping: FloatArray
-    small: IntArray
-    running: BoolArray
-    gain: FloatArray
+    unit: Floats
+    residuals: Floats
+    damping: Floats
+    small: Ints
+    running: Bools
+    gain: Floats
 
     @classmethod
-    def begin(cls, unit: FloatArray, residuals: FloatArray) -> Ends:
+    def begin(cls, unit: Floats, residuals: Floats) -> Ends:
         """New descents from points (k, d) with residuals (k, m); those that cannot be simulated end at once."""
         count = len(unit)
         running = np.asarray(np.isfinite(residuals).all(axis=1))
@@ -86,7 +83,7 @@ class Ends(NamedTuple):
         count, parameters = self.residuals.shape[1], self.unit.shape[1]
         return noise_of(float(np.min(self.sums(rules))), count, parameters, rules.loss.units)
 
-    def sums(self, rules: Rules) -> FloatArray:
+    def sums(self, rules: Rules) -> Floats:
         """Loss (k,) of each descent."""
         return rules.loss.sums(self.residuals, rules.scale)
 
@@ -94,19 +91,19 @@ class Ends(NamedTuple):
 class _Model(NamedTuple):
     """Loss about a point: Jacobian (m, d), weights (m,), H (d, d), slope (d,), and what steps must keep."""
 
-    jacobian: FloatArray
-    weights: FloatArray
-    hessian: FloatArray
-    slope: FloatArray
-    rows: FloatArray
-    least: FloatArray
+    jacobian: Floats
+    weights: Floats
+    hessian: Floats
+    slope: Floats
+    rows: Floats
+    least: Floats
 
-    def damped(self, damping: float) -> FloatArray:
+    def damped(self, damping: float) -> Floats:
         """H with the damped diagonal (d, d)."""
         diagonal = np.diag(self.hessian)
         return self.hessian + np.diag(damping * np.maximum(diagonal, 1e-9 * max(float(diagonal.max()), 1e-300)))
 
-    def step(self, metric: FloatArray, wanted: FloatArray | None = None) -> FloatArray:
+    def step(self, metric: Floats, wanted: Floats | None = None) -> Floats:
         """Minimum of the model with a damped H among the allowed steps, or the allowed step nearest to a wanted one."""
         gradient = self.slope if wanted is None else -product(metric, wanted[:, None])[:, 0]
         return constrained_minimum(metric, gradient, self.rows, self.least)
@@ -165,14 +162,14 @@ def advance(space: Space, ends: Ends, rules: Rules) -> Work:
 
 
 def _slopes(
-    space: Space, ends: Ends, running: NDArray[np.intp], difference: float
-) -> Generator[Trials, FloatArray, list[FloatArray]]:
+    space: Space, ends: Ends, running: IndexArray, difference: float
+) -> Generator[Trials, Floats, list[Floats]]:
     """Jacobians (m, d) of the running descents, all differences in one question; zero columns where both sides fail."""
     unit, base = ends.unit[running], ends.residuals[running]
     steps = np.where(unit + difference <= 1.0, difference, -difference)
     count, d = unit.shape
 
-    def points(widths: FloatArray) -> FloatArray:
+    def points(widths: Floats) -> Floats:
         return unit[:, None, :] + widths[:, :, None] * np.eye(d)
 
     told = (yield _asked(space, points(steps).reshape(-1, d))).reshape(count, d, -1).copy()
@@ -188,7 +185,7 @@ def _slopes(
     return [one.T for one in found]
 
 
-def _model(space: Space, ends: Ends, i: int, jacobian: FloatArray, rules: Rules) -> _Model:
+def _model(space: Space, ends: Ends, i: int, jacobian: Floats, rules: Rules) -> _Model:
     residuals = ends.residuals[i]
     weights = rules.loss.weights(residuals, rules.scale)
     weighted = weights[:, None] * jacobian
@@ -200,7 +197,7 @@ def _model(space: Space, ends: Ends, i: int, jacobian: FloatArray, rules: Rules)
     return _Model(jacobian, weights, hessian, slope, *_limits(space, ends.unit[i]))
 
 
-def _limits(space: Space, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _limits(space: Space, unit: Floats) -> tuple[Floats, Floats]:
     """Rows and smallest values of what steps (d,) from a feasible point must keep: bounds, linear constraints."""
     eye = np.eye(len(unit))
     rows, least = [eye, -eye], [-unit, unit - 1.0]
@@ -221,7 +218,7 @@ def _limits(space: Space, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _steps(
     space: Space, ends: Ends, going: list[int], models: dict[int, _Model]
-) -> Generator[Trials, FloatArray, dict[int, FloatArray]]:
+) -> Generator[Trials, Floats, dict[int, Floats]]:
     """Damped and bent steps (dampings, d) of each descent that goes on."""
     metrics = {i: [models[i].damped(float(ends.damping[i] * factor)) for factor in FACTORS] for i in going}
     straight = {i: np.array([models[i].step(metric) for metric in metrics[i]]) for i in going}
@@ -237,9 +234,7 @@ def _steps(
     return steps
 
 
-def _bent(
-    model: _Model, metric: FloatArray, residuals: FloatArray, velocity: FloatArray, probed: FloatArray
-) -> FloatArray:
+def _bent(model: _Model, metric: Floats, residuals: Floats, velocity: Floats, probed: Floats) -> Floats:
     """Step (d,) with half of its geodesic acceleration, within the constraints; straight where that is not believed.
 
     Parameters
@@ -266,11 +261,11 @@ def _bent(
     return model.step(metric, velocity + 0.5 * acceleration)
 
 
-def _asked(space: Space, unit: FloatArray) -> Trials:
+def _asked(space: Space, unit: Floats) -> Trials:
     return Trials(space.from_unit(unit), np.ones(len(unit), bool), Wanted.RESIDUALS)
 
 
-def _inside(space: Space, unit: FloatArray, steps: FloatArray) -> FloatArray:
+def _inside(space: Space, unit: Floats, steps: Floats) -> Floats:
     """Ends (n, d) of steps from a feasible point (d,), or the last feasible points on the way there."""
     there = np.clip(unit + steps, 0.0, 1.0)
     if not space.constrained:

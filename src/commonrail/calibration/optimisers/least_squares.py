@@ -7,16 +7,16 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from commonrail.arrays import Floats, IndexArray
 from commonrail.calibration.optimisers.bounded_least_squares import Ended, Limits, within_unit_box
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
 
 __all__ = ["LeastSquares", "LeastSquaresSettings", "Polished", "diverse_members"]
 
-FloatArray = NDArray[np.float64]
-Residuals = Callable[[FloatArray], FloatArray]
+Residuals = Callable[[Floats], Floats]
 """Residuals (n, m) of points (n, d) in SI, all simulated as one batch; failed rows not finite."""
 
 
@@ -72,7 +72,7 @@ class Polished(NamedTuple):
     `pulled_back` tells that the end broke a constraint and was replaced; `reason` is why it stopped.
     """
 
-    x: FloatArray
+    x: Floats
     cost: float
     pulled_back: bool
     reason: str
@@ -112,7 +112,7 @@ class LeastSquares:
         self.residuals = residuals
         self.settings = settings or LeastSquaresSettings()
 
-    def run(self, start: FloatArray) -> Polished:
+    def run(self, start: Floats) -> Polished:
         """Polish a start (d,), SI.
 
         Raises
@@ -130,11 +130,11 @@ class LeastSquares:
         choice, cost = self._better(batch, start, inside)
         return Polished(choice, cost, pulled_back, str(found.message))
 
-    def _in_stated_order(self, batch: _Batch, unit: FloatArray) -> Ended:
+    def _in_stated_order(self, batch: _Batch, unit: Floats) -> Ended:
         s = self.settings
         return within_unit_box(batch.values, batch.jacobian, unit, Limits(s.residual_scale, s.tolerance, s.iterations))
 
-    def _by_scipy(self, batch: _Batch, unit: FloatArray) -> Ended:
+    def _by_scipy(self, batch: _Batch, unit: Floats) -> Ended:
         from scipy.optimize import least_squares  # slow to import
 
         scale = self.settings.residual_scale
@@ -153,14 +153,14 @@ class LeastSquares:
         )
         return Ended(found.x, str(found.message))
 
-    def _better(self, batch: _Batch, start: FloatArray, end: FloatArray) -> tuple[FloatArray, float]:
+    def _better(self, batch: _Batch, start: Floats, end: Floats) -> tuple[Floats, float]:
         """The cheaper of start and end, both feasible, and its cost."""
         values = batch.simulate(np.stack([start, end]))
         costs = np.where(np.isfinite(values).all(axis=1), self._cost(values), np.inf)
         winner = int(np.argmin(costs))
         return (start, end)[winner].copy(), float(costs[winner])
 
-    def _cost(self, values: FloatArray) -> FloatArray:
+    def _cost(self, values: Floats) -> Floats:
         """Half the sum (n,) of the soft-L1 losses of residuals (n, m), or of their squares."""
         scale = self.settings.residual_scale
         if np.isinf(scale):
@@ -175,9 +175,9 @@ class _Batch:
     space: Space
     residuals: Residuals
     settings: LeastSquaresSettings
-    _last: tuple[FloatArray, FloatArray] | None = field(default=None, repr=False)
+    _last: tuple[Floats, Floats] | None = field(default=None, repr=False)
 
-    def simulate(self, x: FloatArray) -> FloatArray:
+    def simulate(self, x: Floats) -> Floats:
         """Residuals (n, m) of points (n, d), as given by the caller."""
         values = np.asarray(self.residuals(x), dtype=float)
         if values.ndim != 2 or len(values) != len(x):
@@ -187,7 +187,7 @@ class _Batch:
             )
         return values
 
-    def values(self, unit: FloatArray) -> FloatArray:
+    def values(self, unit: Floats) -> Floats:
         """Residuals (m + constraints,) at one point (d,), finite even if the simulation failed."""
         x = self.space.from_unit(unit)
         simulated = self.simulate(x[None, :])[0]
@@ -197,7 +197,7 @@ class _Batch:
         self._last = (unit.copy(), value)
         return value
 
-    def jacobian(self, unit: FloatArray) -> FloatArray:
+    def jacobian(self, unit: Floats) -> Floats:
         """Derivatives (m + constraints, d): one batch of differences, and one of those to redo."""
         base = self._value_at(unit)
         step = np.where(unit + self.settings.step <= 1.0, 1.0, -1.0) * self.settings.step
@@ -208,24 +208,24 @@ class _Batch:
             slopes[redo] = self._slopes(unit, base, np.diag(-step)[redo])
         return np.where(np.isfinite(slopes).all(axis=1, keepdims=True), slopes, 0.0).T
 
-    def _slopes(self, unit: FloatArray, base: FloatArray, steps: FloatArray) -> FloatArray:
+    def _slopes(self, unit: Floats, base: Floats, steps: Floats) -> Floats:
         """Difference quotients (k, m + constraints) along `steps` (k, d), one parameter each."""
         x = self.space.from_unit(unit + steps)
         values = np.hstack([self.simulate(x), self._broken(x)])
         return np.asarray((values - base) / steps.sum(axis=1, keepdims=True))
 
-    def _value_at(self, unit: FloatArray) -> FloatArray:
+    def _value_at(self, unit: Floats) -> Floats:
         """Residuals at a point, taken from the last evaluation where it was the same point."""
         if self._last is not None and np.array_equal(self._last[0], unit):
             return self._last[1]
         return self.values(unit)
 
-    def _broken(self, x: FloatArray) -> FloatArray:
+    def _broken(self, x: Floats) -> Floats:
         """Residuals (..., constraints) for broken constraints."""
         return self.settings.constraint_weight * self.space.shortfall(x)
 
 
-def diverse_members(unit: ArrayLike, costs: ArrayLike, n: int) -> NDArray[np.intp]:
+def diverse_members(unit: ArrayLike, costs: ArrayLike, n: int) -> IndexArray:
     """Choose members of low cost that lie far apart, the best one first.
 
     From the better half of the members with a finite cost (at least `n` of them), each further
@@ -252,7 +252,7 @@ def diverse_members(unit: ArrayLike, costs: ArrayLike, n: int) -> NDArray[np.int
     return np.array(_spread(points[pool], min(n, len(pool)), pool.tolist()), dtype=np.intp)
 
 
-def _spread(points: FloatArray, n: int, names: Sequence[int]) -> list[int]:
+def _spread(points: Floats, n: int, names: Sequence[int]) -> list[int]:
     """Names of up to n of the points (k, d), the first one first, each farthest from the rest."""
     chosen: list[int] = []
     distance = np.full(len(points), np.inf)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonrail.arrays import Floats
 
 __all__ = ["DescentLoss", "recognised"]
 
-Floats = NDArray[np.float64]
 
 _ALIKE = 1e-6  # relative difference between an objective and a sum of losses that counts as rounding
 

@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.base import Best
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
 
 __all__ = ["MOST_MEMBERS", "Members"]
 
-FloatArray = NDArray[np.float64]
 
 MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
 
@@ -22,8 +21,8 @@ MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fi
 class Members(NamedTuple):
     """Points (n, d) in unit coordinates and their costs (n,), +inf where a simulation failed."""
 
-    unit: FloatArray
-    costs: FloatArray
+    unit: Floats
+    costs: Floats
 
     @classmethod
     def none(cls, dimension: int) -> Members:

@@ -7,23 +7,22 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import number, settle, whole
+from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Wanted
 from commonrail.calibration.optimisers.geodesic import Ends, Rules, advance
 from commonrail.calibration.optimisers.least_squares import diverse_members
 from commonrail.calibration.optimisers.losses import DescentLoss, recognised
 from commonrail.calibration.optimisers.members import MOST_MEMBERS
 from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
-from commonrail.calibration.optimisers.verdict import AGREEING, ALIKE, SMALL_GAIN, Verdict, noise_of
+from commonrail.calibration.optimisers.verdict import AGREEING, ALIKE, SMALL_GAIN, Convergence, noise_of
 from commonrail.calibration.sampling import sample_priors
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
 
 __all__ = ["MultiStartLeastSquares", "MultiStartSettings"]
 
-FloatArray = NDArray[np.float64]
 
 MOST_STARTS = 1000
 POOL = 10  # candidates, for each start, whose better half starts are chosen from
@@ -114,12 +113,12 @@ class MultiStartLeastSquares(Stepwise):
         return stopped + verdict.sentence
 
     @property
-    def verdict(self) -> Verdict | None:
+    def verdict(self) -> Convergence | None:
         """Verdict on convergence; None before the first step."""
         if not self._waves and not self.steps:
             return None
         if not np.isfinite(self._costs).any():
-            return Verdict.of(False, "no candidate could be simulated", {"starts": len(self._costs)})
+            return Convergence.of(False, "no candidate could be simulated", {"starts": len(self._costs)})
         noise = noise_of(self._best.cost, self._ends.residuals.shape[1], self.space.dimension, self._loss.units)
         excess = (self._costs - self._costs.min()) / noise
         agreeing, gain = int((excess <= ALIKE).sum()), float(self._ends.gain[int(np.argmin(excess))])
@@ -135,7 +134,7 @@ class MultiStartLeastSquares(Stepwise):
             f"{agreeing} of {len(excess)} starts end within {ALIKE} of the best 2 ln L{rest}, and a further step is "
             f"predicted to gain {gain:.2g} of it; {AGREEING} starts and less than {SMALL_GAIN} are asked for"
         )
-        return Verdict.of(converged, sentence, figures)
+        return Convergence.of(converged, sentence, figures)
 
     @property
     def ends(self) -> tuple[Best, ...]:
@@ -143,12 +142,12 @@ class MultiStartLeastSquares(Stepwise):
         return self._ranked(self._ends.unit, self._costs)
 
     @property
-    def population(self) -> FloatArray:
+    def population(self) -> Floats:
         """Points (n, d) of the descents, SI."""
         return self.space.from_unit(self._ends.unit)
 
     @property
-    def costs(self) -> FloatArray:
+    def costs(self) -> Floats:
         """Costs (n,) of those points."""
         return self._costs.copy()
 

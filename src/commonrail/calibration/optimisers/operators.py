@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonrail.arrays import Floats, IndexArray
 
 __all__ = ["Draws", "crossover", "draw", "mutate"]
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 
 class Draws(NamedTuple):
@@ -20,15 +18,15 @@ class Draws(NamedTuple):
     rnd of Eq. (19); `forced` (k,) is j_rand.
     """
 
-    others: IntArray
-    factor: FloatArray
-    chance: FloatArray
-    forced: IntArray
+    others: IndexArray
+    factor: Floats
+    chance: Floats
+    forced: IndexArray
 
 
 def draw(
     rng: np.random.Generator,
-    members: IntArray,
+    members: IndexArray,
     population: tuple[int, ...],
     factor: tuple[float, float],
 ) -> Draws:
@@ -53,7 +51,7 @@ def draw(
     size, dimension = population
     count = len(members)
     others = np.empty((3, count), np.intp)
-    taken: list[IntArray] = [members]  # in ascending order for each member
+    taken: list[IndexArray] = [members]  # in ascending order for each member
     for k, other in enumerate(others):
         other[:] = rng.integers(0, size - len(taken), count)
         for earlier in taken:
@@ -69,7 +67,7 @@ def draw(
     )
 
 
-def _sorted_with(ascending: list[IntArray], further: IntArray) -> list[IntArray]:
+def _sorted_with(ascending: list[IndexArray], further: IndexArray) -> list[IndexArray]:
     """One more row in the ascending order of each column."""
     rows = []
     for row in ascending:
@@ -78,13 +76,13 @@ def _sorted_with(ascending: list[IntArray], further: IntArray) -> list[IntArray]
     return [*rows, further]
 
 
-def mutate(population: FloatArray, draws: Draws) -> FloatArray:
+def mutate(population: Floats, draws: Draws) -> Floats:
     """Mutants (k, d) of a population (n, d): v = x_r1 + F (x_r2 - x_r3), Eq. (18)."""
     first, second, third = population[draws.others]
     return np.asarray(first + draws.factor * (second - third))
 
 
-def crossover(parents: FloatArray, mutants: FloatArray, draws: Draws, rate: float) -> FloatArray:
+def crossover(parents: Floats, mutants: Floats, draws: Draws, rate: float) -> Floats:
     """Trials (k, d): the mutant's value where rnd <= CR or j = j_rand, else the parent's (19).
 
     Parameters

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.elementary import product
 from commonrail.linear import cholesky, least_squares, solve_lower, solve_upper
 
 __all__ = ["constrained_minimum", "nonnegative_least_squares"]
 
-Floats = NDArray[np.float64]
 
 _MET = 1e-12  # shortfall of a row that counts as rounding
 

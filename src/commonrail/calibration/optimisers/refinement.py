@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.base import Best, Optimiser, Trials, Wanted
 from commonrail.calibration.optimisers.conversation import conversation
 from commonrail.calibration.optimisers.least_squares import (
@@ -22,7 +22,6 @@ from commonrail.errors import ConfigurationError
 
 __all__ = ["Refinement", "RefinementSettings"]
 
-FloatArray = NDArray[np.float64]
 
 HOP = 0.06  # standard deviation of a hop away from the best, as a share of each range
 SHORTER = 6  # times that a hop to where nothing can be simulated is halved
@@ -71,8 +70,8 @@ class Refinement(Optimiser):
         self.settings, self._before = settings, before
         self._starts = members[diverse_members(space.to_unit(members), costs[usable], count)]
         self._improved: Best | None = None
-        self.end_costs: FloatArray = np.empty(0)  # costs of the ends
-        self._solving: Generator[FloatArray, FloatArray, Polished] | None = None
+        self.end_costs: Floats = np.empty(0)  # costs of the ends
+        self._solving: Generator[Floats, Floats, Polished] | None = None
         self._halvings: int | None = None  # left until the start is taken as it is; None once it has been simulated
 
     @property
@@ -90,12 +89,12 @@ class Refinement(Optimiser):
         return self._improved or self._before.best
 
     @property
-    def population(self) -> FloatArray:
+    def population(self) -> Floats:
         """That of the search before (n, d), SI."""
         return self._before.population
 
     @property
-    def costs(self) -> FloatArray:
+    def costs(self) -> Floats:
         """Costs (n,) of that population."""
         return self._before.costs
 
@@ -104,7 +103,7 @@ class Refinement(Optimiser):
         self._halvings = SHORTER
         return self._begin(self._starts[self.steps] if self.steps < len(self._starts) else self._near_best())
 
-    def _begin(self, start: FloatArray) -> Trials:
+    def _begin(self, start: Floats) -> Trials:
         """Start (1, d) of a refinement, which is the solver's first question."""
         scale = np.inf if self.settings.squares else SOLVER.residual_scale
         settings = replace(SOLVER, iterations=self.settings.iterations, residual_scale=scale)
@@ -112,7 +111,7 @@ class Refinement(Optimiser):
         self._solving = conversation(lambda call: LeastSquares(self.space, call, settings, exact).run(start))
         return _trials(next(self._solving), Wanted.RESIDUALS)
 
-    def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
+    def _take(self, trials: Trials, told: Floats) -> Trials | None:
         """Go on until the solver has ended; then judge its end."""
         if self._solving is None:
             self.end_costs = np.append(self.end_costs, told[0])
@@ -129,18 +128,18 @@ class Refinement(Optimiser):
             self._solving = None
             return _trials(stop.value.x[None, :], Wanted.COSTS_AGAIN)
 
-    def _near_best(self) -> FloatArray:
+    def _near_best(self) -> Floats:
         """A feasible point (d,) some hops of the bounds' width away from the best."""
         space, best = self.space, self.best.x
         hop = self._rng.normal(0.0, HOP, space.dimension)
         return self._feasible(np.clip(space.to_unit(best) + hop, 0.0, 1.0))
 
-    def _nearer(self, start: FloatArray) -> FloatArray:
+    def _nearer(self, start: Floats) -> Floats:
         """A feasible point (d,) half as far from the best as a start."""
         space = self.space
         return self._feasible(0.5 * (space.to_unit(start) + space.to_unit(self.best.x)))
 
-    def _feasible(self, unit: FloatArray) -> FloatArray:
+    def _feasible(self, unit: Floats) -> Floats:
         """The point (d,) at unit coordinates, drawn towards the best where it breaks a constraint."""
         there = self.space.from_unit(unit)
         return there if self.space.satisfies(there) else self.space.pull_back(self.best.x, there)
@@ -163,5 +162,5 @@ class Refinement(Optimiser):
         self._improved = found
 
 
-def _trials(x: FloatArray, wanted: Wanted) -> Trials:
+def _trials(x: Floats, wanted: Wanted) -> Trials:
     return Trials(x, np.ones(len(x), bool), wanted)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import number, settle, whole
+from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best
 from commonrail.calibration.optimisers.least_squares import diverse_members
 from commonrail.calibration.optimisers.members import MOST_MEMBERS, Members
@@ -20,7 +20,6 @@ from commonrail.errors import ConfigurationError
 
 __all__ = ["NelderMead", "NelderMeadSettings"]
 
-FloatArray = NDArray[np.float64]
 
 MOST_STARTS = 1000
 COLLAPSED = 1e-7  # size of a simplex, in widths of the bounds, below which a new one begins
@@ -93,12 +92,12 @@ class NelderMead(Stepwise):
         self._vertices, self._costs = np.empty((0, d + 1, d)), np.empty((0, d + 1))  # of each simplex, by rising cost
 
     @property
-    def population(self) -> FloatArray:
+    def population(self) -> Floats:
         """Vertices (n, d) of all simplices, SI."""
         return self.space.from_unit(self._vertices.reshape(-1, self.space.dimension))
 
     @property
-    def costs(self) -> FloatArray:
+    def costs(self) -> Floats:
         """Costs (n,) of the vertices."""
         return self._costs.ravel().copy()
 
@@ -159,7 +158,7 @@ class NelderMead(Stepwise):
             vertices[failed, 1:], costs[failed, 1:] = moved, told.reshape(-1, d)
         self._sort(vertices, costs)
 
-    def _anew(self, best: FloatArray, others: FloatArray, shrink: float) -> FloatArray:
+    def _anew(self, best: Floats, others: Floats, shrink: float) -> Floats:
         """Vertices (k, d, d) shrunk towards the best (k, 1, d); about another draw where they have collapsed."""
         moved = best + shrink * (others - best)
         collapsed = np.max(np.abs(others - best), axis=(1, 2)) < COLLAPSED
@@ -169,7 +168,7 @@ class NelderMead(Stepwise):
             moved[collapsed] = np.clip(self.space.to_unit(x), 0.0, 1.0).reshape(-1, d, d)
         return self._pulled(best, moved)
 
-    def _pulled(self, anchor: FloatArray, unit: FloatArray) -> FloatArray:
+    def _pulled(self, anchor: Floats, unit: Floats) -> Floats:
         """Points (…, d), or the last feasible ones on the way from feasible anchors (…, d), unit coordinates."""
         space = self.space
         flat = np.clip(unit, 0.0, 1.0).reshape(-1, space.dimension)
@@ -179,7 +178,7 @@ class NelderMead(Stepwise):
             flat = np.where(space.satisfies(space.from_unit(inside))[:, None], inside, start)
         return flat.reshape(unit.shape)
 
-    def _sort(self, vertices: FloatArray, costs: FloatArray) -> None:
+    def _sort(self, vertices: Floats, costs: Floats) -> None:
         order = np.argsort(costs, axis=1, kind="stable")
         self._vertices = np.take_along_axis(vertices, order[:, :, None], axis=1)
         self._costs = np.take_along_axis(costs, order, axis=1)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats, IndexArray
 from commonrail.calibration.optimisers.base import Best, Wanted
 from commonrail.calibration.optimisers.descent import DIFFERENCES, Descents, iterate
 from commonrail.calibration.optimisers.least_squares import diverse_members
@@ -21,8 +21,6 @@ from commonrail.errors import ConfigurationError
 
 __all__ = ["StagedLeastSquares"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 SCREENING_CAP = 12.0  # a residual beyond it counts as much: a candidate must not lose by one point alone
 EVOLUTION_CAP = 36.0  # that of residuals with three times the tolerance
@@ -71,12 +69,12 @@ class StagedLeastSquares(Stepwise):
         return self._ranked(unit, costs)
 
     @property
-    def population(self) -> FloatArray:
+    def population(self) -> Floats:
         """Points (n, d) of the descents, SI."""
         return self.space.from_unit(self._descents.unit)
 
     @property
-    def costs(self) -> FloatArray:
+    def costs(self) -> Floats:
         """Costs (n,) of those points."""
         return self._costs.copy()
 
@@ -101,7 +99,7 @@ class StagedLeastSquares(Stepwise):
         n, d = self._pool.shape
         members = np.arange(n)
 
-        def trials(chosen: IntArray) -> FloatArray:
+        def trials(chosen: IndexArray) -> Floats:
             draws = draw(self._rng, chosen, (n, d), FACTOR)
             return crossover(self._pool[chosen], mutate(self._pool, draws), draws, CROSSOVER)
 
@@ -138,7 +136,7 @@ class StagedLeastSquares(Stepwise):
         self._descents, self._costs, self._stages = after, costs, stages
         self._offer(x, costs)
 
-    def _begin(self, unit: FloatArray, costs: FloatArray, stages: int | None = None) -> None:
+    def _begin(self, unit: Floats, costs: Floats, stages: int | None = None) -> None:
         """Begin descents from points (k, d) with their costs (k,); those that cannot be simulated end at once."""
         tried = self.settings.trial_iterations > 0 and len(unit) > self.settings.finalists
         self._stages = stages or (1 if tried else len(DIFFERENCES))
@@ -150,7 +148,7 @@ class StagedLeastSquares(Stepwise):
         best = np.argsort(self._costs, kind="stable")[: self.settings.finalists]
         return self._descents.of(best).restarted().ended(~np.isfinite(self._costs[best]))
 
-    def _near_best(self) -> FloatArray:
+    def _near_best(self) -> Floats:
         """A feasible point (d,) near the best, or anywhere if there is none yet; unit coordinates."""
         space = self.space
         if not np.isfinite(self._best.cost):
@@ -199,7 +197,7 @@ class StagedLeastSquares(Stepwise):
         self._ended_unit, self._ended_costs, self._hopping = unit, costs, bool(state.get("hopping", False))
 
 
-def capped(cap: float, residuals: FloatArray) -> FloatArray:
+def capped(cap: float, residuals: Floats) -> Floats:
     """Sum of squares (n,) of residuals (n, m), each at most `cap` in size; +inf where one is not finite."""
     finite = np.isfinite(residuals)
     size = np.minimum(np.abs(np.where(finite, residuals, 0.0)), cap)

@@ -7,15 +7,14 @@ from collections.abc import Generator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.base import Best, Counts, Optimiser, Settings, Trials, Wanted
 from commonrail.calibration.space import Space
 
 __all__ = ["Stepwise", "Work", "asked"]
 
-FloatArray = NDArray[np.float64]
-Work = Generator[Trials, FloatArray, None]
+Work = Generator[Trials, Floats, None]
 
 
 class Stepwise(Optimiser):
@@ -58,7 +57,7 @@ class Stepwise(Optimiser):
         self._work = self._step()
         return next(self._work)
 
-    def _take(self, trials: Trials, told: FloatArray) -> Trials | None:
+    def _take(self, trials: Trials, told: Floats) -> Trials | None:
         """Next question of the step, if it has one; what it has found is kept at its end."""
         assert self._work is not None
         try:
@@ -71,13 +70,13 @@ class Stepwise(Optimiser):
             self.counts = Counts(more.slots + len(told), more.simulated + len(told), more.failed + failed)
         return following
 
-    def _offer(self, x: FloatArray, costs: FloatArray) -> None:
+    def _offer(self, x: Floats, costs: Floats) -> None:
         """Take the cheapest of points (n, d), SI, as the best if it is."""
         winner = int(np.argmin(costs)) if len(costs) else -1
         if winner >= 0 and costs[winner] < self._best.cost:
             self._best = Best(x[winner].copy(), float(costs[winner]))
 
-    def _ranked(self, unit: FloatArray, costs: FloatArray) -> tuple[Best, ...]:
+    def _ranked(self, unit: Floats, costs: Floats) -> tuple[Best, ...]:
         """Ends (n, d) of descents, unit coordinates, by rising cost (n,); the best point stands for the first one."""
         found = [Best(x, float(cost)) for x, cost in zip(self.space.from_unit(unit), costs, strict=True)]
         ranked = sorted((end for end in found if np.isfinite(end.cost)), key=lambda end: end.cost)
@@ -87,6 +86,6 @@ class Stepwise(Optimiser):
         return super()._origin() | self._settings(self._stated)
 
 
-def asked(x: FloatArray, wanted: Wanted = Wanted.COSTS) -> Trials:
+def asked(x: Floats, wanted: Wanted = Wanted.COSTS) -> Trials:
     """Question about points (n, d), SI, all of which are simulated."""
     return Trials(x, np.ones(len(x), bool), wanted)

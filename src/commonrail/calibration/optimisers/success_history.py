@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import settle, whole
+from commonrail.arrays import Floats, IndexArray
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best
 from commonrail.calibration.optimisers.members import MOST_MEMBERS, Members
 from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
@@ -20,8 +20,6 @@ from commonrail.errors import ConfigurationError
 
 __all__ = ["SuccessHistoryEvolution", "SuccessHistorySettings"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 # Values of Tanabe and Fukunaga (2014).
 MEMORY = 6
@@ -97,12 +95,12 @@ class SuccessHistoryEvolution(Stepwise):
         return self._members.best(self.space)
 
     @property
-    def population(self) -> FloatArray:
+    def population(self) -> Floats:
         """Members (n, d), SI."""
         return self.space.from_unit(self._members.unit)
 
     @property
-    def costs(self) -> FloatArray:
+    def costs(self) -> Floats:
         """Costs (n,) of the members."""
         return self._members.costs.copy()
 
@@ -115,7 +113,7 @@ class SuccessHistoryEvolution(Stepwise):
         unit, costs = self._members
         drawn = self._factors(len(costs))
 
-        def redraw(members: IntArray) -> FloatArray:
+        def redraw(members: IndexArray) -> Floats:
             return self._mutants(members, *drawn[:, members])[:, None]
 
         trial = treat(Treatment.REPAIR, self.space, unit, self._mutants(np.arange(len(costs)), *drawn), redraw)
@@ -129,7 +127,7 @@ class SuccessHistoryEvolution(Stepwise):
         if len(self._archive) > most:
             self._archive = self._archive[np.sort(self._rng.permutation(len(self._archive))[:most])]
 
-    def _factors(self, count: int) -> FloatArray:
+    def _factors(self, count: int) -> Floats:
         """F (Cauchy, in (0, 1]) and CR (Gauss, in [0, 1]) about random entries of the memory, (2, count)."""
         rows = self._rng.integers(0, MEMORY, count)
         factor = np.zeros(count)
@@ -142,7 +140,7 @@ class SuccessHistoryEvolution(Stepwise):
         rate = np.clip(self._memory[1, rows] + SPREAD * self._rng.standard_normal(count), 0.0, 1.0)
         return np.stack([factor, np.where(self._memory[1, rows] < 0.0, 0.0, rate)])
 
-    def _mutants(self, chosen: IntArray, factor: FloatArray, rate: FloatArray) -> FloatArray:
+    def _mutants(self, chosen: IndexArray, factor: Floats, rate: Floats) -> Floats:
         """Raw trials (k, d) of chosen members (k,) with their F and CR (k,)."""
         members, rng = self._members.sorted(), self._rng
         unit, k, n = self._members.unit, len(chosen), len(members.costs)
@@ -158,7 +156,7 @@ class SuccessHistoryEvolution(Stepwise):
         kept[np.arange(k), rng.integers(0, mutants.shape[1], k)] = True
         return np.where(kept, mutants, unit[chosen])
 
-    def _learn(self, successful: FloatArray, gains: FloatArray) -> None:
+    def _learn(self, successful: Floats, gains: Floats) -> None:
         """Write the Lehmer means of the successful F and CR (2, k), weighted by their gains (k,), into the memory."""
         if not len(gains):
             return

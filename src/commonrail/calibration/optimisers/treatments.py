@@ -12,17 +12,14 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats, IndexArray
 from commonrail.calibration.space import Space
 
 __all__ = ["Redraw", "Treated", "Treatment", "reflect", "treat", "wins"]
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.intp]
 
-Redraw = Callable[[IntArray], FloatArray]
+Redraw = Callable[[IndexArray], Floats]
 """Further raw trials (k, times, d) for the members (k,), in unit coordinates."""
 
 
@@ -51,17 +48,17 @@ class Treated(NamedTuple):
     Violation 0: feasible, to be simulated. Finite: compared with the parent's. +inf: rejected.
     """
 
-    unit: FloatArray
-    violation: FloatArray
-    x: FloatArray
+    unit: Floats
+    violation: Floats
+    x: Floats
 
     @property
-    def simulate(self) -> BoolArray:
+    def simulate(self) -> Bools:
         """Mask of the trials (n,) to be simulated."""
         return np.asarray(self.violation == 0.0)
 
 
-def treat(treatment: Treatment, space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
+def treat(treatment: Treatment, space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
     """Apply a treatment to raw trials.
 
     Parameters
@@ -85,13 +82,13 @@ def treat(treatment: Treatment, space: Space, parents: FloatArray, trials: Float
     return _TREATMENTS[treatment](space, parents, trials, redraw)
 
 
-def reflect(unit: FloatArray) -> FloatArray:
+def reflect(unit: Floats) -> Floats:
     """Reflect unit coordinates once at the bound they cross: enough for F <= 1; clip the rest."""
     folded = 1.0 - np.abs(1.0 - np.abs(unit))
     return np.asarray(np.minimum(np.maximum(folded, 0.0), 1.0))
 
 
-def wins(trial: tuple[FloatArray, FloatArray], parent: tuple[FloatArray, FloatArray]) -> BoolArray:
+def wins(trial: tuple[Floats, Floats], parent: tuple[Floats, Floats]) -> Bools:
     """Mask of the trials (n,) that replace their parents: Eq. (20), extended by the rules of feasibility.
 
     Both arguments are costs (n,) and violations (n,). A feasible trial wins with a finite cost
@@ -104,18 +101,18 @@ def wins(trial: tuple[FloatArray, FloatArray], parent: tuple[FloatArray, FloatAr
     return np.asarray(np.where(violation == 0.0, cheaper, closer))
 
 
-def _reject(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
+def _reject(space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
     x = space.from_unit(trials)
     return Treated(trials, np.where(space.satisfies(x), 0.0, np.inf), x)
 
 
-def _rules(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
+def _rules(space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
     unit = reflect(trials)
     x = space.from_unit(unit)
     return Treated(unit, space.violation(x), x)
 
 
-def _repair(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
+def _repair(space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
     unit = reflect(trials)
     x = space.from_unit(unit)
     broken = np.flatnonzero(~space.satisfies(x))
@@ -124,7 +121,7 @@ def _repair(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redra
     return Treated(unit, np.zeros(len(unit)), x)
 
 
-def _resample(space: Space, parents: FloatArray, trials: FloatArray, redraw: Redraw) -> Treated:
+def _resample(space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> Treated:
     unit = trials.copy()
     broken = np.flatnonzero(~_feasible(space, unit))
     if len(broken):
@@ -136,7 +133,7 @@ def _resample(space: Space, parents: FloatArray, trials: FloatArray, redraw: Red
     return _repair(space, parents, unit, redraw)
 
 
-def _mended(space: Space, parents: FloatArray, trials: FloatArray, broken: IntArray) -> tuple[FloatArray, FloatArray]:
+def _mended(space: Space, parents: Floats, trials: Floats, broken: IndexArray) -> tuple[Floats, Floats]:
     """The `broken` (k,) of trials (n, d) sorted, then pulled to their parents: in unit coordinates and SI (k, d)."""
     x = trials.take(broken, axis=0)
     for chain in space.rows.chains:
@@ -154,11 +151,11 @@ def _mended(space: Space, parents: FloatArray, trials: FloatArray, broken: IntAr
     return unit, x
 
 
-def _feasible(space: Space, unit: FloatArray) -> BoolArray:
+def _feasible(space: Space, unit: Floats) -> Bools:
     return space.satisfies(space.from_unit(unit))
 
 
-_TREATMENTS: dict[Treatment, Callable[[Space, FloatArray, FloatArray, Redraw], Treated]] = {
+_TREATMENTS: dict[Treatment, Callable[[Space, Floats, Floats, Redraw], Treated]] = {
     Treatment.REJECT: _reject,
     Treatment.REPAIR: _repair,
     Treatment.FEASIBILITY_RULES: _rules,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-__all__ = ["AGREEING", "ALIKE", "SMALL_GAIN", "Verdict", "noise_of"]
+__all__ = ["AGREEING", "ALIKE", "SMALL_GAIN", "Convergence", "noise_of"]
 
 # Restarts agree if at least so many of them end within so much of the best 2 ln L, and the search has arrived if a full
 # step from there is predicted to gain less than SMALL_GAIN of it.
 AGREEING, ALIKE, SMALL_GAIN = 3, 0.5, 0.01
 
 
-class Verdict(NamedTuple):
+class Convergence(NamedTuple):
     """Verdict on convergence.
 
     Attributes
@@ -28,8 +28,8 @@ class Verdict(NamedTuple):
     figures: dict[str, Any]
 
     @classmethod
-    def of(cls, converged: bool, sentence: str, figures: dict[str, Any]) -> Verdict:
-        """Verdict whose sentence opens with the result.
+    def of(cls, converged: bool, sentence: str, figures: dict[str, Any]) -> Convergence:
+        """Convergence whose sentence opens with the result.
 
         Parameters
         ----------

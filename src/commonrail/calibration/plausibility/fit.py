@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.calibration.plausibility import limits
 from commonrail.calibration.plausibility.finding import Finding, found
@@ -17,8 +16,6 @@ from commonrail.injector.definition import Injector
 from commonrail.kinds import DataSet, Role, Score
 
 __all__ = ["Fit", "best_gain", "best_shift", "fit_findings", "model_findings"]
-
-Floats = NDArray[np.float64]
 
 
 class Fit(NamedTuple):

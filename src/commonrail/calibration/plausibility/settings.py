@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.calibration.plausibility import limits
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.calibration.space import Space
@@ -22,7 +22,6 @@ from commonrail.units import to_text
 
 __all__ = ["bounds_findings", "data_findings", "injector_findings", "signal_findings", "step_findings"]
 
-Floats = NDArray[np.float64]
 
 _PRESSURES = (
     ("rail_pressure", "rail pressure", limits.RAIL),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.calibration.plausibility import limits
 from commonrail.calibration.plausibility.finding import Finding, found
 from commonrail.kinds import DataSet, Role, Score
@@ -14,7 +14,6 @@ from commonrail.units import to_text
 
 __all__ = ["onset", "set_cost", "share_findings", "start_findings"]
 
-Floats = NDArray[np.float64]
 
 MM3 = 1e9  # of 1 m³
 
@@ -105,7 +104,7 @@ def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Find
     )
 
 
-def _is_near(measured: Floats, simulated: Floats) -> NDArray[np.bool_]:
+def _is_near(measured: Floats, simulated: Floats) -> Bools:
     times = limits.QUANTITY_TIMES
     return np.asarray((measured <= times * simulated) & (simulated <= times * measured))
 

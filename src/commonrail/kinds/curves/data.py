@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import array, instance, settle
+from commonrail.arrays import Floats
 from commonrail.display.text import number
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint, Trace
@@ -30,8 +30,6 @@ from commonrail.observation.quantities import QUANTITIES
 from commonrail.observation.signal import Given, shown_rates
 
 __all__ = ["RateData", "RateScore"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import LONGEST, Energising, OperatingPoint, Trace
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError
@@ -22,8 +22,6 @@ from commonrail.reading.tables import Column
 from commonrail.units import to_text
 
 __all__ = ["PulseModel", "RateModel", "ReadCurve", "read_curves"]
-
-Floats = NDArray[np.float64]
 
 
 class ReadCurve(NamedTuple):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.curves.models import RateModel
 from commonrail.reading.place import Place
@@ -15,7 +15,6 @@ from commonrail.units import convert, to_text
 
 __all__ = ["Samples", "samples_of", "within_window"]
 
-Floats = NDArray[np.float64]
 
 MOST_SAMPLES = 1_000_000  # of a curve on another raster
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.kinds.curves.models import RateModel, ShotsModel
 from commonrail.kinds.curves.samples import Samples, raster, samples_of
@@ -22,7 +22,6 @@ from commonrail.units import parse, to_text
 
 __all__ = ["cut_shots"]
 
-Floats = NDArray[np.float64]
 
 TRIGGERS = ("V", "A", "1", "Pa")  # units of a channel that may be a trigger
 BEFORE = 1e-3  # time before a shot over which a pressure is averaged [s]

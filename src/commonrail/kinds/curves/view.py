@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.display.chart import Band, Figure, Panel, Points, Series
 from commonrail.display.table import BEST_LEGEND, Cell, Part, Table, marked, table_of
 from commonrail.display.text import fixed, listed, megapascal, number, percent, pressure, signed
@@ -195,11 +195,11 @@ def _origin(data: Sequence[Record]) -> str:
     return origins.pop() if len(origins) == 1 else "data"
 
 
-def _band(data: Record, time: Points, about: NDArray[np.float64]) -> Band:
+def _band(data: Record, time: Points, about: Floats) -> Band:
     """Area of a data set's band [mm³/ms], less a course [m³/s] that it is shown about."""
     low, high = (np.array([np.nan if v is None else v for v in data["band"][key]]) for key in ("lower", "upper"))
     return Band(JUDGED, time, _points((low - about) * MM3_PER_MS), _points((high - about) * MM3_PER_MS))
 
 
-def _points(values: NDArray[np.float64]) -> Points:
+def _points(values: Floats) -> Points:
     return tuple(float(v) if np.isfinite(v) else None for v in values)

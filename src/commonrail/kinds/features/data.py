@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import instance, instances, settle
+from commonrail.arrays import Bools, Floats
 from commonrail.display.text import number
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
@@ -44,8 +44,6 @@ from commonrail.signals.settings import FeatureSettings, Levels
 
 __all__ = ["FeatureData", "FeatureScore"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 NO_FEATURE = "NO_FEATURE"
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError, InputError, nearest
@@ -153,7 +153,7 @@ def read_curve_of(model: FeaturesModel, context: Context) -> RateData:
         raise context.at.error("an injector that is driven by a trace needs a file with the measured drive")
     point = _point(model, context)
     count = math.ceil(point.duration / SAMPLE)
-    bounds: NDArray[np.float64] = point.start + point.duration * np.arange(count + 1) / count
+    bounds: Floats = point.start + point.duration * np.arange(count + 1) / count
     return RateData(
         model.name,
         Role(model.role),

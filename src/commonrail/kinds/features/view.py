@@ -7,10 +7,10 @@ from typing import Any
 
 from commonrail.display.chart import MARKERS, Figure, Panel, Series
 from commonrail.display.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
-from commonrail.display.text import fixed, listed, megapascal, number, pressure, signed
+from commonrail.display.text import field_unit, fixed, listed, megapascal, number, pressure, signed
 from commonrail.kinds.base import View
 from commonrail.kinds.records import JUDGED, MEASURED, Models, Plotted, Record, Texts, origin_of, present
-from commonrail.signals.result import SHOWN
+from commonrail.signals.result import DECIMALS
 
 __all__ = ["FeatureView"]
 
@@ -65,8 +65,7 @@ def _name(row: Record) -> str:
 
 
 def _shown(row: Record, key: str) -> str:
-    shown = SHOWN[row["unit"]]
-    return fixed(row.get(key), shown.decimals, shown.factor)
+    return fixed(row.get(key), DECIMALS[row["unit"]], field_unit(row["unit"]).factor)
 
 
 def _error(row: Record, label: str) -> float | None:
@@ -77,9 +76,8 @@ def _error(row: Record, label: str) -> float | None:
 
 def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
     def errors(row: Record) -> Iterator[str | Cell]:
-        shown = SHOWN[row["unit"]]
-        value = number(row.get(JUDGED))
-        yield signed(None if value is None else (value - row[MEASURED]) * shown.factor, shown.decimals)
+        factor, value = field_unit(row["unit"]).factor, number(row.get(JUDGED))
+        yield signed(None if value is None else (value - row[MEASURED]) * factor, DECIMALS[row["unit"]])
         error = _error(row, JUDGED)
         yield Cell(signed(error, 2), size_of(error, _STEPS))
 
@@ -120,4 +118,4 @@ def _figure(data: Record, models: Models) -> Figure:
     )
 
 
-_HEAD = Part(("feature", "unit"), lambda row: (_name(row), SHOWN[row["unit"]].text))
+_HEAD = Part(("feature", "unit"), lambda row: (_name(row), field_unit(row["unit"]).text))

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools, Floats
 from commonrail.display.text import fixed, listed, number, significant
+from commonrail.engine.operating_point import OperatingPoint
 from commonrail.kinds.maps.interpolation import SCALES, Rule, interpolate, interpolate_line
+from commonrail.kinds.maps.sister import Sister
 from commonrail.kinds.records import MM3
-
-if TYPE_CHECKING:
-    from commonrail.kinds.maps.data import QuantityData
 
 __all__ = ["baseline_record", "Interpolated", "interpolated", "interpolated_baseline", "places_of", "sister_baseline"]
 
-Floats = NDArray[np.float64]
 
 RULE = (
     "{in_time} in energising time at each fitted rail pressure, then {in_pressure} in {scale} between rail pressures "
@@ -35,6 +33,37 @@ _DECISIVE = (
 )
 
 
+class Map(Protocol):
+    """Quantity map as a baseline reads it."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def points(self) -> tuple[OperatingPoint, ...]: ...
+
+    @property
+    def quantity(self) -> Floats: ...
+
+    @property
+    def absolute(self) -> float: ...
+
+    @property
+    def relative(self) -> float: ...
+
+    @property
+    def dead_time(self) -> Bools: ...
+
+    @property
+    def sister(self) -> Sister | None: ...
+    @property
+    def judged(self) -> Bools: ...
+
+    def scored(self, quantity: Floats, dead_time: Floats) -> Any: ...
+
+    def figures_of(self, score: Any) -> dict[str, float | None]: ...
+
+
 class Interpolated(NamedTuple):
     """An interpolation: number of known points, its rule in words, extrapolated values, and its score."""
 
@@ -44,7 +73,7 @@ class Interpolated(NamedTuple):
     score: Any
 
 
-def interpolated_baseline(data: QuantityData, fitted: Sequence[QuantityData], model: Any) -> dict[str, Any] | None:
+def interpolated_baseline(data: Map, fitted: Sequence[Map], model: Any) -> dict[str, Any] | None:
     """Record of the interpolation of fitted maps at the points of another; None where that is not possible.
 
     Parameters
@@ -70,7 +99,7 @@ def interpolated_baseline(data: QuantityData, fitted: Sequence[QuantityData], mo
     )
 
 
-def sister_baseline(data: QuantityData, model: Any) -> dict[str, Any] | None:
+def sister_baseline(data: Map, model: Any) -> dict[str, Any] | None:
     """Record of the map of a sister part, interpolated and scaled by the catalogue flow; None where none is named.
 
     Parameters
@@ -98,7 +127,7 @@ def sister_baseline(data: QuantityData, model: Any) -> dict[str, Any] | None:
     )
 
 
-def interpolated(data: QuantityData, fitted: Sequence[QuantityData]) -> Interpolated | None:
+def interpolated(data: Map, fitted: Sequence[Map]) -> Interpolated | None:
     """Interpolation of fitted maps at the points of another, by the best rule and scale; None where not possible.
 
     Parameters
@@ -121,7 +150,7 @@ def interpolated(data: QuantityData, fitted: Sequence[QuantityData]) -> Interpol
     return min(found, key=lambda one: _closeness(data, one.score.quantity))
 
 
-def baseline_record(data: QuantityData, model: Any, baseline: Any, *, text: str, **more: Any) -> dict[str, Any]:
+def baseline_record(data: Map, model: Any, baseline: Any, *, text: str, **more: Any) -> dict[str, Any]:
     """Record of a baseline: its figures, whether the model beats it, and a sentence on both.
 
     Parameters
@@ -155,21 +184,21 @@ def baseline_record(data: QuantityData, model: Any, baseline: Any, *, text: str,
     return {**more, "text": text, "beaten": not worse, "sentence": sentence, "figures": other}
 
 
-def places_of(data: QuantityData) -> Floats:
+def places_of(data: Map) -> Floats:
     """Rail pressures [Pa] and energising times [s] of the rows, (n, 2)."""
     return np.array([(p.initial_pressures()[0], p.pulses[0].duration) for p in data.points])
 
 
-def _is_plain(data: QuantityData) -> bool:
+def _is_plain(data: Map) -> bool:
     """True if every point has one energising at one rail pressure: what an interpolation knows."""
     return all(len(p.pulses) == 1 for p in data.points)
 
 
-def _known(data: QuantityData, rows: NDArray[np.bool_]) -> Floats:
+def _known(data: Map, rows: Bools) -> Floats:
     return np.column_stack([places_of(data), data.quantity])[rows]
 
 
-def _dead_times(data: QuantityData, fitted: Sequence[QuantityData]) -> Floats:
+def _dead_times(data: Map, fitted: Sequence[Map]) -> Floats:
     """Interpolated dead times [s] of the rows that are; NaN where no fitted one is of the same quantity."""
     known = np.concatenate([np.empty((0, 3)), *(_known(d, d.dead_time) for d in fitted)])
     found = []
@@ -181,7 +210,7 @@ def _dead_times(data: QuantityData, fitted: Sequence[QuantityData]) -> Floats:
     return np.array(found)
 
 
-def _closeness(data: QuantityData, values: Floats) -> float:
+def _closeness(data: Map, values: Floats) -> float:
     """Sum of squared errors in units of the tolerances."""
     error = (values - data.quantity) / (data.absolute + data.relative * data.quantity)
     return float(np.sum(error[data.judged] ** 2))

@@ -4,38 +4,41 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from commonrail.arguments import Limits, amount, array, flag, instance, instances, settle
+from commonrail.arrays import Bools, Floats, IndexArray
 from commonrail.display.text import number
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
-from commonrail.kinds.maps.baselines import interpolated_baseline, sister_baseline
-from commonrail.kinds.maps.dead_times import NO_DEAD_TIME, NOT_REACHED, crossing_times, find_dead_times, neighbours
-from commonrail.kinds.maps.hold_out import divide
-from commonrail.kinds.maps.reading import MapModel, QuantitiesModel, read_map
+from commonrail.kinds.maps.baselines import interpolated_baseline, places_of, sister_baseline
+from commonrail.kinds.maps.dead_times import (
+    NO_DEAD_TIME,
+    NOT_REACHED,
+    SEARCHED,
+    crossing_times,
+    energised,
+    neighbours,
+)
+from commonrail.kinds.maps.reading import SAME, HoldOutModel, MapModel, QuantitiesModel, read_map
 from commonrail.kinds.maps.sister import Sister, read_sister
 from commonrail.kinds.maps.view import MapView
 from commonrail.kinds.noise import NOISE, Noise
 from commonrail.kinds.reading import Context
 from commonrail.kinds.records import MEASURED, point_record
-from commonrail.kinds.simulator import Candidates, Simulator
+from commonrail.kinds.simulator import ITSELF, Candidates, Simulator
 from commonrail.observation.meter import Meter
 from commonrail.observation.signal import Given, shown_quantities
 from commonrail.reading.place import Place, located
-
-__all__ = ["SMALL_QUANTITY", "QuantityData", "QuantityScore", "soft_l1"]
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from commonrail.units import to_text
 
 SMALL_QUANTITY = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
 TOLERANCES = Limits(1e-18, 1.0, (1e-12, 1e-6), ("mm3",))  # of a quantity per stroke [m3]
@@ -132,7 +135,7 @@ class QuantityData(DataSet):
     bounds = None
 
     if TYPE_CHECKING:  # noted by `_settle_targets`
-        _timed: ClassVar[NDArray[np.intp]]
+        _timed: ClassVar[IndexArray]
         _simulated_points: ClassVar[tuple[OperatingPoint, ...]]
         _target: ClassVar[Floats]
         _tolerance: ClassVar[Floats]
@@ -307,7 +310,7 @@ class QuantityData(DataSet):
     def score(self, simulator: Simulator) -> QuantityScore:
         """Score of the simulator's injector as it is."""
         quantity = self.simulated(simulator, np.empty((1, 0)))[0]
-        found = find_dead_times(self, simulator)
+        found = _find_dead_times(self, simulator)
         return self.scored(quantity, found)
 
     def scored(self, quantity: Floats, dead_time: Floats) -> QuantityScore:
@@ -319,9 +322,9 @@ class QuantityData(DataSet):
         return QuantityScore(
             quantity,
             dead_time,
-            _rms(error[large] / self.quantity[large]),
-            _rms(error[small]),
-            _rms(dead_time - measured),
+            rms(error[large] / self.quantity[large]),
+            rms(error[small]),
+            rms(dead_time - measured),
         )
 
     def missing(self, score: QuantityScore) -> list[Missing]:
@@ -389,5 +392,109 @@ def soft_l1(residuals: Floats) -> Floats:
     return np.asarray(np.sum(2.0 * (np.sqrt(1.0 + residuals**2) - 1.0), axis=-1))
 
 
-def _rms(values: Floats) -> float:
+def held_out_name(name: str) -> str:
+    """Name of the part of a data set that is held out."""
+    return f"{name}, held out"
+
+
+def divide(data: QuantityData, model: HoldOutModel, at: Place) -> tuple[QuantityData, QuantityData]:
+    """Part of a map that is fitted, and the part that is held out for validation.
+
+    Held out are the quantities at one of the rail pressures or at one of the energising times, and the dead times at
+    one of the rail pressures.
+
+    Parameters
+    ----------
+    data : QuantityData
+        The whole map.
+    model : HoldOutModel
+    at : Place
+        Of the key `hold_out`.
+
+    Raises
+    ------
+    ConfigurationError
+        If the map is no data of the fit, no row is at a pressure or time that is named, or none remains on one side.
+    """
+    if data.role is not Role.FIT:
+        raise at.error('only data with role = "fit" can hold rows out; remove hold_out')
+    if not (model.rail_pressure or model.energising_time):
+        raise at.error('name rail pressures or energising times, as in { rail_pressure = ["120 MPa"] }')
+    held = _at_one_of(data, 0, model.rail_pressure, "Pa", at / "rail_pressure")
+    held |= _at_one_of(data, 1, model.energising_time, "s", at / "energising_time") & data.judged
+    if not (data.judged & ~held).any():
+        raise ConfigurationError(f"{at}: every quantity of {data.name} would be held out; leave some for the fit.")
+    return chosen_rows(data, ~held), chosen_rows(data, held, held_out_name(data.name), Role.VALIDATION)
+
+
+def rows_of(data: QuantityData, column: int, value: float) -> Bools:
+    """Rows (n,) at a rail pressure [Pa] (column 0) or an energising time [s] (column 1).
+
+    Parameters
+    ----------
+    data : QuantityData
+    column : int
+    value : float
+    """
+    return np.isclose(places_of(data)[:, column], value, rtol=SAME, atol=0.0)
+
+
+def chosen_rows(data: QuantityData, rows: Bools, name: str = "", role: Role | None = None) -> QuantityData:
+    """Some rows of a map.
+
+    Parameters
+    ----------
+    data : QuantityData
+    rows : (n,) bool
+    name : str
+        Its own if empty.
+    role : Role, optional
+        Its own by default.
+    """
+    density = np.asarray(data.mass_density)
+    return replace(
+        data,
+        name=name or data.name,
+        role=role or data.role,
+        points=tuple(point for point, keep in zip(data.points, rows.tolist(), strict=True) if keep),
+        quantity=data.quantity[rows],
+        dead_time=data.dead_time[rows],
+        mass_density=density[rows] if density.ndim else data.mass_density,
+    )
+
+
+def _at_one_of(data: QuantityData, column: int, wanted: Sequence[float], unit: str, at: Place) -> Bools:
+    """Rows at one of the wanted values."""
+    held = np.zeros(len(data.points), bool)
+    own = places_of(data)[data.judged, column]
+    for value in wanted:
+        if not np.isclose(own, value, rtol=SAME, atol=0.0).any():
+            there = ", ".join(to_text(float(v), unit) for v in np.unique(own)[:12])
+            raise ConfigurationError(f"{at}: {data.name} has no quantity at {to_text(value, unit)}; it has {there}.")
+        held |= rows_of(data, column, value)
+    return held
+
+
+def _find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
+    """Energising time at which each dead-time row's quantity is reached [s], by interpolation; (dead-time rows,)."""
+    rows = np.flatnonzero(data.dead_time)
+    found = np.full(len(rows), np.nan)
+    mass_density = np.broadcast_to(data.mass_density, data.quantity.shape)
+    points = [energised(data.points[row], float(t)) for row in rows.tolist() for t in SEARCHED]
+    batch = simulator.once(points) if points else None
+    for i, row in enumerate(rows.tolist()):
+        part = slice(i * len(SEARCHED), (i + 1) * len(SEARCHED))
+        assert batch is not None
+        own = batch.at_points(part)
+        quantity = data.shown(own, mass_density[row], Candidates(simulator, ITSELF), points[part])[0]
+        above = np.flatnonzero(quantity > data.quantity[row])
+        if len(above) and above[0] > 0:
+            k = int(above[0])
+            share = (data.quantity[row] - quantity[k - 1]) / (quantity[k] - quantity[k - 1])
+            found[i] = SEARCHED[k - 1] + share * (SEARCHED[k] - SEARCHED[k - 1])
+    return found
+
+
+def rms(values: Floats) -> float:
+    """Root mean square; NaN of no values."""
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Floats
 from commonrail.display.chart import BOTH, MARKERS, Figure, Panel, Series
 from commonrail.display.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.display.text import fixed, megapascal, number, signed, significant
@@ -25,10 +25,6 @@ from commonrail.kinds.records import (
     present,
     scaled,
 )
-from commonrail.kinds.simulator import ITSELF, Candidates, Simulator
-
-if TYPE_CHECKING:
-    from commonrail.kinds.maps.data import QuantityData
 
 __all__ = [
     "NOT_REACHED",
@@ -38,16 +34,16 @@ __all__ = [
     "dead_time_figure",
     "dead_time_table",
     "dead_times_of",
-    "find_dead_times",
+    "SEARCHED",
+    "energised",
     "neighbours",
 ]
 
-Floats = NDArray[np.float64]
 
 AROUND = 50e-6  # distance of the energising times between which a dead time is interpolated [s]
 FLATTEST = 200e-6  # time in which the quantity is taken to grow from zero at the slowest [s]
 
-_SEARCHED = np.linspace(120e-6, 480e-6, 37)  # energising times [s]
+SEARCHED = np.linspace(120e-6, 480e-6, 37)  # energising times [s]
 _STEPS = (10.0, 20.0)  # [us]
 _LEGEND = "{small} within 10 µs, {medium} within 20 µs, {large} beyond.".format(**SIGNS)
 
@@ -58,30 +54,10 @@ NOT_REACHED = (
 )
 
 
-def find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
-    """Energising time at which each dead-time row's quantity is reached [s], by interpolation; (dead-time rows,)."""
-    rows = np.flatnonzero(data.dead_time)
-    found = np.full(len(rows), np.nan)
-    mass_density = np.broadcast_to(data.mass_density, data.quantity.shape)
-    points = [_energised(data.points[row], float(t)) for row in rows.tolist() for t in _SEARCHED]
-    batch = simulator.once(points) if points else None
-    for i, row in enumerate(rows.tolist()):
-        part = slice(i * len(_SEARCHED), (i + 1) * len(_SEARCHED))
-        assert batch is not None
-        own = batch.at_points(part)
-        quantity = data.shown(own, mass_density[row], Candidates(simulator, ITSELF), points[part])[0]
-        above = np.flatnonzero(quantity > data.quantity[row])
-        if len(above) and above[0] > 0:
-            k = int(above[0])
-            share = (data.quantity[row] - quantity[k - 1]) / (quantity[k] - quantity[k - 1])
-            found[i] = _SEARCHED[k - 1] + share * (_SEARCHED[k] - _SEARCHED[k - 1])
-    return found
-
-
 def neighbours(point: OperatingPoint) -> list[OperatingPoint]:
     """Points energised shorter and longer than a dead time, between which `crossing_times` interpolates."""
     duration = point.pulses[0].duration
-    return [_energised(point, duration - _before(duration)), _energised(point, duration + AROUND)]
+    return [energised(point, duration - _before(duration)), energised(point, duration + AROUND)]
 
 
 def crossing_times(duration: Floats, quantity: Floats, threshold: Floats) -> Floats:
@@ -116,7 +92,8 @@ def _before(duration: Any) -> Any:
     return np.minimum(AROUND, 0.5 * duration)
 
 
-def _energised(point: OperatingPoint, duration: float) -> OperatingPoint:
+def energised(point: OperatingPoint, duration: float) -> OperatingPoint:
+    """Point with another energising time [s]."""
     return OperatingPoint(
         point.rail_pressure, duration, point.cylinder_pressure, point.return_pressure, start=point.start
     )

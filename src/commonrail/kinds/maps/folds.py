@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from commonrail.arrays import Bools
 from commonrail.kinds.base import Role
 from commonrail.kinds.maps.baselines import Interpolated, baseline_record, places_of, sister_baseline
-from commonrail.kinds.maps.hold_out import chosen_rows, held_out_name, rows_of
-
-if TYPE_CHECKING:
-    from commonrail.kinds.maps.data import QuantityData, QuantityScore
+from commonrail.kinds.maps.data import QuantityData, QuantityScore, chosen_rows, held_out_name, rows_of
 
 __all__ = ["Fold", "folded_record", "levels", "without"]
 
@@ -23,7 +20,7 @@ _COLUMNS = {"rail_pressure": 0, "energising_time": 1}
 class Fold(NamedTuple):
     """Rows (n,) of a map that were left out, and scores on them: of the model, its interpolation, its members' mean."""
 
-    rows: NDArray[np.bool_]
+    rows: Bools
     model: QuantityScore
     baseline: Interpolated | None
     mean: QuantityScore | None = None
@@ -34,7 +31,7 @@ def levels(data: QuantityData, by: str) -> list[float]:
     return sorted(set(places_of(data)[data.judged, _COLUMNS[by]].tolist()))
 
 
-def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, QuantityData, NDArray[np.bool_]] | None:
+def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, QuantityData, Bools] | None:
     """Map without the rows at a value, those rows as data of validation, and their mask; None where it is all or none.
 
     Parameters
@@ -80,7 +77,7 @@ def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
     return record
 
 
-def _joined(data: QuantityData, kept: NDArray[np.bool_], parts: Sequence[tuple[NDArray[np.bool_], Any]]) -> Any:
+def _joined(data: QuantityData, kept: Bools, parts: Sequence[tuple[Bools, Any]]) -> Any:
     """Score of the kept rows from scores of their parts."""
     quantity, dead_time = np.full((2, len(kept)), np.nan)
     for rows, score in parts:

@@ -7,11 +7,11 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from commonrail.arrays import Bools, Floats
 
 __all__ = ["SCALES", "Interpolation", "Rule", "interpolate", "interpolate_line", "pchip_slopes"]
 
-Floats = NDArray[np.float64]
 
 # Exponents of the rail pressure in which an interpolation is linear: p, and √p, which the flow of an orifice follows.
 SCALES: Mapping[str, float] = {"p": 1.0, "√p": 0.5}
@@ -30,7 +30,7 @@ class Interpolation(NamedTuple):
     """Interpolated values (n,), and which of them are extrapolated (n,)."""
 
     values: Floats
-    extrapolated: NDArray[np.bool_]
+    extrapolated: Bools
 
 
 def interpolate(
@@ -143,7 +143,7 @@ _RULES: Mapping[Rule, Callable[[Floats, Floats, float], tuple[float, bool]]] = {
 }
 
 
-def _near(values: Floats, value: float) -> NDArray[np.bool_]:
+def _near(values: Floats, value: float) -> Bools:
     return np.isclose(values, value, rtol=SAME, atol=0.0)
 
 

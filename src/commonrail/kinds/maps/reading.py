@@ -7,29 +7,27 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, PlainValidator
 
+from commonrail.arrays import Bools, Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.validity import check_point
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.kinds.maps.found import found_table
-from commonrail.kinds.maps.hold_out import HoldOutModel
 from commonrail.kinds.maps.sister import SisterModel
 from commonrail.kinds.noise import NOISE, Noise
 from commonrail.kinds.reading import Context, DataModel, drive_unit, mass_density
 from commonrail.kinds.repeats import averaged, groups_of
 from commonrail.parts.furniture import Domain
-from commonrail.reading.fields import Unit, fault
+from commonrail.reading.fields import FileModel, Unit, fault
 from commonrail.reading.file_form import FormModel
 from commonrail.reading.map_table import GivenUnits
 from commonrail.reading.place import Place, located
 from commonrail.reading.tables import Column, Table
 from commonrail.units import parse, to_text
 
-__all__ = ["DeadTimesModel", "MapModel", "QuantitiesModel", "ReadMap", "read_map"]
+__all__ = ["SAME", "DeadTimesModel", "HoldOutModel", "MapModel", "QuantitiesModel", "ReadMap", "read_map"]
 
-Floats = NDArray[np.float64]
 Pressure = Annotated[float, Unit("Pa")]
 
 AFTER_ENERGISING = 3e-3  # simulated after the end of energising; it ends early once the needle has closed [s]
@@ -56,6 +54,13 @@ class DeadTimesModel(FormModel):
     tolerance: Annotated[float, Unit("s")] | None = None
     rail_pressure_unit: str | None = None
     energising_time_unit: str | None = None
+
+
+class HoldOutModel(FileModel):
+    """Rail pressures and energising times whose rows are kept for validation."""
+
+    rail_pressure: list[Annotated[float, Unit("Pa")]] = Field(default=[], max_length=1000)
+    energising_time: list[Annotated[float, Unit("s")]] = Field(default=[], max_length=1000)
 
 
 class MapModel(DataModel):
@@ -123,7 +128,7 @@ class ReadMap(NamedTuple):
     quantity: Floats
     absolute: float
     relative: float
-    dead_time: NDArray[np.bool_]
+    dead_time: Bools
     mass_density: Floats | float
     dead_time_tolerance: float | None
     noise: Noise

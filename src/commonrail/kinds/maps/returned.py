@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import Limits, amount, settle
+from commonrail.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at
 from commonrail.engine.solution import Batch
@@ -30,7 +30,6 @@ from commonrail.units import to_text
 
 __all__ = ["ReturnData", "ReturnsModel", "leak_at_rest"]
 
-Floats = NDArray[np.float64]
 
 PERIODS = Limits(1e-6, 100.0, (1e-3, 10.0), ("ms",))  # between the starts of two strokes [s]
 

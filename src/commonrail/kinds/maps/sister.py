@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.arguments import Limits, amount, array, plain_text, settle
+from commonrail.arrays import Floats
 from commonrail.errors import ConfigurationError
 from commonrail.kinds.reading import Context
 from commonrail.parts.furniture import Domain
@@ -17,8 +17,6 @@ from commonrail.reading.file_form import FormModel
 from commonrail.reading.tables import Column
 
 __all__ = ["Sister", "SisterModel", "read_sister"]
-
-Floats = NDArray[np.float64]
 
 
 class SisterModel(FormModel):

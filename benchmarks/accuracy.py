@@ -6,15 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.bench.case import INTERVAL, POINT, candidates, injector
+from benchmarks.case import INTERVAL, POINT, candidates, injector
 from commonrail.choices import Precision
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import Solution
 from commonrail.errors import ConfigurationError
 from commonrail.reproduction import paper
-
-__all__ = ["CHECK", "TIGHT", "Errors", "Truth", "errors", "find_truth", "lane_errors"]
 
 TIGHT = Resolution((480, 240), 1e-9)
 CHECK = Resolution((480, 240), method="explicit", step=2.5e-8)  # as fine, by another scheme

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.bench import accuracy, throughput
-from commonrail.bench.accuracy import lane_errors
-from commonrail.bench.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
-from commonrail.bench.timing import Effort
+from benchmarks import accuracy, throughput
+from benchmarks.accuracy import lane_errors
+from benchmarks.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
+from benchmarks.timing import Effort
 from commonrail.choices import Precision
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.population import candidate_matrix

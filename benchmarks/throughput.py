@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from commonrail.bench.accuracy import lane_errors
-from commonrail.bench.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
-from commonrail.bench.timing import CLOCKS, Clocks, Effort, time_best
+from benchmarks.accuracy import lane_errors
+from benchmarks.case import LONG_STEP, POINT, TIME_STEP, candidates, injector
+from benchmarks.timing import CLOCKS, Clocks, Effort, time_best
 from commonrail.choices import Precision
 from commonrail.engine import plan
 from commonrail.engine.simulate import simulate_batch, usable_threads
 from commonrail.reproduction import paper
-
-__all__ = ["COUNTS", "JUDGED", "TIME_STEPS", "measure_throughput"]
 
 COUNTS = (512, 50, 1, 7)  # full lanes; the paper's population; one; one of its seven stiffnesses each
 TIME_STEPS = (TIME_STEP, LONG_STEP)

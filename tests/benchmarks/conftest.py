@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.bench.timing import Clocks
+from benchmarks.timing import Clocks
 
 
 class HandClock:

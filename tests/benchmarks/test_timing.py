@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.bench.timing import Effort, Timing, time_best
-from tests.bench.conftest import HandClock
+from benchmarks.timing import Effort, Timing, time_best
+from tests.benchmarks.conftest import HandClock
 
 
 def test_the_shortest_run_counts_with_its_own_processor_time(clock: HandClock) -> None:

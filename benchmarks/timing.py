@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-__all__ = ["CLOCKS", "Clocks", "Effort", "Timing", "time_best"]
-
 
 class Clocks(NamedTuple):
     """Functions that tell wall time and the process's processor time [s]."""

@@ -9,10 +9,9 @@ from typing import Any
 
 import pytest
 
-from commonrail.bench import run as bench_run
+from benchmarks import run as bench_run
+from benchmarks.run import Stage, grids, run_bench, sentences, stages
 from commonrail.bench.machine import busy
-from commonrail.bench.record import grids, sentences
-from commonrail.bench.run import Stage, run_bench, stages
 from commonrail.files.atomic import write_text
 from commonrail.files.record_file import read_record
 

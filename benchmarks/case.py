@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.analysis.virtual_bench import Bench
+from commonrail.arrays import Floats
 from commonrail.calibration.study import Method, Study
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.files.injector_file import load_injector
@@ -16,8 +16,6 @@ from commonrail.injector.definition import Injector
 from commonrail.kinds import RateData
 from commonrail.reproduction import paper
 from commonrail.reproduction.repetition import measure
-
-__all__ = ["CASE", "INJECTOR", "INTERVAL", "LONG_STEP", "POINT", "TIME_STEP", "candidates", "injector", "paper_study"]
 
 INJECTOR = "virtual-lino-2016"
 POINT = OperatingPoint(160e6, paper.ENERGISING_TIME, horizon=1.56e-3)
@@ -34,7 +32,7 @@ def injector() -> Injector:
     return load_injector(INJECTOR)
 
 
-def candidates(count: int) -> NDArray[np.float64]:
+def candidates(count: int) -> Floats:
     """Stiffnesses k1 to k7 (count, 7) [N/m] around the drawn ones, always the same."""
     centre = np.array([injector().values[name] for name in paper.NAMES])
     return np.asarray(centre * np.random.default_rng(1).uniform(1.0 - SPREAD, 1.0 + SPREAD, (count, len(centre))))

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonrail.bench.accuracy import errors
-from commonrail.bench.case import INTERVAL
+from benchmarks.accuracy import errors
+from benchmarks.case import INTERVAL
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.errors import ConfigurationError

@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.methods import peer_methods
-from commonrail.bench.accuracy import Errors, Truth
-from commonrail.bench.methods import Counted, Method, measure_methods, own_methods
-from commonrail.bench.timing import Effort
-from tests.bench.conftest import HandClock
-from tests.bench.test_accuracy import course
+from benchmarks.accuracy import Errors, Truth
+from benchmarks.methods import Counted, Method, measure_methods, own_methods, peer_methods
+from benchmarks.timing import Effort
+from tests.benchmarks.conftest import HandClock
+from tests.benchmarks.test_accuracy import course
 
 EFFORT = Effort(2, 100.0)
 TRUTH = Truth(course([0.0, 3.0, 4.0, 1.0]), Errors(0.0, 0.0))

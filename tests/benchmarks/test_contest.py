@@ -6,9 +6,8 @@ from typing import Any
 
 import pytest
 
-from commonrail.bench.case import paper_study
-from commonrail.bench.contest import PAPER, Problem, Trace, contest, entries, search_once
-from commonrail.bench.standing import standing
+from benchmarks.case import paper_study
+from benchmarks.contest import PAPER, Problem, Trace, contest, entries, search_once, standing
 from commonrail.calibration.run import calibrate
 
 
