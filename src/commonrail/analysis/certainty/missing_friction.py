@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from commonrail.analysis.certainty.ascent import Ascent, climb
 from commonrail.analysis.certainty.estimate import Estimate
@@ -24,7 +25,6 @@ from commonrail.analysis.certainty.missing_delay import cost_of, covariance_at
 from commonrail.analysis.certainty.uncertain import wider, with_uncertain_free
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.study import Study
-from commonrail.probability import beta_share
 from commonrail.units import to_text
 
 __all__ = ["MissingFriction", "missing_friction"]
@@ -155,4 +155,4 @@ def _probability(fall: float, freedom: float) -> float:
     """
     if freedom > 1e6:
         return math.exp(-0.5 * fall)
-    return beta_share(0.5 * freedom, 1.0, freedom / (freedom + fall))
+    return float(special.fdtrc(2.0, freedom, 0.5 * fall))

@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from commonrail.analysis.certainty.ascent import Ascent, climb
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
 from commonrail.analysis.certainty.laws import unequal
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
-from commonrail.probability import normal_quantile
 
 __all__ = ["Mixture", "mixture_of"]
 
@@ -100,7 +100,7 @@ def mixture_of(whole: Estimate, d: int) -> Mixture:
 def _even(random: np.random.Generator, dimension: int) -> Floats:
     """Normal draws (`DRAWS`, dimension), each coordinate evenly spread (Latin hypercube): few draws know the tails."""
     ranks = np.argsort(random.random((DRAWS, dimension)), axis=0)
-    quantiles = np.array([normal_quantile((i + 0.5) / DRAWS) for i in range(DRAWS)])
+    quantiles = special.ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
     return np.asarray(quantiles[ranks])
 
 
