@@ -180,14 +180,3 @@ def test_a_verb_is_imported_when_it_is_called() -> None:
     code += "print('verbs:', *(m for m in ('simulate', 'calibrate', 'map') if f'commonrail.cli.{m}' in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "verbs: simulate"
-
-
-@pytest.mark.process
-def test_a_map_of_an_injector_that_was_read_before_loads_no_models_of_files() -> None:
-    code = "from commonrail.files.injector_file import load_injector; load_injector('cri2-16')"
-    subprocess.run([sys.executable, "-c", code], check=True)
-    code = "import sys, commonrail.cli.map, commonrail.report.map, commonrail.maps.quantity_map\n"
-    code += "from commonrail.files.model_name import read_model_names\nread_model_names(['cri2-16'])\n"
-    code += "print(*(m for m in ('pydantic', 'commonrail.kinds', 'commonrail.calibration.study') if m in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == []
