@@ -89,14 +89,11 @@ def test_the_version_is_the_one_in_pyproject() -> None:
 
 
 # Modules that take long to import and serve few functions: these import them, no module does at its top.
-LAZY = ("asammdf", "distributed", "emcee", "h5py", "matplotlib", "openpyxl", "pandas", "pyarrow", "rich", "scipy")
+LAZY = ("arviz_stats", "asammdf", "distributed", "emcee", "h5py", "matplotlib", "openpyxl", "pandas", "pyarrow", "rich")
 LAZY += ("tomlkit", "xarray")
-# The reference integrates by SciPy, plates are drawn by Matplotlib, and each reader of a child process exists for one
-# library: whoever asks for these modules needs them.
+# Plates are drawn by Matplotlib, and each reader of a child process exists for one library: whoever asks for these
+# modules needs them.
 AT_THE_TOP = {
-    "engine/direct_reference.py": {"scipy"},
-    "engine/reference.py": {"scipy"},
-    "reading/child_mat.py": {"scipy"},
     "reading/child_mdf.py": {"asammdf"},
     "reading/child_parquet.py": {"pyarrow"},
     "reading/child_xlsx.py": {"openpyxl"},
@@ -132,13 +129,13 @@ def test_what_is_slow_to_import_is_imported_where_it_is_used() -> None:
 @pytest.mark.parametrize(
     ("source", "found"),
     [
-        ("from scipy.optimize import brentq", {"scipy"}),
+        ("from pandas.api import types", {"pandas"}),
         ("import tomlkit.items as items", {"tomlkit"}),
         ("if True:\n    try:\n        import rich\n    except ImportError:\n        pass", {"rich"}),
         ("class A:\n    import pandas", {"pandas"}),
-        ("def f():\n    import scipy", set()),
-        ("if TYPE_CHECKING:\n    import scipy\nelse:\n    import rich", {"rich"}),
-        ("import scipyfoo", set()),
+        ("def f():\n    import pandas", set()),
+        ("if TYPE_CHECKING:\n    import pandas\nelse:\n    import rich", {"rich"}),
+        ("import richfoo", set()),
     ],
 )
 def test_the_search_for_imports_finds_them(source: str, found: set[str]) -> None:
@@ -171,19 +168,18 @@ def loaded(code: str, lazy: tuple[str, ...] = LAZY) -> list[str]:
 
 
 def test_the_watch_sees_what_is_loaded() -> None:
-    assert loaded("from commonrail.signals.shots import _intervals; _intervals(1.0, 1.0, 3, 0.9)")
+    assert loaded("import commonrail.report.plates")
 
 
 @pytest.mark.parametrize(
     "modules",
     [
         "commonrail.engine.simulate, commonrail.observation.metered, commonrail.cli.injection",
-        "commonrail.store.run, commonrail.report.build, commonrail.cli.study_run, commonrail.analysis.identifiability",
         "commonrail.maps.calls, commonrail.cli.map",
     ],
 )
-def test_the_rooms_of_common_verbs_load_nothing_slow(modules: str) -> None:
-    assert loaded(f"import {modules}") == []
+def test_simulations_and_maps_load_nothing_slow(modules: str) -> None:
+    assert loaded(f"import {modules}", (*LAZY, "scipy")) == []
 
 
 def test_a_verb_is_imported_when_it_is_called() -> None:
@@ -191,26 +187,3 @@ def test_a_verb_is_imported_when_it_is_called() -> None:
     code += "print('verbs:', *(m for m in ('simulate', 'calibrate', 'map') if f'commonrail.cli.{m}' in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "verbs: simulate"
-
-
-@pytest.mark.slow
-def test_a_calibration_without_refinements_loads_neither_scipy_nor_tomlkit(tmp_path: Path) -> None:
-    code = "from commonrail.cli.grammar import cli\nfrom commonrail.files.scaffold import write_new\nimport pathlib\n"
-    code += f"folder = pathlib.Path({str(tmp_path / 'small')!r})\nwrite_new(folder)\n"
-    # refinements are SciPy's least squares, which a study without them does not need
-    code += "path = folder / 'study.toml'\ntext = path.read_text('utf-8')\nassert 'polish = 3' in text\n"
-    code += "path.write_text(text.replace('polish = 3', 'polish = 0'), 'utf-8')\n"
-    code += f"cli(['calibrate', str(folder / 'study.toml'), '--out', {str(tmp_path / 'run')!r}], standalone_mode=False)"
-    assert loaded(code, ("scipy", "tomlkit")) == []
-    assert (tmp_path / "run" / "report.html").is_file()
-
-
-@pytest.mark.process
-def test_a_map_of_an_injector_that_was_read_before_loads_no_models_of_files() -> None:
-    code = "from commonrail.files.injector_file import load_injector; load_injector('cri2-16')"
-    subprocess.run([sys.executable, "-c", code], check=True)
-    code = "import sys, commonrail.cli.map, commonrail.report.map, commonrail.maps.quantity_map\n"
-    code += "from commonrail.files.model_name import read_model_names\nread_model_names(['cri2-16'])\n"
-    code += "print(*(m for m in ('pydantic', 'commonrail.kinds', 'commonrail.calibration.study') if m in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == []

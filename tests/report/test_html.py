@@ -1,12 +1,8 @@
 """Names, command lines and captions in a page."""
 
-import functools
 import re
 from itertools import combinations
 from pathlib import Path
-
-import pytest
-from jinja2 import DictLoader, Environment
 
 from commonrail.display.table import tabulated
 from commonrail.report import html
@@ -68,52 +64,6 @@ def test_figures_of_an_fmu_call_synthetic_data_so_and_leave_out_what_failed() ->
     record = {"data": [{"name": "decay", "role": "fit", "synthetic": "the solution", "outputs": [output]}]}
     (figure,) = fmu_figures(record)
     assert [series.label for series in figure.panels[0].series] == ["synthetic", "calibrated"]
-
-
-@pytest.fixture
-def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Empty folder of compiled templates, and an environment that has seen none."""
-    folder = tmp_path / "kernels"
-    folder.mkdir(mode=0o700)
-    monkeypatch.setattr(html, "cache_folder", lambda: folder)
-    monkeypatch.setattr(html, "_environment", functools.cache(html._environment.__wrapped__))
-    return folder
-
-
-def page() -> str:
-    """A report as a new process makes it."""
-    html._environment.cache_clear()
-    record = rate_record()
-    return report_html(record, rate_traces(record))
-
-
-def test_a_template_is_compiled_once(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = page()
-    names = {path.name for path in kept.glob("*.template")}
-    assert len(names) >= 2
-    monkeypatch.setattr(Environment, "compile", lambda *_: pytest.fail("the template was compiled again"))
-    assert page() == first
-    assert {path.name for path in kept.glob("*.template")} == names
-
-
-def test_a_changed_template_is_compiled_again(kept: Path) -> None:
-    def filled(text: str) -> str:
-        html._environment.cache_clear()
-        environment = html._environment()
-        environment.loader = DictLoader({"a.html": text})
-        return environment.get_template("a.html").render(x=3)
-
-    assert filled("{{ x }}") == "3"
-    assert filled("{{ x + 1 }}") == "4"
-    assert len(list(kept.glob("*.template"))) == 1
-
-
-@pytest.mark.parametrize("damage", [b"", b"x"])
-def test_a_damaged_template_is_compiled_again(kept: Path, damage: bytes) -> None:
-    first = page()
-    for path in kept.glob("*.template"):
-        path.write_bytes(damage)
-    assert page() == first
 
 
 def test_a_number_stays_on_a_line_with_its_unit_and_a_range_is_broken_at_its_to() -> None:

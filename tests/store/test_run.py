@@ -16,8 +16,6 @@ from pathlib import Path
 import pytest
 
 from commonrail.analysis.identifiability import identify
-from commonrail.calibration.finished import WrongGenerationError
-from commonrail.calibration.search import Progress
 from commonrail.calibration.space import Space
 from commonrail.errors import CommonrailError, ConfigurationError, InputError, OutputError, SimulationError, StudyError
 from commonrail.files.study_file import load_study
@@ -94,21 +92,6 @@ def test_a_run_that_was_moved_goes_on_without_its_study(whole: Whole, stopped: S
     moved = run.rename(run.with_name("elsewhere"))
     resume(moved)
     assert timeless(moved) == timeless(whole.run)
-
-
-def test_a_run_whose_generations_were_found_wrong_is_not_resumed(stopped: Stop, tmp_path: Path) -> None:
-    def found_out(_: Progress) -> None:
-        raise WrongGenerationError("The worker tcp://b has answered wrongly; start the run anew.")
-
-    run = stopped(2)
-    with pytest.raises(WrongGenerationError):
-        resume(run, threads=1, listener=Listener(found_out))
-    shutil.copytree(run, tmp_path / "copy")
-    for folder in (run, tmp_path / "copy"):
-        with pytest.raises(StudyError, match=r"this run cannot be resumed\. The worker tcp://b has answered wrongly"):
-            resume(folder, threads=1)
-        with pytest.raises(StudyError, match="cannot be resumed"):
-            resume(folder, generations=2, threads=1)
 
 
 def test_a_copy_goes_on_too(whole: Whole, stopped: Stop, tmp_path: Path) -> None:

@@ -57,8 +57,6 @@ class Deeds:
             os.kill(os.getpid(), signal.SIGKILL)
         if what == "hang":
             os.kill(os.getpid(), signal.SIGSTOP)
-        if what == "lie":
-            return
         if what == "fail":
             raise MemoryError("no room for 8 GiB")
         raise ConfigurationError("This cannot be done.")
@@ -68,12 +66,6 @@ class Deeds:
     def probe(self) -> bytes:
         """Bits of a sine."""
         return np.sin(0.5).tobytes()
-
-    def bits(self, deed: Deed, result: bytes) -> bytes:
-        """The sine itself."""
-        if len(result) != len(self.probe()):
-            raise ValueError("not one number")
-        return bytes(result)
 
 
 def tasks(package: Package, deeds: Iterable[Deed], limit: float = LIMIT) -> list[Task]:
@@ -122,20 +114,10 @@ def pids_of(workers: Workers) -> list[int]:
     """Process numbers of workers on this machine as they are now."""
     if isinstance(workers.backend, ProcessPool):
         return workers.backend.pids
-    return list(_of_cluster(workers).values())
-
-
-def addresses_of(workers: Workers) -> list[str]:
-    """Addresses of the workers of a cluster as they are now."""
-    return list(_of_cluster(workers))
-
-
-def _of_cluster(workers: Workers) -> dict[str, int]:
-    """Process number of each worker of a cluster on this machine."""
     from commonrail.workers.cluster import Cluster
 
     assert isinstance(workers.backend, Cluster)
-    return workers.backend.run_on_each(os.getpid)
+    return list(workers.backend.run_on_each(os.getpid).values())
 
 
 def gone(pid: int) -> bool:

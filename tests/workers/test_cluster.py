@@ -9,17 +9,14 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from commonrail.compile_target import PACKAGES
 from commonrail.errors import InputError, StudyError
 from commonrail.workers import cluster as cluster_module
 from commonrail.workers import link as link_module
-from commonrail.workers.greeting import differing
 from commonrail.workers.limits import Limits
-from commonrail.workers.task import pack, software
+from commonrail.workers.task import pack
 from commonrail.workers.workers import Workers
 from tests.workers.crews import NO_DASK, Deed, Deeds, cluster, expected, sines, tasks
 from tools.attack.cluster import silent_listener
@@ -207,47 +204,3 @@ def test_a_cluster_elsewhere_is_entered_with_its_certificate_alone(
 )
 def test_an_address_where_others_listen_in_is_known(address: str, is_safe: bool) -> None:
     assert bool(link_module._HERE.fullmatch(address)) == is_safe
-
-
-class Answering:
-    """Client whose workers have these versions and targets."""
-
-    def __init__(self, versions: dict[str, dict[str, str]], targets: dict[str, Any]) -> None:
-        self.versions, self.targets = versions, targets
-
-    def run(self, call: Any, *arguments: str, workers: list[str], on_error: str) -> dict[str, Any]:
-        if arguments:
-            assert call(*arguments) == own_versions()  # what is asked for, answered by this process
-            return {name: self.versions[name] for name in workers if name in self.versions}
-        (name,) = workers
-        if isinstance(self.targets[name], Exception):
-            raise self.targets[name]
-        return {name: self.targets[name]}
-
-
-def own_versions() -> dict[str, str]:
-    return {package: dict(software())[package] for package in PACKAGES}
-
-
-def test_workers_are_greeted_by_their_versions_and_asked_for_their_code() -> None:
-    own = own_versions()
-    versions = {
-        "same": own,
-        "old": own | {"numba": "0.1"},
-        "bare": dict.fromkeys(PACKAGES, ""),
-        "other": own,
-        "edited": own,
-        "leaves": own,
-    }
-    targets = {
-        "same": software(),
-        "other": (*software(), ("cpu", "z80")),  # compared with what the work asks for
-        "edited": AttributeError("software"),
-        "leaves": OSError("closed"),
-    }
-    found = differing([*versions, "left"], Answering(versions, targets))  # type: ignore[arg-type]
-    assert found["same"] == found["leaves"] == found["other"] == ""
-    assert found["old"].startswith(f"other software than this run: numba 0.1 in place of {own['numba']}; install")
-    assert found["bare"] == "no commonrail; install there what is installed here."
-    assert "left" not in found
-    assert found["edited"].startswith("another commonrail of the same version number (AttributeError)")

@@ -11,8 +11,7 @@ import socket
 import threading
 import time
 import urllib.request
-import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from http.client import HTTPException
@@ -25,7 +24,6 @@ from commonrail.errors import CommonrailError
 from commonrail.files.study_file import load_study
 from commonrail.store.run import calibrate_into
 from commonrail.workers.cluster import Cluster
-from commonrail.workers.limits import Limits
 from commonrail.workers.workers import Workers
 from tools.attack.base import attack, command
 from tools.attack.dask_cluster import Member, dask_cluster
@@ -37,18 +35,6 @@ PAGES = ("info/main/workers.html", "json/counts.json", "health", "metrics", "sta
 LISTENS = "0A"  # state of a socket in /proc/net/tcp
 LOOPBACK = ("0100007F", "00000000000000000000000001000000")
 
-LIE = """
-from commonrail.workers import process
-process.honest = honest = getattr(process, "honest", process.perform)  # Dask runs this twice
-
-def perform(package, argument):
-    answer = honest(package, argument)
-    result = answer.result
-    wrong = result._replace(costs=result.costs * 0.5) if hasattr(result, "costs") else result * 0.5
-    return answer._replace(result=wrong)
-
-process.perform = perform
-"""
 DIE = """
 import os
 from commonrail.workers import process
@@ -64,14 +50,8 @@ def perform(package, argument):
 process.perform = perform
 """
 OLD = """
-from importlib import metadata
-from types import SimpleNamespace
-metadata.honest = honest = getattr(metadata, "honest", metadata.distributions)
-
-def distributions(name):
-    return [SimpleNamespace(version="0.1")] if name == "{package}" else honest(name=name)
-
-metadata.distributions = distributions
+from commonrail import compile_target
+compile_target.version = lambda name, honest=compile_target.version: "0.1" if name == "{package}" else honest(name)
 """
 
 
@@ -112,20 +92,10 @@ def silent(folder: Path, times: int) -> str:
 
 
 @attack(few=0)
-def lies(folder: Path, times: int) -> str:
-    """A worker of a cluster that lies is found and left out, and the result has the bytes of a run without it."""
-    with dask_cluster(folder, [Member(), Member(), Member(LIE)]) as address:
-        same, said = _same_bytes(folder, address, Limits(check_one_in=1, seed=1))
-    if not any("has answered with other bits" in text for text in said):
-        return "it is not found"
-    return "" if same else "other bytes"
-
-
-@attack(few=0)
 def killed(folder: Path, times: int) -> str:
     """A worker of a cluster that is killed in the middle of a run changes no byte of the result."""
     with dask_cluster(folder, [Member(), Member(DIE)]) as address:
-        same, _ = _same_bytes(folder, address, Limits(seed=1))
+        same = _same_bytes(folder, address)
         left = _count(address)
     if left != 1:
         return f"{left} workers are left: none was killed"
@@ -142,7 +112,7 @@ def other_software(folder: Path, times: int) -> str:
         here.mkdir()
         with dask_cluster(here, [member]) as address:
             said = _refused(here, address)
-        if not re.search(rf"^(The|A) worker .* has other software .*{name} \S+ in place of", said):
+        if not re.search(rf"^A worker .* has other software .*{name} \S+ in place of", said):
             return f"{name}: {said or 'not refused'}"
     return ""
 
@@ -222,8 +192,8 @@ def _as_reader(page: str, found: list[str]) -> None:
         found.append(f"{page} is shown")
 
 
-def _same_bytes(folder: Path, address: str, limits: Limits) -> tuple[bool, Sequence[str]]:
-    """Return whether a run on a cluster has the bytes of one without, and the notes of the former."""
+def _same_bytes(folder: Path, address: str) -> bool:
+    """Return whether a run on a cluster has the bytes of one without."""
     case = Path(shutil.copytree(CASE, folder / "case")) / "study.toml"
     case.write_text(
         case.read_text(encoding="utf-8").replace("generations = 70", "generations = 4\npolish = 0"), encoding="utf-8"
@@ -232,12 +202,11 @@ def _same_bytes(folder: Path, address: str, limits: Limits) -> tuple[bool, Seque
     calibrate_into(folder / "alone", study, threads=1)
     shortest, spread.SHORTEST = spread.SHORTEST, 1e-9  # a generation is cut up, though it lasts some ms
     try:
-        with warnings.catch_warnings(record=True) as said, Workers.cluster(address, limits=limits) as workers:
-            warnings.simplefilter("always")
+        with Workers.cluster(address) as workers:
             calibrate_into(folder / "run", study, threads=1, workers=workers)
     finally:
         spread.SHORTEST = shortest
-    return _timeless(folder / "run") == _timeless(folder / "alone"), [str(one.message) for one in said]
+    return _timeless(folder / "run") == _timeless(folder / "alone")
 
 
 def _timeless(run: Path) -> tuple[str, bytes]:
@@ -254,7 +223,7 @@ def _count(address: str) -> int:
 
 def _refused(folder: Path, address: str) -> str:
     try:
-        _same_bytes(folder, address, Limits(seed=1))
+        _same_bytes(folder, address)
     except CommonrailError as error:
         return str(error)
     return ""

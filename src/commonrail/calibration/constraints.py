@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from commonrail.arrays import Bools, Floats
 from commonrail.elementary import product
 from commonrail.errors import ConfigurationError
-from commonrail.linear_programme import highest_point
 
 __all__ = ["LinearConstraints", "Polytope", "conflicting_rows", "deepest_point"]
 
@@ -148,14 +147,16 @@ def deepest_point(polytope: Polytope) -> tuple[Floats, float]:
 
 @functools.lru_cache(maxsize=8)  # a space asks whether it has room first, and where later
 def _deepest_point(row_bytes: bytes, floor_bytes: bytes) -> tuple[Floats, float]:
+    from scipy.optimize import linprog  # slow to import, and a study without constraints does without
+
     floor = np.frombuffer(floor_bytes)
     rows = np.frombuffer(row_bytes).reshape(len(floor), -1)
     dimension = rows.shape[1]
     # Unknowns z and r: greatest r with rows @ z - r >= floor; there always is one, and the bounds limit it.
     inequality = np.hstack([rows, -np.ones((len(rows), 1))])
-    found = highest_point(np.append(np.zeros(dimension), 1.0), inequality, floor)
-    assert found is not None
-    return found[:dimension], float(found[dimension])
+    downwards = -np.append(np.zeros(dimension), 1.0)
+    point: FloatArray = linprog(downwards, A_ub=-inequality, b_ub=-floor, bounds=(None, None)).x
+    return point[:dimension], float(point[dimension])
 
 
 def conflicting_rows(constraints: LinearConstraints, lower: ArrayLike, upper: ArrayLike) -> tuple[int, ...]:

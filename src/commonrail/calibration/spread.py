@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.arrays import Floats
-from commonrail.calibration.finished import Done, Finished
 from commonrail.calibration.objective import Objective, Scores
 from commonrail.choices import Precision
 from commonrail.engine.lanes import VECTORS
@@ -68,15 +67,6 @@ class Evaluation:
         own = np.array([self.objective.own_values()])
         return self.objective.costs(own).costs.tobytes()
 
-    def bits(self, argument: tuple[str, Floats], result: Any) -> bytes:
-        """Bits of costs and statuses, or of residuals; ValueError if they are not of as many candidates."""
-        method, values = argument
-        found = [result.costs, result.statuses] if method == "costs" else [result]
-        if any(len(part) != len(values) or part.dtype.hasobject for part in found):
-            raise ValueError("not a result of these candidates")
-        simulations = result.simulations if method == "costs" else 0
-        return b"".join(part.tobytes() for part in found) + str(int(simulations)).encode()
-
 
 class SpreadObjective(Objective):
     """An `Objective` whose costs and residuals come from workers, to the same bits.
@@ -90,14 +80,14 @@ class SpreadObjective(Objective):
     Raises
     ------
     StudyError
-        From `costs` and `residuals`: if a piece was lost as often as the limits allow, or a finished one was wrong.
+        From `costs` and `residuals`: if a piece was lost as often as the limits allow.
     """
 
     def __init__(self, objective: Objective, workers: Workers) -> None:
         vars(self).update(vars(objective))  # the same injector, data and settings
         self._workers = workers
         work = Evaluation(objective)
-        self._package, self._finished = pack(work), Finished(work)
+        self._package = pack(work)
         start = time.perf_counter()
         work.probe()
         seconds = time.perf_counter() - start
@@ -130,25 +120,15 @@ class SpreadObjective(Objective):
             # if it is one candidate's fault, fewer are under suspicion each time
             return [task(half, lost.losses) for half in _piece(lost).halves()]
 
-        found: dict[int, Done] = {}
-        left = cut(len(values), self._workers.backend.count, seconds)
-        while left:
-            pieces, left = left, []
-            for done, outcome in self._workers.run(map(task, pieces), halves):
-                if isinstance(outcome, Lost):
-                    raise StudyError(self._what_failed(done, outcome, values))
-                if isinstance(outcome, Answer):
-                    found[done.number] = Done(done, outcome)
-                elif done.number in found:
-                    left.append(_piece(found.pop(done.number).task))
-                else:
-                    self._finished.confirm(done, outcome)
-        if self._workers.inspected:
-            self._finished.add(found)
-        ordered = sorted(found.values(), key=lambda one: _piece(one.task))
-        blocks = sum(_piece(one.task).blocks for one in ordered)
-        self._seconds[method] = sum(one.answer.seconds for one in ordered) / blocks
-        return [one.answer.result for one in ordered]
+        answers: dict[Piece, Answer] = {}
+        pieces = cut(len(values), self._workers.backend.count, seconds)
+        for done, outcome in self._workers.run(map(task, pieces), halves):
+            if isinstance(outcome, Lost):
+                raise StudyError(self._what_failed(done, outcome, values))
+            answers[_piece(done)] = outcome
+        blocks = sum(piece.blocks for piece in answers)
+        self._seconds[method] = sum(answer.seconds for answer in answers.values()) / blocks
+        return [answers[piece].result for piece in sorted(answers)]
 
     def _what_failed(self, task: Task, lost: Lost, values: Floats) -> str:
         piece = _piece(task)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from commonrail.arguments import file_path, source_of
-from commonrail.files import checked
 from commonrail.files.catalogue import Catalogue
+from commonrail.files.injector_model import injector_of, meters_of
 from commonrail.files.injector_writer import dump_injector
 from commonrail.files.sums import check_sum
 from commonrail.injector.definition import Injector
@@ -64,15 +64,7 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
 
 
 def _read(text: str, file: str, stem: str, reach: Reach | None) -> Injector:
-    found = checked.find(text, stem)
-    if found is None:
-        from commonrail.files.injector_model import injector_of
-
-        document = parse_toml(text, file)
-        found = injector_of(document, Place(file), stem, reach)
-        if "file" not in document["fuel"]:  # what another file says may change
-            checked.keep(text, stem, found)
-    return found
+    return injector_of(parse_toml(text, file), Place(file), stem, reach)
 
 
 def load_meters(path: str | Path) -> tuple[Meter, ...]:
@@ -96,8 +88,6 @@ def load_meters(path: str | Path) -> tuple[Meter, ...]:
         If `path` is no path, or a meter makes no sense.
     """
     file = file_path(path, "path of an injector")
-    from commonrail.files.injector_model import meters_of
-
     return meters_of(read_toml(file)[0], Place(str(file)))
 
 

@@ -26,7 +26,7 @@ from commonrail.fleet.task import Attempt, Calibrations, failed
 from commonrail.notice import note
 from commonrail.workers.interrupt import held_interrupts
 from commonrail.workers.limits import Limits, check_count
-from commonrail.workers.task import Lost, Outcome, Package, Task, Withdrawn, pack
+from commonrail.workers.task import Lost, Outcome, Package, Task, pack
 from commonrail.workers.workers import Workers
 
 __all__ = ["INJECTORS", "FleetProgress", "FleetRun", "run_fleet"]
@@ -191,13 +191,9 @@ class _Run:
         opened = Workers.processes(count, limits) if cluster is None else Workers.cluster(cluster, count, limits)
         with opened as workers:
             self.workers = workers.backend.count
-            left = self.pending
-            while left:
-                names, left = left, []
-                for task, outcome in workers.run(self._tasks(names, package, workers.backend.shares_files), heed=heed):
-                    self._keep(str(task.name), *_attempt(task, outcome))
-                    if isinstance(outcome, Withdrawn):
-                        left.append(str(task.name))
+            tasks = self._tasks(self.pending, package, workers.backend.shares_files)
+            for task, outcome in workers.run(tasks, heed=heed):
+                self._keep(str(task.name), *_attempt(task, outcome))
 
     def _tasks(self, names: Sequence[str], package: Package, shared: bool) -> Iterator[Task]:
         """Task of each injector, made when its turn comes; what workers cannot read themselves is read here."""
@@ -266,6 +262,4 @@ def _attempt(task: Task, outcome: Outcome) -> tuple[Attempt, int]:
     if isinstance(outcome, Lost):
         reason = f"Each of {task.losses} attempts was lost; the last time the worker {outcome.reason}."
         return Attempt({}, reason, 0.0), task.losses
-    if isinstance(outcome, Withdrawn):
-        return Attempt({}, f"The worker {outcome.worker} has answered wrongly.", 0.0), task.losses + 1
     return outcome.result, task.losses + 1

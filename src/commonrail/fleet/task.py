@@ -20,8 +20,6 @@ from commonrail.kinds import DataSet, Score
 
 __all__ = ["Attempt", "Calibrations", "calibrate_study", "failed"]
 
-CERTAINTY = ("standard_error", "verdict")  # keys of a parameter
-
 
 class Attempt(NamedTuple):
     """Outcome of an injector on its worker.
@@ -81,17 +79,6 @@ class Calibrations:
             return b""
         scores = scores_of(self.first, self.first.injector, 1)["best"]
         return json.dumps([_data(d, s, s) for d, s in zip(self.first.data, scores, strict=True)]).encode()
-
-    def bits(self, argument: Study | Path, result: Attempt) -> bytes:
-        """Text of an attempt, without time and machine that it took; an error if it is no attempt.
-
-        Standard errors and verdicts are left out: LAPACK computes them, which has other bits on other processors.
-        """
-        float(result.seconds)
-        record = {name: value for name, value in result.record.items() if name != "target"}
-        own = record.get("parameters", {}).items()
-        record["parameters"] = {name: {k: v for k, v in p.items() if k not in CERTAINTY} for name, p in own}
-        return json.dumps([record, result.reason], allow_nan=False).encode()
 
 
 def calibrate_study(study: Study) -> dict[str, Any]:

@@ -69,10 +69,6 @@ class FmuWork:
         """Digest of the FMU: it is loaded where it can do no harm, never in the calling process."""
         return self.digest.encode()
 
-    def bits(self, argument: Any, result: Answered) -> bytes:
-        """Bits of a result."""
-        return result.values.tobytes() + str(result.status).encode()
-
     def __call__(self, argument: Asked) -> Answered:
         """Result of a run with values of the calibrated variables."""
         number, values, finer = argument

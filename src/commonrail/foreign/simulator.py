@@ -14,14 +14,11 @@ from commonrail.foreign.child import FATAL_EXIT, Answered, Asked, FmuWork
 from commonrail.foreign.data import FmuData
 from commonrail.foreign.fmu import Fmu, unpacked
 from commonrail.foreign.statuses import FmuStatus
-from commonrail.workers.limits import Limits
+from commonrail.workers.limits import USUAL
 from commonrail.workers.task import Answer, Lost, Task, pack
 from commonrail.workers.workers import Workers
 
 __all__ = ["FmuSimulator", "Simulated", "opened"]
-
-
-_LIMITS = Limits(check_one_in=0)
 
 
 class Simulated(NamedTuple):
@@ -84,7 +81,7 @@ class FmuSimulator:
 
     def _task(self, name: tuple[int, int], asked: Asked) -> Task:
         # a simulation that was lost once is not tried again: an FMU that crashed would do so again
-        return Task(name, self._package, asked, self._limit, losses=_LIMITS.failures - 1)
+        return Task(name, self._package, asked, self._limit, losses=USUAL.failures - 1)
 
     def _answered(self, outcome: object, size: int) -> Answered:
         if isinstance(outcome, Answer):
@@ -128,5 +125,5 @@ def opened(
     runs = tuple(run for one in data for run in one.runs)
     with unpacked(fmu) as folder:
         work = FmuWork(str(folder), fmu.digest, tuple(names), runs, step)
-        with Workers.processes(processes, _LIMITS) as workers:
+        with Workers.processes(processes) as workers:
             yield FmuSimulator(work, data, workers, time_limit)

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import hashlib
 import re
-from pathlib import Path
 from typing import Any
 
-from jinja2 import BytecodeCache, Environment, PackageLoader, StrictUndefined, select_autoescape
-from jinja2.bccache import Bucket
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
 
-from commonrail.compile_target import package_version
 from commonrail.display.table import Table
 from commonrail.display.text import MISSING
-from commonrail.kernel_cache import cache_folder, read, write
 
 __all__ = ["breakable", "is_long", "print_size", "render", "unbroken"]
 
@@ -26,33 +20,6 @@ KEPT = 18  # letters of a cell that stay on one line
 NEVER_BROKEN = 14  # letters below which the whole cell does, as macros.html has it
 
 
-class _Kept(BytecodeCache):
-    """Compiled templates beside the compiled kernels, in files of this user alone: they are code too.
-
-    Jinja compares the version of Python and the template's text; the name stands for its own version and the settings
-    of the environment, which are in this module.
-    """
-
-    def load_bytecode(self, bucket: Bucket) -> None:
-        """Fill the bucket with what is kept, if it is of the same text."""
-        folder = cache_folder()
-        payload = None if folder is None else read(folder / self._name(bucket))[0]
-        if payload is not None:
-            bucket.bytecode_from_string(payload)
-
-    def dump_bytecode(self, bucket: Bucket) -> None:
-        """Keep a template that was compiled, where there is a place."""
-        folder = cache_folder()
-        if folder is not None:
-            with contextlib.suppress(OSError):
-                write(folder / self._name(bucket), bucket.bytecode_to_string())
-
-    @staticmethod
-    def _name(bucket: Bucket) -> str:
-        parts = package_version("jinja2"), bucket.key, Path(__file__).read_text(encoding="utf-8")
-        return hashlib.sha256(repr(parts).encode()).hexdigest()[:24] + ".template"
-
-
 @functools.cache
 def _environment() -> Environment:
     # Autoescaping for whatever the template is called: a name in a study may hold anything.
@@ -60,7 +27,6 @@ def _environment() -> Environment:
         loader=PackageLoader("commonrail.report"),
         autoescape=select_autoescape(default=True, default_for_string=True),
         undefined=StrictUndefined,
-        bytecode_cache=_Kept(),
         trim_blocks=True,
         lstrip_blocks=True,
     )

@@ -10,18 +10,16 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from commonrail.calibration.checkpoint import CheckpointError
-from commonrail.calibration.finished import WrongGenerationError
 from commonrail.errors import CommonrailError, StudyError
 from commonrail.files.atomic import PART, writing
 from commonrail.files.run_folder import refuse_used
 from commonrail.store.faults import trusted
 from commonrail.store.journal import JOURNAL, LOCK, Input, Journal, State, read_about
 
-__all__ = ["Copied", "begun", "ending", "refuse_wrong"]
+__all__ = ["Copied", "begun", "ending"]
 
 _Own = TypeVar("_Own")
 
-WRONG = "wrong"  # fact of a journal: why its generations are not to be trusted
 _LEFT = (JOURNAL, LOCK)  # and what SQLite puts beside them
 
 
@@ -85,23 +83,8 @@ def ending(journal: Journal) -> Iterator[None]:
     except BaseException as error:
         stopped = isinstance(error, KeyboardInterrupt)
         with suppress(CommonrailError):
-            if isinstance(error, WrongGenerationError):
-                journal.describe({WRONG: str(error)})
             journal.end_session(State.INTERRUPTED if stopped else State.FAILED, "" if stopped else str(error))
         raise
-
-
-def refuse_wrong(journal: Journal, folder: Path) -> None:
-    """Raise `StudyError` for a run that ended because a finished generation was wrong.
-
-    Parameters
-    ----------
-    journal : Journal
-    folder : Path
-        Of the run, for the message.
-    """
-    if reason := journal.about.get(WRONG):
-        raise StudyError(f"{folder}: this run cannot be resumed. {reason}")
 
 
 def _check_free(folder: Path) -> None:

@@ -14,7 +14,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from commonrail.calibration.checkpoint import Checkpoint
 from commonrail.calibration.study import Method
 from commonrail.errors import StudyError
-from commonrail.store.beginning import Copied, begun, ending, refuse_wrong
+from commonrail.store.beginning import Copied, begun, ending
 from commonrail.store.changes import check_files
 from commonrail.store.copies import copy_apart, places_apart, set_in_copy
 from commonrail.store.journal import JOURNAL, Journal
@@ -162,7 +162,6 @@ class FolderFit(Generic[_Study, _Fit]):
                 f"{folder}: this is no run folder of {self.words.fitted}; `{self.words.command}` begins one."
             )
         with Journal(folder) as journal:
-            refuse_wrong(journal, folder)
             check_files(journal, as_begun)
             study = self._as_chosen(self.load(folder / self.file), journal.about)
             if self.content(study) != journal.about.get("content"):

@@ -21,7 +21,7 @@ from commonrail.files.atomic import write_text
 from commonrail.files.run_folder import STUDY, write_judgement, write_results
 from commonrail.files.study_file import load_study
 from commonrail.reading.guarded_file import sha256
-from commonrail.store.beginning import Copied, begun, ending, refuse_wrong
+from commonrail.store.beginning import Copied, begun, ending
 from commonrail.store.changes import check_files
 from commonrail.store.content import content_of
 from commonrail.store.copies import copies_of, copy_study, set_in_study, with_generations
@@ -130,8 +130,7 @@ def resume(
     Raises
     ------
     StudyError
-        If there is no journal, another process is at work in the folder, the study or its data have changed, or the run
-        ended because a finished generation was wrong.
+        If there is no journal, another process is at work in the folder, or the study or its data have changed.
     OutputError
         If the folder cannot be written; what was done before is kept.
     ConfigurationError
@@ -148,7 +147,6 @@ def resume(
     with Journal(path) as journal:
         if "content" not in journal.about:
             raise StudyError(_nothing_to_resume(path))
-        refuse_wrong(journal, path)
         check_files(journal, as_begun)
         own = _study_of(journal, study)
         if generations:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from commonrail.errors import StudyError
 from commonrail.notice import note
-from commonrail.workers.deadline import Late
-from commonrail.workers.greeting import differing
 from commonrail.workers.held import Missing, perform_held
 from commonrail.workers.limits import SLICE, waited
-from commonrail.workers.link import ANSWER, CONNECT, LOCAL, Link
+from commonrail.workers.link import ANSWER, CONNECT, LOCAL, Link, quiet
 from commonrail.workers.process import Refused
 from commonrail.workers.task import Answer, Lost, Outcome, Task, failure
 
@@ -65,8 +63,6 @@ class Cluster:
     def __init__(self, address: str, count: int) -> None:
         self.address = address
         self._left_out: set[str] = set()
-        self._dismissed = 0
-        self._greeted: set[str] = set()
         self._open: dict[Future[Any], Sent] = {}
         self._unsent: list[Task] = []  # for want of workers
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
@@ -102,27 +98,6 @@ class Cluster:
         """Results of a call on each worker, by its address."""
         return dict(self._link.ask(lambda client: client.run(call)))
 
-    def others(self, worker: str) -> bool:
-        """Return whether there are workers beside this one."""
-        return bool(self._lately().keys() - {worker})
-
-    def dismiss(self, worker: str) -> None:
-        """Use a worker no more; what is out is sent anew, to others.
-
-        Raises
-        ------
-        StudyError
-            If there is no other worker.
-        """
-        self._left_out.add(worker)
-        self._dismissed += 1
-        tasks = [*self._unsent, *(sent.task for sent in self._open.values())]
-        self.drop()
-        if not self._known():
-            raise self._without_workers(0.0)
-        for task in tasks:
-            self._send(task)
-
     def submit(self, task: Task) -> bool:
         """Hand a task to the cluster; false if it has enough.
 
@@ -148,16 +123,14 @@ class Cluster:
         if sent is None:  # withdrawn, and sent anew
             return
         self._silence = 0.0
-        giver = self._giver(future)
-        outcome = _outcome(future)
-        if isinstance(outcome, Missing) and not sent.complete:
-            self._send(sent.task, complete=True)
-        elif isinstance(outcome, Answer) and giver in self._left_out:
-            self._send(sent.task)
-        elif isinstance(outcome, Answer) and giver:
-            yield sent.task, outcome._replace(worker=giver)
+        with quiet():  # Dask says what it could not gather, and has it done again
+            outcome = _outcome(future)
+        if isinstance(outcome, Answer | Lost):
+            yield sent.task, outcome
+        elif sent.complete:
+            yield sent.task, Lost("did not keep the work that it was given")
         else:
-            yield sent.task, outcome if isinstance(outcome, Lost) else Lost("left before its answer was there")
+            self._send(sent.task, complete=True)
 
     def _after_silence(self, passed: float) -> Iterator[tuple[Task, Outcome]]:
         known = self._known()
@@ -191,13 +164,12 @@ class Cluster:
         self._silence = self._alone = 0.0
 
     def _send(self, task: Task, *, complete: bool = False) -> None:
-        known = list(self._lately())
+        known = self._lately()
         if not known:
             self._unsent.append(task)
             return
-        allowed = [name for name in known if name != task.avoid] or known
         package = task.package if complete else None
-        bound = frozenset(allowed if self._left_out or task.avoid else ())
+        bound = frozenset(known if self._left_out else ())
         future: Future[Any] = self._link.ask(
             lambda client: client.submit(
                 perform_held, task.package.key, package, task.argument, pure=False, workers=sorted(bound) or None
@@ -222,7 +194,8 @@ class Cluster:
         self.drop()
         for name in stuck:
             if not self._link.tell(partial(_restart, name), 2.0 * CONNECT):
-                self._leave_out(name)  # not started by a nanny, or too stuck: no more for us
+                note(f"The worker {name} of the cluster {self.address} gives no answer: it is used no more.")
+                self._left_out.add(name)  # not started by a nanny, or too stuck
         self._known()
         for future, sent in out.items():
             if future not in lost:
@@ -234,48 +207,18 @@ class Cluster:
         return self._threads if time.monotonic() < self._looked + FRESH else self._known()
 
     def _known(self) -> dict[str, int]:
-        """Threads of each worker that is used; new ones are asked for their software first."""
+        """Threads of each worker that is used."""
         threads: dict[str, int] = dict(self._link.ask(lambda client: client.nthreads()))
-        new = [name for name in threads if name not in self._greeted | self._left_out]
-        if new:
-            self._greet(new)
-        self._threads = {name: n for name, n in threads.items() if name in self._greeted - self._left_out}
+        self._threads = {name: n for name, n in threads.items() if name not in self._left_out}
         self._looked = time.monotonic()
         return self._threads
-
-    def _greet(self, names: Sequence[str]) -> None:
-        try:
-            fault = self._link.ask_or_late(partial(differing, names), ANSWER)
-        except Late:
-            if len(names) > 1:  # one of them hangs
-                for name in names:
-                    self._greet([name])
-                return
-            self._leave_out(names[0])
-            return
-        for name, words in fault.items():
-            if words:
-                raise StudyError(f"The worker {name} of the cluster {self.address} has {words}")
-            self._greeted.add(name)
-
-    def _leave_out(self, name: str) -> None:
-        note(f"The worker {name} of the cluster {self.address} gives no answer: it is used no more.")
-        self._left_out.add(name)
-
-    def _giver(self, future: Future[Any]) -> str:
-        """Worker that has the answer, as the scheduler knows it; "" if none has it."""
-        if future.status != "finished":
-            return ""
-        found: dict[str, Sequence[str]] = self._link.ask(lambda client: client.who_has([future]))
-        return next((name for names in found.values() for name in names), "")
 
     def _without_workers(self, seconds: float) -> StudyError:
         cure = "see what they print" if self.address == LOCAL else f"start some with `dask worker {self.address}`"
         if self._left_out:
             return StudyError(
-                f"The cluster {self.address} has no worker left that can be used: {self._dismissed} have answered "
-                f"wrongly, {len(self._left_out) - self._dismissed} have given no answer; replace them, then resume the "
-                "run."
+                f"The cluster {self.address} has no worker left that can be used: {len(self._left_out)} have given no "
+                "answer; replace them, then resume the run."
             )
         return StudyError(f"The cluster {self.address} has had no worker for {seconds:.0f} s; {cure}.")
 

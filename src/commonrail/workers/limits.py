@@ -35,18 +35,12 @@ class Limits(NamedTuple):
     start : float
         Time that a worker may take to start, or to load the work [s]; where no kernel can be kept on disk, each
         worker compiles its own in this time.
-    check_one_in : int
-        One task of so many is done again by another worker, where workers are of others (a cluster); 0: none.
-    seed : int, optional
-        Determines the tasks that are; drawn anew each time by default, so that no worker can know them.
     """
 
     failures: int = 3
     patience: float = 20.0
     least: float = 60.0
     start: float = 300.0
-    check_one_in: int = 50
-    seed: int | None = None
 
 
 USUAL = Limits()

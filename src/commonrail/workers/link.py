@@ -24,7 +24,7 @@ from commonrail.workers.process import blocked_signals
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["LOCAL", "Link"]
+__all__ = ["LOCAL", "Link", "quiet"]
 
 LOCAL = "local"
 _ADDRESS = re.compile(r"([a-z]+://.+|[^:/]+:[0-9]+)")  # what Dask takes at once to be an address
@@ -83,23 +83,18 @@ class Link:
             If the scheduler has gone, or gives no answer.
         """
         seconds = ANSWER if seconds is None else seconds
+        if self.client.status != "running":
+            self._say_broken()
         try:
-            return self.ask_or_late(call, seconds)
+            with quiet():
+                return within(seconds, lambda: call(self.client))
+        except OSError:
+            self._say_broken()
         except Late:
             raise StudyError(
                 f"The scheduler of the cluster {self.address} has given no answer within {seconds:.6g} s; see whether "
                 "it hangs, then resume the run: what was finished is kept."
             ) from None
-
-    def ask_or_late(self, call: Callable[[Client], T], seconds: float) -> T:
-        """As `ask`, with `Late` where another than the scheduler may be to blame."""
-        if self.client.status != "running":
-            self._say_broken()
-        try:
-            with _quiet():
-                return within(seconds, lambda: call(self.client))
-        except OSError:
-            self._say_broken()
 
     def _say_broken(self) -> NoReturn:
         raise StudyError(
@@ -110,7 +105,7 @@ class Link:
     def tell(self, call: Callable[[Client], object], seconds: float = LEAVE) -> bool:
         """Return whether a call succeeded that may as well fail."""
         try:
-            with _quiet():
+            with quiet():
                 within(seconds, lambda: call(self.client))
         except Exception:
             return False
@@ -118,7 +113,7 @@ class Link:
 
     def close(self) -> None:
         """Leave the cluster; end it if it is "local"."""
-        with _quiet(), _uncollected():
+        with quiet(), _uncollected():
             self._opened.close()
 
     def _leave(self) -> None:
@@ -140,7 +135,7 @@ def _connect(address: str) -> Client:
             f'"{address}" is no address of a scheduler; give one as "tcp://host:port" or "tls://host:port", or "local".'
         )
     try:
-        with _quiet():
+        with quiet():
             client: Client = within(
                 2.0 * CONNECT, lambda: distributed.Client(address, timeout=CONNECT, set_as_default=False)
             )
@@ -177,7 +172,7 @@ def _local(count: int, opened: ExitStack) -> Client:
     opened.enter_context(_configured({"distributed.deploy.lost-worker-timeout": f"{RETURN:.0f} s"}))
     folder = opened.enter_context(tempfile.TemporaryDirectory(prefix="commonrail-", ignore_cleanup_errors=True))
     # the scheduler's web server, on loopback, has no page
-    with blocked_signals(), _quiet(), _configured({"distributed.scheduler.http.routes": []}):
+    with blocked_signals(), quiet(), _configured({"distributed.scheduler.http.routes": []}):
         cluster = distributed.LocalCluster(
             n_workers=count,
             threads_per_worker=1,
@@ -219,7 +214,7 @@ def _configured(values: Mapping[str, Any]) -> Any:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Silence of Dask's log: what went wrong is told in our own words."""
     log = logging.getLogger("distributed")
     level = log.level

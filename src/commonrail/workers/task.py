@@ -27,9 +27,6 @@ class Work(Protocol):
     def probe(self) -> bytes:
         """Bits of a result that the calling process and every worker find alike."""
 
-    def bits(self, argument: Any, result: Any, /) -> bytes:
-        """Bits of a result, which every worker finds alike; any error if it is no result of that argument."""
-
 
 class Package(NamedTuple):
     """Work on its way to a worker.
@@ -66,10 +63,6 @@ class Task(NamedTuple):
         Time after which its worker hangs [s].
     losses : int
         Workers that were lost with it.
-    number : int
-        How many tasks were taken before it, given by `Workers`.
-    avoid : str
-        Worker that should not do it; "" for none.
     """
 
     name: Hashable
@@ -77,16 +70,13 @@ class Task(NamedTuple):
     argument: Any
     limit: float
     losses: int = 0
-    number: int = -1
-    avoid: str = ""
 
 
 class Answer(NamedTuple):
-    """Result of a task, the seconds it took, and the worker that gave it, where workers are told apart."""
+    """Result of a task, and the seconds it took."""
 
     result: Any
     seconds: float
-    worker: str = ""
 
 
 class Lost(NamedTuple):
@@ -95,18 +85,7 @@ class Lost(NamedTuple):
     reason: str
 
 
-class Withdrawn(NamedTuple):
-    """An answer that was yielded before and must not be used: its worker has given a wrong one since, or before.
-
-    Attributes
-    ----------
-    worker : str
-    """
-
-    worker: str
-
-
-Outcome = Answer | Lost | Withdrawn
+Outcome = Answer | Lost
 
 
 def pack(work: Work) -> Package:

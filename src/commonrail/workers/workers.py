@@ -9,7 +9,6 @@ from typing import Protocol
 from commonrail.engine.simulate import usable_threads
 from commonrail.workers.limits import USUAL, Limits
 from commonrail.workers.pool import ProcessPool
-from commonrail.workers.spot_check import Inspected, Ruling, SpotChecks
 from commonrail.workers.task import Lost, Outcome, Task
 
 __all__ = ["Backend", "Workers"]
@@ -64,8 +63,6 @@ class Workers:
 
     def __init__(self, backend: Backend, limits: Limits = USUAL) -> None:
         self.backend, self.limits = backend, limits
-        self._checks = SpotChecks(backend, limits) if isinstance(backend, Inspected) else None
-        self._taken = 0
 
     @classmethod
     def processes(cls, count: int | None = None, limits: Limits = USUAL) -> Workers:
@@ -106,16 +103,11 @@ class Workers:
         InputError
             If distributed (for "local" cryptography, too) is not installed, or no cluster answers at the address.
         StudyError
-            If the cluster has no workers, or they have other software than this process.
+            If the cluster has no workers.
         """
         from commonrail.workers.cluster import Cluster
 
         return cls(Cluster(address, usable_threads() if count is None else count), limits)
-
-    @property
-    def inspected(self) -> bool:
-        """Return whether answers may be withdrawn."""
-        return self._checks is not None
 
     def run(
         self,
@@ -124,9 +116,6 @@ class Workers:
         heed: Callable[[], None] = lambda: None,
     ) -> Generator[tuple[Task, Outcome]]:
         """Each task and what became of it, as they come; a task that was lost is repeated as often as the limits allow.
-
-        An answer of a cluster may be withdrawn later: the caller then forgets it, and has the task done again with
-        another call. A task of an earlier call is known by its `number`.
 
         Parameters
         ----------
@@ -149,32 +138,20 @@ class Workers:
                 self._hand_out(waiting, coming)
                 if not (waiting or self.backend.busy):
                     return
-                for task, outcome in self._judged(waiting):
+                for task, outcome in self.backend.listen():
                     if isinstance(outcome, Lost):
                         task = task._replace(losses=task.losses + 1)
                         if task.losses < self.limits.failures:
-                            waiting.extend(map(self._numbered, again(task)))
+                            waiting.extend(again(task))
                             continue
                     yield task, outcome
         finally:
-            if self._checks is not None:
-                self._checks.drop()
             self.backend.drop()
-
-    def _judged(self, waiting: deque[Task]) -> Iterator[tuple[Task, Outcome]]:
-        for task, outcome in self.backend.listen():
-            ruling = Ruling([(task, outcome)], []) if self._checks is None else self._checks.judge(task, outcome)
-            waiting.extendleft(ruling.again)
-            yield from ruling.told
-
-    def _numbered(self, task: Task) -> Task:
-        self._taken += 1
-        return task._replace(number=self._taken - 1)
 
     def _hand_out(self, waiting: deque[Task], coming: Iterator[Task]) -> None:
         while True:
             if not waiting:
-                waiting.extend(self._numbered(task) for task in [next(coming, None)] if task is not None)
+                waiting.extend(task for task in [next(coming, None)] if task is not None)
             if not (waiting and self.backend.submit(waiting[0])):
                 return
             waiting.popleft()

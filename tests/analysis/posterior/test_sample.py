@@ -10,7 +10,7 @@ import pytest
 from commonrail.analysis.certainty.estimate import Estimate, estimate
 from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.posterior.proposals import Surrogate
-from commonrail.analysis.posterior.sample import Posterior, sample_posterior
+from commonrail.analysis.posterior.sample import Posterior, _agreement, sample_posterior
 from commonrail.calibration import Parameter, Space
 from commonrail.errors import SimulationError
 from commonrail.kinds.noise import Law, Noise
@@ -118,6 +118,20 @@ def test_starts_have_the_spread_that_is_asked_for() -> None:
     # a variance of 4000 draws has a relative standard error of at most sqrt(2/4000) = 2.2 %
     np.testing.assert_allclose(np.diag(np.cov(drawn.T)), 2.25 * np.diag(covariance), rtol=0.09)
     np.testing.assert_allclose(drawn.mean(axis=0), surrogate.centre, atol=1.5e-3)
+
+
+@pytest.mark.parametrize("apart", ["place", "spread", "no movement"])
+def test_chains_that_disagree_are_refused(found: Posterior, apart: str) -> None:
+    unit = np.random.default_rng(0).normal(0.5, 0.01, (6, 500, 3))
+    assert replace(found, unit=unit, r_hat=_agreement(unit)[0], effective=_agreement(unit)[1]).converged
+    if apart == "place":
+        unit[0, :, 1] += 0.03
+    elif apart == "spread":
+        unit[0, :, 1] = 0.5 + 10.0 * (unit[0, :, 1] - 0.5)
+    else:
+        unit[:, :, 1] = 0.5
+    r_hat, effective = _agreement(unit)
+    assert "R-hat of b" in replace(found, unit=unit, r_hat=r_hat, effective=effective).refusal
 
 
 def test_draws_of_the_first_parameters_leave_the_others_out(found: Posterior) -> None:

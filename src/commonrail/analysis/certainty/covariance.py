@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 
 from commonrail.analysis.certainty.laws import unequal
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.arrays import Bools, Floats
 from commonrail.kinds.noise import Law
-from commonrail.probability import student_quantile
 
 __all__ = ["Covariance", "combined_freedom", "covariance_of", "half_widths", "moved_by", "student"]
 
@@ -206,6 +206,4 @@ def half_widths(covariance: Covariance, level: float) -> Floats:
 
 def student(freedom: Floats, level: float) -> Floats:
     """Two-sided quantile of Student's t (…)."""
-    clipped = np.clip(freedom, 1.0, 1e9)
-    found = [student_quantile(float(one), 0.5 * (1.0 + level)) for one in clipped.ravel()]
-    return np.array(found).reshape(clipped.shape)
+    return np.asarray(special.stdtrit(np.clip(freedom, 1.0, 1e9), 0.5 * (1.0 + level)))

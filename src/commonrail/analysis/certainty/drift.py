@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import special
 
 from commonrail.analysis.certainty.block import Block, fit_noise
 from commonrail.analysis.certainty.covariance import moved_by
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.arrays import Floats
-from commonrail.probability import gamma_rest
 
 __all__ = ["DRIFT", "drift_courses", "drift_probability", "with_drift"]
 
@@ -53,7 +53,7 @@ def drift_probability(block: Block, errors: Floats, used: float) -> float:
         return 1.0
     orders = after.autoregression.order - before.autoregression.order
     fall = 2.0 * np.count_nonzero(sampled) * math.log(before.scale / after.scale) - 2.0 * orders
-    return float(gamma_rest(0.5 * len(courses), 0.5 * max(fall, 0.0)))
+    return float(special.chdtrc(len(courses), max(fall, 0.0)))
 
 
 def with_drift(found: Estimate, drifting: Sequence[str]) -> Estimate:

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 
 from commonrail.analysis.certainty.block import Block
 from commonrail.analysis.certainty.drift import DRIFT, drift_courses, drift_probability
@@ -25,7 +26,6 @@ from commonrail.analysis.certainty.laws import agreed, as_normal, unequal
 from commonrail.analysis.certainty.missing_delay import MissingDelay
 from commonrail.arrays import Floats
 from commonrail.kinds.noise import Correlation
-from commonrail.probability import beta_share, gamma_rest
 from commonrail.units import to_text
 
 __all__ = ["LEVEL", "LackOfFit", "beyond_stated", "lack_of_fit", "level_of"]
@@ -258,7 +258,7 @@ def _score(
     unexplained = max(float(np.sum(rest**2)) - explained, 1e-300)
     share = unexplained / (unexplained + explained)
     alone = np.abs(apart @ rest) / np.linalg.norm(apart, axis=1)
-    return float(beta_share(0.5 * freedom, 0.5 * more.shape[1], share)), left[int(np.argmax(alone))]
+    return float(special.betainc(0.5 * freedom, 0.5 * more.shape[1], share)), left[int(np.argmax(alone))]
 
 
 def _basis(rows: Floats) -> Floats:
@@ -283,5 +283,5 @@ def _size(innovations: Floats, used: float, known: float) -> float:
     """
     freedom, squares = max(len(innovations) - used, 1.0), float(np.sum(innovations**2))
     if np.isfinite(known):
-        return beta_share(0.5 * known, 0.5 * freedom, known / (known + squares))
-    return gamma_rest(0.5 * freedom, 0.5 * squares)
+        return float(special.betainc(0.5 * known, 0.5 * freedom, known / (known + squares)))
+    return float(special.chdtrc(freedom, squares))

@@ -7,15 +7,14 @@ the Laplace law is a kernel density estimate: its mean over residuals is twice t
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 
 from commonrail.arrays import Floats
 from commonrail.kinds.noise import Law
-from commonrail.probability import normal_quantile, student_tail
 
 __all__ = ["LAWS", "DensityLaw", "agreed", "as_normal", "sample_count", "scale_of", "unequal"]
 
@@ -37,7 +36,7 @@ class DensityLaw(NamedTuple):
         −2 ln of the density at zero, with scale 1.
     deviation : float
         Standard deviation over the scale.
-    tail : function of float
+    tail : function of (…)
         Probability that a standardised residual exceeds a value u ≥ 0.
     """
 
@@ -46,7 +45,7 @@ class DensityLaw(NamedTuple):
     slope: Callable[[Floats], Floats]
     constant: float
     deviation: float
-    tail: Callable[[float], float]
+    tail: Callable[[Floats], Floats]
 
 
 def _student_slope(u: Floats) -> Floats:
@@ -69,7 +68,7 @@ LAWS: dict[Law, DensityLaw] = {
         np.ones_like,
         math.log(2.0 * math.pi),
         1.0,
-        lambda u: 0.5 * math.erfc(u / math.sqrt(2.0)),
+        lambda u: np.asarray(special.ndtr(-u)),
     ),
     Law.STUDENT: DensityLaw(
         lambda u: np.asarray((FREEDOM + 1.0) * np.log1p(u * u / FREEDOM)),
@@ -77,7 +76,7 @@ LAWS: dict[Law, DensityLaw] = {
         _student_slope,
         _STUDENT_CONSTANT,
         math.sqrt(FREEDOM / (FREEDOM - 2.0)),
-        lambda u: student_tail(u, FREEDOM),
+        lambda u: np.asarray(special.stdtr(FREEDOM, -u)),
     ),
     Law.LAPLACE: DensityLaw(
         lambda u: 2.0 * (_rounded(u) - ROUNDING),
@@ -85,7 +84,7 @@ LAWS: dict[Law, DensityLaw] = {
         lambda u: ROUNDING**2 / _rounded(u) ** 3,
         2.0 * math.log(2.0),
         math.sqrt(2.0),
-        lambda u: 0.5 * math.exp(-u),
+        lambda u: np.asarray(0.5 * np.exp(-u)),
     ),
 }
 
@@ -94,8 +93,7 @@ def as_normal(law: Law, u: Floats) -> Floats:
     """Magnitudes (n,) of normal variables that are as likely to be exceeded as standardised residuals (n,) of a law."""
     if law is Law.GAUSSIAN:
         return np.asarray(np.abs(u))
-    tails = [max(LAWS[law].tail(one), sys.float_info.min) for one in np.abs(u).tolist()]
-    return np.array([-normal_quantile(tail) for tail in tails])
+    return np.asarray(-special.ndtri(np.maximum(LAWS[law].tail(np.abs(u)), np.finfo(float).tiny)))
 
 
 def unequal(errors: Floats) -> Floats:

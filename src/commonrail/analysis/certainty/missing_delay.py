@@ -17,6 +17,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 
 from commonrail.analysis.certainty.ascent import Ascent, climb
 from commonrail.analysis.certainty.covariance import Covariance, covariance_of
@@ -31,7 +32,6 @@ from commonrail.calibration.study import Study
 from commonrail.kinds import DataSet, Role, of_role
 from commonrail.observation.meter import Meter
 from commonrail.observation.quantities import is_of_meter, parts_of
-from commonrail.probability import normal_quantile, student_tail
 
 __all__ = ["POWER", "MissingDelay", "cost_of", "covariance_at", "missing_delay", "visible_delay"]
 
@@ -132,7 +132,7 @@ def visible_delay(study: Study, estimate: Estimate, level: float, threads: int |
         return float("nan"), 0
     own, wide, unit, d = both.own, both.wide, both.unit, len(estimate.unit)
     point, along = own.space.from_unit(unit), np.zeros(len(unit))
-    wanted = (normal_quantile(1.0 - 0.5 * level) + normal_quantile(POWER)) ** 2 / SEEN
+    wanted = float(special.ndtri(1.0 - 0.5 * level) + special.ndtri(POWER)) ** 2 / SEEN
     walls, delay, simulated = Walls.of(own.space), FIRST, 0
     for _ in range(TRIALS):
         ends = wide.residuals(np.column_stack([np.tile(point, (2, 1)), [0.0, delay]]))
@@ -274,4 +274,4 @@ def cost_of(own: Likelihood, known: Covariance, at: Ascent) -> float:
 
 def _probability(fall: float, freedom: float) -> float:
     """Probability of a fall of the cost as large as this without a delay: F with one degree of freedom."""
-    return 2.0 * student_tail(math.sqrt(max(fall, 0.0)), min(freedom, 1e9))
+    return 2.0 * float(special.stdtr(min(freedom, 1e9), -math.sqrt(max(fall, 0.0))))

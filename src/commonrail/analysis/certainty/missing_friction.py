@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 
 from commonrail.analysis.certainty.ascent import Ascent, climb
 from commonrail.analysis.certainty.estimate import Estimate
@@ -24,7 +25,6 @@ from commonrail.analysis.certainty.uncertain import wider, with_uncertain_free
 from commonrail.arrays import Floats
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.study import Study
-from commonrail.probability import beta_share
 from commonrail.units import to_text
 
 __all__ = ["MissingFriction", "missing_friction"]
@@ -154,4 +154,4 @@ def _probability(fall: float, freedom: float) -> float:
     """
     if freedom > 1e6:
         return math.exp(-0.5 * fall)
-    return beta_share(0.5 * freedom, 1.0, freedom / (freedom + fall))
+    return float(special.fdtrc(2.0, freedom, 0.5 * fall))

@@ -12,6 +12,7 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 
 from commonrail.analysis.certainty.ascent import Ascent, climb
 from commonrail.analysis.certainty.estimate import Estimate, pulls_of
@@ -19,7 +20,6 @@ from commonrail.analysis.certainty.laws import unequal
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.steps import Walls
 from commonrail.arrays import Floats, IndexArray
-from commonrail.probability import normal_quantile
 
 __all__ = ["Mixture", "mixture_of"]
 
@@ -99,7 +99,7 @@ def mixture_of(whole: Estimate, d: int) -> Mixture:
 def _even(random: np.random.Generator, dimension: int) -> Floats:
     """Normal draws (`DRAWS`, dimension), each coordinate evenly spread (Latin hypercube): few draws know the tails."""
     ranks = np.argsort(random.random((DRAWS, dimension)), axis=0)
-    quantiles = np.array([normal_quantile((i + 0.5) / DRAWS) for i in range(DRAWS)])
+    quantiles = special.ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
     return np.asarray(quantiles[ranks])
 
 

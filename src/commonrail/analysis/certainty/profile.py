@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import linprog
 
 from commonrail.analysis.certainty.ascent import climb
 from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.steps import Walls, constrained_step
 from commonrail.arrays import Floats, IndexArray
-from commonrail.linear_programme import highest_point
 
 __all__ = ["Profile", "ProfileEnd", "fall_along", "profiles_of"]
 
@@ -118,7 +118,7 @@ class _Ends:
             along = np.zeros(self.own.space.dimension)
             along[i] = sign
             if self.walls.constraints:
-                end = highest_point(along, self.walls.rows, self.walls.floor)
+                end = linprog(-along, A_ub=-self.walls.rows, b_ub=-self.walls.floor, bounds=(None, None)).x
                 found[k] = self.estimate.unit[i] if end is None else end[i]
             else:
                 found[k] = float(sign > 0.0)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 
 from commonrail.arrays import Bools, Floats
 from commonrail.calibration.space import Space
-from commonrail.linear_programme import non_negative
 
 __all__ = ["Walls", "constrained_step"]
 
@@ -89,8 +89,9 @@ def constrained_step(matrix: Floats, step: Floats, rows: Floats, least: Floats) 
     system = np.vstack([walls.T, short])
     target = np.zeros(len(system))
     target[-1] = 1.0
-    weights = non_negative(system, target)
-    if weights is None:
+    try:
+        weights, _ = nnls(system, target)
+    except RuntimeError:  # not found within its number of iterations
         return np.zeros_like(step)
     rest = system @ weights - target
     if abs(rest[-1]) <= _TINY:

@@ -15,7 +15,6 @@ import numpy as np
 
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.steps import Walls
-from commonrail.analysis.posterior.convergence import effective_size, r_hat
 from commonrail.analysis.posterior.density import PosteriorDensity
 from commonrail.analysis.posterior.proposals import Surrogate, local_surrogate
 from commonrail.arguments import whole
@@ -49,7 +48,8 @@ class Posterior(Shown):
     log_density : (chains, steps)
         Without its constant.
     r_hat, effective : (d,)
-        Of each parameter, see `convergence`.
+        Of each parameter: rank-normalised split R-hat, and the smaller of the effective numbers of draws of bulk and
+        tails (Vehtari et al. 2021).
     accepted : float
         Share of proposals.
     simulated, failed : int
@@ -158,7 +158,7 @@ def sample_posterior(
     Raises
     ------
     ConfigurationError
-        If the library emcee is not installed, or an argument is of another kind.
+        If the libraries emcee and arviz-stats are not installed, or an argument is of another kind.
     SimulationError
         If no starts can be simulated.
     """
@@ -175,8 +175,7 @@ def sample_posterior(
             estimate,
             unit,
             logs,
-            np.array([r_hat(unit[..., i]) for i in range(unit.shape[-1])]),
-            np.array([effective_size(unit[..., i]) for i in range(unit.shape[-1])]),
+            *_agreement(unit),
             ensembles.accepted,
             density.likelihood.simulated,
             density.likelihood.failed,
@@ -201,12 +200,12 @@ class _Ensembles:
         for own in seeds:
             random = np.random.RandomState(own)
             start = _start(density, surrogate, self.walkers, random)
-            self.states.append(_emcee().State(start, random_state=random.get_state()))
+            self.states.append(_libraries()[0].State(start, random_state=random.get_state()))
         self.evaluated = 0
         self._begin(surrogate)
 
     def _begin(self, surrogate: Surrogate) -> None:
-        emcee = _emcee()
+        emcee, _ = _libraries()
         dimension = len(surrogate.centre)
         self.samplers = []
         for state in self.states:
@@ -274,12 +273,25 @@ def _start(density: PosteriorDensity, surrogate: Surrogate, many: int, random: A
     )
 
 
-def _emcee() -> Any:
-    """Library emcee."""
+def _agreement(unit: Floats) -> tuple[Floats, Floats]:
+    """R-hat and effective number of draws (d,) of chains (chains, steps, d)."""
+    _, diagnostics = _libraries()
+    chains = {"chain_axis": 0, "draw_axis": 1}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        r_hat = diagnostics.rhat(unit, **chains)
+    bulk = diagnostics.ess(unit, **chains)
+    tails = diagnostics.ess(unit, **chains, method="tail", prob=(0.05, 0.95))
+    return np.nan_to_num(r_hat, nan=np.inf, posinf=np.inf), np.minimum(bulk, tails)  # NaN: chains that do not move
+
+
+def _libraries() -> tuple[Any, Any]:
+    """Modules of emcee and of ArviZ's diagnostics."""
     try:
         import emcee
+        from arviz_stats.base import array_stats
     except ImportError as error:
         raise ConfigurationError(
-            'A posterior needs the library emcee, which is not installed: pip install "commonrail[posterior]".'
+            "A posterior needs the libraries emcee and arviz-stats, which are not both installed: "
+            'pip install "commonrail[posterior]".'
         ) from error
-    return emcee
+    return emcee, array_stats

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import special
 
 from commonrail.analysis.certainty.covariance import student
 from commonrail.arrays import Bools, Floats
 from commonrail.display.text import number
 from commonrail.kinds import DataSet
 from commonrail.kinds.records import point_record
-from commonrail.probability import normal_quantile
 
 __all__ = ["Band", "Edges", "band_from_draws", "band_from_slopes", "union"]
 
@@ -231,10 +230,9 @@ def _scattered(
     return (drawn[:, None] + scatter * deviations[:, None, None]).reshape(len(drawn), -1)
 
 
-@functools.lru_cache(maxsize=8)
 def _equally_likely(many: int) -> Floats:
     """Values (many,) that divide the standard normal distribution into parts of equal probability, at their middles."""
-    return np.array([normal_quantile((k + 0.5) / many) for k in range(many)])
+    return np.asarray(special.ndtri((np.arange(many) + 0.5) / many))
 
 
 def union(edges: Sequence[Mapping[float, Edges]]) -> dict[float, Edges]:
