@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,10 @@ from commonrail.engine.status import Status
 from commonrail.errors import InputError, SimulationError
 from commonrail.files import atomic
 from commonrail.injector.definition import Injector
-from commonrail.observation.metered import Metered
 from commonrail.units import to_text
+
+if TYPE_CHECKING:
+    from commonrail.observation.metered import Metered
 
 __all__ = ["Run", "Settings", "figures", "heading", "record", "solve", "with_body", "write_csv"]
 

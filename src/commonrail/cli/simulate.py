@@ -107,7 +107,6 @@ def simulate(
     from commonrail.cli import injection
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.files.model_name import read_model_name
-    from commonrail.observation.metered import metered
 
     if engine is Engine.REFERENCE and precision is not Precision.F64:
         raise InputError("--precision f32: the reference engine computes in f64 only; omit --precision or --engine.")
@@ -131,6 +130,8 @@ def simulate(
     solution = injection.solve(chosen, point, injection.Settings(engine, step, precision))
     run = injection.Run(chosen, point, solution, step, time.perf_counter() - begin, precision)
     if seen is not None:
+        from commonrail.observation.metered import metered
+
         run = run._replace(shown=metered(solution, seen, chosen, point))
     files = _write(run, out, plot)
     if json:

@@ -8,11 +8,9 @@ from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
 
-from commonrail.calibration.labels import check_labels
 from commonrail.choices import Actuation, Body, Boundary, Drive
 from commonrail.errors import InputError, nearest
 from commonrail.files.injector_file import injector_catalogue, load_injector, load_meters
-from commonrail.files.stopped import note_stopped
 from commonrail.injector.definition import Injector
 from commonrail.injector.variants import Variant
 from commonrail.observation.meter import Meter
@@ -63,6 +61,8 @@ def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
     ConfigurationError
         If a label cannot be used, or there are too many models.
     """
+    from commonrail.calibration.labels import check_labels  # imports all of the calibration
+
     models = [read_model_name(text) for text in texts]
     taken: set[str] = set()
     for model in models:
@@ -102,6 +102,8 @@ def read_model_name(text: str) -> NamedModel:
             injector = replace(injector, variant=_varied(injector.variant, words))
     folder = Path(source) if _is_run(source) else None
     if folder is not None:
+        from commonrail.files.stopped import note_stopped
+
         note_stopped(folder)
     run = folder if words is None else None
     if label is not None:
