@@ -87,7 +87,6 @@ LAZY += ("tomlkit", "xarray")
 # The reference integrates by SciPy, plates are drawn by Matplotlib, and each reader of a child process exists for one
 # library: whoever asks for these modules needs them.
 AT_THE_TOP = {
-    "engine/direct_reference.py": {"scipy"},
     "engine/reference.py": {"scipy"},
     "reading/child_mat.py": {"scipy"},
     "reading/child_mdf.py": {"asammdf"},

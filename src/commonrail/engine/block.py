@@ -130,7 +130,7 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting) -> La
     wired = wiring(variant)
     load_parameters, load_fuel, store_inputs = wired.parameters.load, FUEL.load, INPUTS.store
     store_coefficients, store_state = wired.coefficients.store, wired.state.store
-    coefficients, rest, longest_touch, farthest_lift = wired.setup, wired.rest, wired.touch, wired.farthest
+    coefficients, rest, longest_contact, farthest_lift = wired.setup, wired.rest, wired.longest_contact, wired.farthest
     known, fuel_known = len(wired.parameters.paths), len(FUEL.paths)
 
     @physics
@@ -150,7 +150,7 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting) -> La
             zero = 0.0 * setting.dt
             at_rest = Inputs(setting.rail, setting.cylinder, setting.low, zero, zero, zero)
             store_inputs(work, at(rows, rows.inputs, lane), rows.lanes, at_rest)
-            work[at(rows, rows.touch, lane)] = longest_touch(c) / setting.dt
+            work[at(rows, rows.touch, lane)] = longest_contact(c) / setting.dt
             work[at(rows, rows.farthest, lane)] = farthest_lift(c)
             rests = work[at(rows, rows.tip, lane)] < 0.0 and work[at(rows, rows.valve_lift, lane)] < 0.0
             out[lane, FIGURE.closed_at_start] = 1.0 if rests else 0.0

@@ -20,9 +20,9 @@ from commonrail.choices import Drive
 from commonrail.compile import physics
 from commonrail.engine.instant import AT, past_limit
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.rates import make_rates, make_sac_rate
+from commonrail.engine.rates import make_air_gap, make_rates, make_sac_rate
 from commonrail.engine.timetable import courses, knots, segments, value_at
-from commonrail.engine.vector import CORE, make_frame
+from commonrail.engine.vector import core_of, make_frame
 from commonrail.injector.joints import CLEAR_LIFT, REOPENED
 from commonrail.injector.model import Coefficients
 from commonrail.injector.variants import Variant, wiring
@@ -35,7 +35,6 @@ Floats = NDArray[np.float64]
 # Runge's stages: where in the step each is taken (there is no fifth), and what its slope contributes
 AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
 SHARE = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
-INJECTED = CORE.row("nozzle.injected")
 MET = 1e-9  # the current meets its limit, relative to the band
 SETTLED = 1.0  # share of the SAC's settling time that a step may take; Runge-Kutta's limit of stability is 2.8
 SHORTEST = 0.02  # of the step: shorter it does not get for that
@@ -208,7 +207,8 @@ def stride(left: float, step: float) -> float:
 
 
 def _make_march(variant: Variant) -> Callable[..., bool]:
-    load, load_core, frame = wiring(variant).coefficients.load, CORE.load, make_frame(variant)
+    load, frame, air_gap = wiring(variant).coefficients.load, make_frame(variant), make_air_gap(variant)
+    flux_row, injected_row = core_of(variant).row("solenoid.flux"), core_of(variant).row("nozzle.injected")
     rates, sac_rate = physics(make_rates(variant)), make_sac_rate(variant)
     switching, farthest_lift = variant.drive is Drive.PWM, wiring(variant).farthest
 
@@ -227,15 +227,16 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
                 trial[i] = y[i] + AHEAD[stage + 1] * h * slope[i]
 
     @physics
-    def past(c: Coefficients, core: int, y: Any, outside: Any) -> float:
+    def past(c: Any, cells: Any, y: Any, outside: Any) -> float:
         if not switching or outside[AT.on] < 0.5:
             return -1.0
-        return past_limit(c, outside[AT.peak], outside[AT.conducting], load_core(y, core, 1))
+        flux, gap = y[frame(cells).core + flux_row], air_gap(c, y, cells)
+        return past_limit(c, outside[AT.peak], outside[AT.conducting], flux, gap)
 
     def loop(plan, fixed, step, start, states, noted):  # type: ignore[no-untyped-def]
         stops, rows, cells = plan.stops, plan.rows, fixed.cells
         c, at = load(fixed.constants, 0, 1), frame(cells)
-        core, tip, injected = at.core, at.line - 2, at.core + INJECTED
+        tip, injected = at.line - 2, at.core + injected_row
         farthest = farthest_lift(c)
         outside, work = np.zeros(len(AT)), np.empty((4, len(start)))
         y, new = work[0], work[1]
@@ -245,16 +246,16 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
         for k in range(len(stops) - 1):
             outside[AT.on], outside[AT.peak] = plan.schedule[k, 0], plan.schedule[k, 1]
             outside[AT.conducting] = outside[AT.conducting] if outside[AT.on] > 0.5 else 2.0
-            if past(c, core, y, outside) > MET:
+            if past(c, cells, y, outside) > MET:
                 outside[AT.conducting] = turned(outside[AT.conducting])
             now, stop, tries = stops[k], stops[k + 1], 0
-            short, gap, long, over = 0.0, past(c, core, y, outside), 0.0, 0.0
+            short, gap, long, over = 0.0, past(c, cells, y, outside), 0.0, 0.0
             while now < stop:
                 settling = SETTLED / sac_rate(c, y, cells, outside[AT.cylinder])
                 fits = max(min(step, settling), SHORTEST * step)
                 h = short - gap * (long - short) / (over - gap) if long > 0.0 else stride(stop - now, fits)
                 runge_kutta(work, now, h, outside, (plan, k), fixed)
-                ahead = past(c, core, new, outside)
+                ahead = past(c, cells, new, outside)
                 tries += 1
                 if abs(ahead) > MET and (ahead > 0.0 or long > 0.0) and tries < TRIES:
                     # the PWM switches in this step: shorten it to the instant
@@ -266,7 +267,7 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
                 y[:] = new
                 if long > 0.0:
                     outside[AT.conducting] = turned(outside[AT.conducting])
-                short, gap, long, tries = 0.0, past(c, core, y, outside), 0.0, 0
+                short, gap, long, tries = 0.0, past(c, cells, y, outside), 0.0, 0
             if rows[k + 1] >= 0:
                 states[rows[k + 1]] = y
                 # not isfinite(), which "reassoc" folds to true; any comparison with NaN is false

@@ -65,8 +65,8 @@ class Working(NamedTuple):
 # rows that the loop itself looks at: single ones of the state, first ones of groups
 _BOTH = {
     "injected": "nozzle.injected",
-    "returned": "books.returned",
-    "supplied": "books.supplied",
+    "returned": "cumulative_flows.returned",
+    "supplied": "cumulative_flows.supplied",
     "sac_pressure": "sac.pressure",
     "store_pressure": "accumulation.fuel.pressure",
 }

@@ -145,7 +145,7 @@ def simulate(
         injected,
         read_channels(injector, point, time, {name: row[::stride] for name, row in states.items()}),
         float(states["nozzle.injected"][-1]),  # at the horizon, which a sample need not meet
-        float(states["books.returned"][-1]),
+        float(states["cumulative_flows.returned"][-1]),
         point.start + time_step * float(outcome.opening[0, 0]),
         point.start + time_step * float(outcome.closing[0, 0]),
         point.start + time_step * float(outcome.first_closing[0, 0]),

@@ -185,9 +185,9 @@ def _read_entries(variant: Variant) -> tuple[Law, Law]:
     def observe(work, channels):  # type: ignore[no-untyped-def]
         numbers, out = view(work, 0, (working,)), view(channels, 0, (seen,))
         c, s = load_coefficients(numbers, 0, 1), load_state(numbers, state, 1)
-        out[0], out[1], out[2] = s.nozzle.injected, s.books.returned, s.books.supplied
+        out[0], out[1], out[2] = s.nozzle.injected, s.cumulative_flows.returned, s.cumulative_flows.supplied
         out[3], out[4], out[5] = numbers[tip], s.accumulation.fuel.pressure, s.sac.pressure
-        out[7] = solenoid.pull(c.solenoid, s.solenoid.pulling_flux)
+        out[7] = solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux)
         out[8], out[9] = discharge(c.nozzle, s.nozzle.lift_reached), s.feed_pipe.inlet_flow
         out[6] = solenoid.circuit(c.solenoid, s.solenoid.flux, observe_rest(c, s, numbers[top], out), 0.0).current
 

@@ -94,10 +94,10 @@ def contact_over_step(
     damper = stiffness * factor
     damping = damper * overlap
     resisting = stiffness + damper * speed
-    bend = per_step * (outer - resisting * overlap) if depth > 0.0 else 0.0  # dt² δ̈
+    curvature = per_step * (outer - resisting * overlap) if depth > 0.0 else 0.0  # dt² δ̈
     return Contact(
-        stiffness * overlap + (stiffness + damping * damping * per_mass) * bend * (1.0 / 12.0),
-        max(damping * (1.0 + per_step * resisting * (1.0 / 12.0)) + 0.25 * damper * bend, 0.0),
+        stiffness * overlap + (stiffness + damping * damping * per_mass) * curvature * (1.0 / 12.0),
+        max(damping * (1.0 + per_step * resisting * (1.0 / 12.0)) + 0.25 * damper * curvature, 0.0),
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from commonrail.fuel.kernel import FuelCoefficients
-from commonrail.injector.model import Ambient, Books
+from commonrail.injector.model import Ambient, CumulativeFlows
 from commonrail.parts import (
     accumulation,
     armature,
@@ -46,7 +46,7 @@ class Delays(NamedTuple):
     feed: float
     rising: float
     falling: float
-    lift_lost: float
+    memory_lag_fraction: float
 
 
 class Coefficients(NamedTuple):
@@ -77,4 +77,4 @@ class State(NamedTuple):
     body: direct_needle.State
     sac: Contents
     nozzle: nozzle.State
-    books: Books
+    cumulative_flows: CumulativeFlows

@@ -61,8 +61,8 @@ class Delays(NamedTuple):
 
     feed: float
     back: float
-    eddy_share: float
-    lift_lost: float
+    eddy_lag_fraction: float
+    memory_lag_fraction: float
 
 
 class Coefficients(NamedTuple):
@@ -86,7 +86,7 @@ class Coefficients(NamedTuple):
     delays: Delays
 
 
-class Books(NamedTuple):
+class CumulativeFlows(NamedTuple):
     """Fuel given to the return and supplied by the rail so far [kg]."""
 
     returned: float
@@ -107,7 +107,7 @@ class State(NamedTuple):
     body: Any
     sac: Contents
     nozzle: nozzle.State
-    books: Books
+    cumulative_flows: CumulativeFlows
 
 
 class Waves(NamedTuple):

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 # Rows that are no state of the linear model: sums that nothing reads, the PWM's transistor, which jumps, and what
 # follows from the density in a volume. The density is one beside the mass, because the volume moves with its walls.
-_SUMS = ("nozzle.injected", "books.returned", "books.supplied", "drive.conducting")
+_SUMS = ("nozzle.injected", "cumulative_flows.returned", "cumulative_flows.supplied", "drive.conducting")
 _OF_DENSITY = ("pressure", "stiffness")
 # Differences by the end of a name: absolute [SI], and relative to the value.
 _STEPS = {
