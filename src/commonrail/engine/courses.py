@@ -15,12 +15,12 @@ from commonrail.engine.timetable import courses
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 
-__all__ = ["LOOK_AFTER", "MAXIMUM_STEPS", "courses_of"]
+__all__ = ["CHECK_AFTER", "MAXIMUM_STEPS", "courses_of"]
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
-LOOK_AFTER = 100e-6  # earliest time after energising at which the end of injection is looked for [s]
+CHECK_AFTER = 100e-6  # earliest time after energising at which an injection may have ended [s]
 MAXIMUM_STEPS = 2_000_000
 ALMOST_ALL = 1.0 - 1e-9  # share of a step in which an energising must begin to count as begun in it
 _IDLE = -1.0  # clocks of a point without energisings [s]
@@ -57,7 +57,7 @@ def courses_of(injector: Injector, points: Sequence[OperatingPoint], dt: float) 
     return Courses(
         np.array([point.initial_pressures() for point in points]),
         steps,
-        np.array([_quiet(point, dt) for point in points]),
+        np.array([_earliest_end(point, dt) for point in points]),
         times,
         clock,
         first,
@@ -77,11 +77,11 @@ def _steps(point: OperatingPoint, dt: float) -> int:
     return steps
 
 
-def _quiet(point: OperatingPoint, dt: float) -> int:
+def _earliest_end(point: OperatingPoint, dt: float) -> int:
     last = max((p.start + p.duration for p in point.pulses), default=point.start)
     if point.drive is not None:
         last = max(last, point.drive.time[-1])
-    return round((last - point.start + LOOK_AFTER) / dt)
+    return round((last - point.start + CHECK_AFTER) / dt)
 
 
 def _turns(

@@ -38,7 +38,7 @@ class Courses(NamedTuple):
     settings : (points, 3)
         Rail, cylinder and return pressure at time zero [Pa], and throughout where a point has no trace.
     steps : (points,) int
-    quiet : (points,) int
+    earliest_end : (points,) int
         First step at which an injection may have ended.
     times : (clocks, steps)
         Starts of the steps [s].
@@ -58,7 +58,7 @@ class Courses(NamedTuple):
 
     settings: Floats
     steps: NDArray[np.int64]
-    quiet: NDArray[np.int64]
+    earliest_end: NDArray[np.int64]
     times: Floats
     clock: NDArray[np.int64]
     first: NDArray[np.int64]
@@ -99,10 +99,10 @@ class Job(NamedTuple):
         [s].
     ring : int
         Slots of a ring buffer, a power of two above the longest delay.
-    look_every : int
-        Steps between looks at health and rest.
-    patience : int
-        Looks for which needle and valve must have rested before a simulation ends; 0: it runs to its horizon.
+    check_every : int
+        Steps between checks of health and rest.
+    checks_at_rest : int
+        Checks for which needle and valve must have rested before a simulation ends; 0: it runs to its horizon.
     """
 
     theta: Floats
@@ -111,8 +111,8 @@ class Job(NamedTuple):
     candidates: NDArray[np.int64]
     dt: float
     ring: int
-    look_every: int
-    patience: int
+    check_every: int
+    checks_at_rest: int
 
 
 class Samples(NamedTuple):

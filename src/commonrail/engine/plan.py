@@ -25,7 +25,7 @@ from commonrail.injector.variants import wiring
 
 Floats = NDArray[np.float64]
 
-LOOK_INTERVAL = 20e-6  # between looks at health and rest [s]
+CHECK_INTERVAL = 20e-6  # between checks of health and rest [s]
 RESTING = 100e-6  # an injection has ended once needle and valve have rested this long [s]
 SLOWEST_WAVE = 600.0  # below any sound speed of a fuel [m/s]: sizes the buffers of the travelling waves
 _WAYS = {"feed_pipe.length": 1.0, "return_line.length": 2.0}  # of a wave in the buffers, in lengths
@@ -169,11 +169,11 @@ def make_job(
         As in `fill_lanes`; samples to compare with demand it.
     """
     dt, courses = prepared.dt, prepared.courses
-    every = max(round(LOOK_INTERVAL / dt), 1)
+    every = max(round(CHECK_INTERVAL / dt), 1)
     return Job(
         np.ascontiguousarray(theta),
         courses,
-        *fill_lanes(courses, len(theta), width, by_quiet=stop_when_closed, apart=apart),
+        *fill_lanes(courses, len(theta), width, by_earliest_end=stop_when_closed, apart=apart),
         dt,
         _ring(prepared.injector, theta, dt, int(courses.steps.max())),
         every,
@@ -205,7 +205,7 @@ def _lanes(order: bytes, starts: bytes, candidates: int, width: int) -> tuple[ND
 
 
 def fill_lanes(
-    courses: Courses, candidates: int, width: int, *, by_quiet: bool = False, apart: bool = False
+    courses: Courses, candidates: int, width: int, *, by_earliest_end: bool = False, apart: bool = False
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Points and candidates of the lanes of each block, (blocks, width) each: every candidate at every point.
 
@@ -218,13 +218,13 @@ def fill_lanes(
     candidates : int
     width : int
         Lanes of a block.
-    by_quiet : bool
+    by_earliest_end : bool
         Simulations end once their injection has ended, rather than at their horizon.
     apart : bool
         Only candidates at the same point share a block.
     """
     points = len(courses.steps)
-    end = courses.quiet if by_quiet else courses.steps
+    end = courses.earliest_end if by_earliest_end else courses.steps
     order = np.lexsort((courses.settings[:, 0], -end, courses.clock)) if points > 1 else np.zeros(1, np.int64)
     clock = courses.clock[order]
     starts = np.arange(points) if apart else np.append(0, 1 + np.flatnonzero(clock[1:] != clock[:-1]))

@@ -142,7 +142,7 @@ class Model:
         self.rates = compiled_rates(variant)
         self.outside = np.zeros(len(AT))
         self.variant = variant
-        self._evaluations, self._looked_at = 0, point.start
+        self._evaluations, self._checked_at = 0, point.start
         self.last = self.start
 
     @property
@@ -201,7 +201,7 @@ class Model:
             "max_step": self.resolution.longest_step,
             "first_step": min(1e-10, stop - start),
         }
-        self._evaluations, self._looked_at = 0, start
+        self._evaluations, self._checked_at = 0, start
         try:
             result = solve_ivp(self._rhs, (start, stop), y, "LSODA", lband=self.band, uband=self.band, **common)
         except _Crawling:
@@ -245,9 +245,9 @@ class Model:
     def _rhs(self, t: float, y: Floats) -> Floats:
         self._evaluations += 1
         if self._evaluations == CRAWL[0]:
-            if t - self._looked_at < CRAWL[1]:
+            if t - self._checked_at < CRAWL[1]:
                 raise _Crawling
-            self._evaluations, self._looked_at = 0, t
+            self._evaluations, self._checked_at = 0, t
         return self.slopes(t, y)
 
     def slopes(self, t: float, y: Floats) -> Floats:

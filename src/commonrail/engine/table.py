@@ -94,7 +94,7 @@ GIVEN = Given(
         Courses(
             settings=_floats(2),
             steps=_wholes(1),
-            quiet=_wholes(1),
+            earliest_end=_wholes(1),
             times=_floats(2),
             clock=_wholes(1),
             first=_wholes(1),

@@ -26,8 +26,8 @@ from numba.np.arrayobj import make_array, populate_array
 
 from commonrail.choices import Actuation
 from commonrail.compile import physics
-from commonrail.engine.block import FUEL, Law, Memory, copy_number, make_advance, make_begin, make_ferry
-from commonrail.engine.notes import Outcome, report_rest
+from commonrail.engine.block import FUEL, Law, Memory, copy_number, make_advance, make_begin, make_wave_transport
+from commonrail.engine.notes import Outcome, report_remaining
 from commonrail.engine.rows import make_rows
 from commonrail.fuel import kernel
 from commonrail.injector.model import Inputs, Setting
@@ -153,7 +153,7 @@ def _medium(coefficients, pressure, medium):  # type: ignore[no-untyped-def]
 def _loop_entries(variant: Variant) -> tuple[Law, Law]:
     rows, size = make_rows(variant, 1), sizes(variant)
     put, advance = make_begin(variant, rows), make_advance(variant, rows)
-    arrive, leave = make_ferry(rows, copy_number)
+    arrive, leave = make_wave_transport(rows, copy_number)
     columns, working, inputs_of_step, noted = size.parameters + size.fuel, size.work, size.inputs, size.figures
     candidates = (-1, 0)  # operating point, then the candidate of the lane, as in a block
 
@@ -192,7 +192,7 @@ def _read_entries(variant: Variant) -> tuple[Law, Law]:
         out[6] = solenoid.circuit(c.solenoid, s.solenoid.flux, observe_rest(c, s, numbers[top], out), 0.0).current
 
     def figures(work, cylinder, out):  # type: ignore[no-untyped-def]
-        report_rest(view(work, 0, (working,)), rows, cylinder, view(out, 0, (1, noted)))
+        report_remaining(view(work, 0, (working,)), rows, cylinder, view(out, 0, (1, noted)))
 
     return observe, figures
 

@@ -131,7 +131,7 @@ def _spread(few: Courses, by_pressure: Whole, by_energising: Whole) -> Courses:
     return few._replace(
         settings=few.settings[by_pressure],
         steps=few.steps[by_energising],
-        quiet=few.quiet[by_energising],
+        earliest_end=few.earliest_end[by_energising],
         clock=few.clock[by_energising],
         first=few.first[by_energising],
         trace=few.trace[by_energising],

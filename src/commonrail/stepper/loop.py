@@ -17,7 +17,7 @@ from commonrail.engine.block import (
     copy_number,
     make_advance,
     make_begin,
-    make_ferry,
+    make_wave_transport,
 )
 from commonrail.engine.rows import make_rows
 from commonrail.injector.model import Inputs, Setting
@@ -75,7 +75,7 @@ def make_march(variant: Variant, rows: Any) -> Callable[..., None]:
     from commonrail.jit import exchange_rounding
 
     begin, advance = make_begin(variant, rows), make_advance(variant, rows, any_vectors)
-    arrive, leave = make_ferry(rows, copy_number)
+    arrive, leave = make_wave_transport(rows, copy_number)
     size, order = rows.end, (0, 0)  # point and candidate of the one lane
 
     def march(memory, ring, first, theta, settings, inputs):  # type: ignore[no-untyped-def]
