@@ -55,16 +55,16 @@ def courses_of(injector: Injector, points: Sequence[OperatingPoint], dt: float) 
     for row, i in enumerate(traced):
         trace[i], traces[row] = row, _means(points[i], dt, int(steps[i]), len(after))
     return Courses(
-        np.array([point.initial_pressures() for point in points]),
-        steps,
-        np.array([_earliest_end(point, dt) for point in points]),
-        times,
-        clock,
-        first,
-        turns,
-        origins,
-        trace,
-        traces,
+        settings=np.array([point.initial_pressures() for point in points]),
+        steps=steps,
+        earliest_end=np.array([_earliest_end(point, dt) for point in points]),
+        times=times,
+        clock=clock,
+        first=first,
+        turns=turns,
+        origins=origins,
+        trace=trace,
+        traces=traces,
     )
 
 

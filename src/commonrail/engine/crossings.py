@@ -1,4 +1,4 @@
-"""Crossings of the needle's seat that a reference engine has noted, and the instants that follow from them."""
+"""Crossings of the needle's seat that a reference engine has recorded, and the instants that follow from them."""
 
 from __future__ import annotations
 

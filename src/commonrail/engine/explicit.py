@@ -118,10 +118,10 @@ def march(problem: Problem, time: Floats, step: float) -> Marched:
     """
     plan = _plan(problem, time)
     states = np.full((len(time), len(problem.start)), np.nan)
-    noted = np.append(np.full(3, np.nan), (0.0, 0.0))
+    recorded = np.append(np.full(3, np.nan), (0.0, 0.0))
     loop = compiled_march(problem.variant)
-    finished = loop(plan, problem.fixed, min(step, passage(problem)), problem.start, states, noted)
-    return Marched(states, Instants(*noted[:3].tolist()), bool(finished))
+    finished = loop(plan, problem.fixed, min(step, passage(problem)), problem.start, states, recorded)
+    return Marched(states, Instants(*recorded[:3].tolist()), bool(finished))
 
 
 def passage(problem: Problem) -> float:
@@ -146,7 +146,7 @@ def _plan(problem: Problem, time: Floats) -> _Plan:
 
 @functools.cache
 def compiled_march(variant: Variant) -> Callable[..., bool]:
-    """The loop of a variant, compiled: function (plan, fixed, step, start, states, noted)."""
+    """The loop of a variant, compiled: function (plan, fixed, step, start, states, recorded)."""
     from commonrail.jit import kernel
 
     return kernel(_make_march(variant), f"march: {variant.label}")  # type: ignore[no-any-return]
@@ -173,12 +173,12 @@ def set_courses(outside: Any, plan: Any, k: int, t: float) -> None:
 
 
 @physics
-def note_instants(noted: Any, now: float, h: float, old: float, new: float, injected: float) -> None:
+def record_instants(recorded: Any, now: float, h: float, old: float, new: float, injected: float) -> None:
     """Keep the fields of `Instants`; then 1 while the needle is clear, and the mass injected when it left its seat.
 
     Parameters
     ----------
-    noted : (5,) array
+    recorded : (5,) array
         To be set.
     now, h : float
         Start and length of the step [s].
@@ -188,16 +188,16 @@ def note_instants(noted: Any, now: float, h: float, old: float, new: float, inje
         Mass injected by then [kg].
     """
     if old <= 0.0:
-        noted[4] = injected
+        recorded[4] = injected
     if old <= CLEAR_LIFT < new:
-        if math.isnan(noted[0]):
-            noted[0] = now + h * (CLEAR_LIFT - old) / (new - old)
-        noted[1], noted[3] = math.nan, 1.0
-    flowed = injected - noted[4]
-    if new <= 0.0 < old and not math.isnan(noted[0]) and (noted[3] > 0.5 or flowed > REOPENED * injected):
-        noted[1], noted[3] = now + h * old / (old - new), 0.0
-        if math.isnan(noted[2]):
-            noted[2] = noted[1]
+        if math.isnan(recorded[0]):
+            recorded[0] = now + h * (CLEAR_LIFT - old) / (new - old)
+        recorded[1], recorded[3] = math.nan, 1.0
+    flowed = injected - recorded[4]
+    if new <= 0.0 < old and not math.isnan(recorded[0]) and (recorded[3] > 0.5 or flowed > REOPENED * injected):
+        recorded[1], recorded[3] = now + h * old / (old - new), 0.0
+        if math.isnan(recorded[2]):
+            recorded[2] = recorded[1]
 
 
 @physics
@@ -233,7 +233,7 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
         flux, gap = y[frame(cells).core + flux_row], air_gap(c, y, cells)
         return past_limit(c, outside[AT.peak], outside[AT.conducting], flux, gap)
 
-    def loop(plan, fixed, step, start, states, noted):  # type: ignore[no-untyped-def]
+    def loop(plan, fixed, step, start, states, recorded):  # type: ignore[no-untyped-def]
         stops, rows, cells = plan.stops, plan.rows, fixed.cells
         c, at = load(fixed.constants, 0, 1), frame(cells)
         tip, injected = at.line - 2, at.core + injected_row
@@ -262,7 +262,7 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
                     short, gap = (short, gap) if ahead > 0.0 else (h, ahead)
                     long, over = (h, ahead) if ahead > 0.0 else (long, over)
                     continue
-                note_instants(noted, now, h, y[tip], new[tip], new[injected])
+                record_instants(recorded, now, h, y[tip], new[tip], new[injected])
                 now = stop if h >= stop - now else now + h
                 y[:] = new
                 if long > 0.0:

@@ -85,15 +85,15 @@ def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> 
     note_narrow_pipe(injector, points)
     highest = np.array([_largest(point.rail_pressure) for point in points])
     return Prepared(
-        injector,
-        points,
-        dt,
-        candidate_matrix(injector, (), np.empty((1, 0)))[0],
-        courses_of(injector, points, dt),
-        np.array([point.start for point in points]),
-        reference_densities(injector, points),
-        highest,
-        medium_of(injector, float(highest.max())),
+        injector=injector,
+        points=points,
+        dt=dt,
+        row=candidate_matrix(injector, (), np.empty((1, 0)))[0],
+        courses=courses_of(injector, points, dt),
+        begin=np.array([point.start for point in points]),
+        densities=reference_densities(injector, points),
+        highest=highest,
+        medium=medium_of(injector, float(highest.max())),
     )
 
 
@@ -170,14 +170,16 @@ def make_job(
     """
     dt, courses = prepared.dt, prepared.courses
     every = max(round(CHECK_INTERVAL / dt), 1)
+    points, candidates = fill_lanes(courses, len(theta), width, by_earliest_end=stop_when_closed, apart=apart)
     return Job(
-        np.ascontiguousarray(theta),
-        courses,
-        *fill_lanes(courses, len(theta), width, by_earliest_end=stop_when_closed, apart=apart),
-        dt,
-        _ring(prepared.injector, theta, dt, int(courses.steps.max())),
-        every,
-        max(round(RESTING / (every * dt)), 1) if stop_when_closed else 0,
+        theta=np.ascontiguousarray(theta),
+        courses=courses,
+        points=points,
+        candidates=candidates,
+        dt=dt,
+        ring=_ring(prepared.injector, theta, dt, int(courses.steps.max())),
+        check_every=every,
+        checks_at_rest=max(round(RESTING / (every * dt)), 1) if stop_when_closed else 0,
     )
 
 

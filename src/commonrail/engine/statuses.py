@@ -1,4 +1,4 @@
-"""Statuses of simulations, from what the compiled loop has noted."""
+"""Statuses of simulations, from what the compiled loop has recorded."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def statuses_of(names: Sequence[str], theta: Floats, prepared: Prepared, outcome
     prepared : Prepared
         Injector, operating points and step.
     outcome : Outcome
-        Notes of the run.
+        Figures of the run.
     """
     status = np.full((len(theta), len(prepared.points)), OK)
     status[outcome.closed_at_end == 0.0] = STILL_INJECTING

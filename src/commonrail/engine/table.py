@@ -88,10 +88,10 @@ def _wholes(dimensions: int) -> Any:
 
 
 GIVEN = Given(
-    Shape(*[_NUMBER] * 4),
-    Job(
-        _floats(2),
-        Courses(
+    shape=Shape(*[_NUMBER] * 4),
+    job=Job(
+        theta=_floats(2),
+        courses=Courses(
             settings=_floats(2),
             steps=_wholes(1),
             earliest_end=_wholes(1),
@@ -103,19 +103,19 @@ GIVEN = Given(
             trace=_wholes(1),
             traces=_floats(3),
         ),
-        _wholes(2),
-        _wholes(2),
-        _REAL,
-        _NUMBER,
-        _NUMBER,
-        _NUMBER,
+        points=_wholes(2),
+        candidates=_wholes(2),
+        dt=_REAL,
+        ring=_NUMBER,
+        check_every=_NUMBER,
+        checks_at_rest=_NUMBER,
     ),
-    Samples(_wholes(1), _wholes(2), _floats(3), _floats(2)),
-    _floats(4),
-    _floats(3),
-    Scratch(Array("real", 1), Array("real", 1), _floats(1)),
-    _NUMBER,
-    _NUMBER,
+    samples=Samples(_wholes(1), _wholes(2), _floats(3), _floats(2)),
+    trace=_floats(4),
+    out=_floats(3),
+    scratch=Scratch(Array("real", 1), Array("real", 1), _floats(1)),
+    first=_NUMBER,
+    stride=_NUMBER,
 )
 
 

@@ -8,7 +8,7 @@ what flows through the seat is drawn from the accumulation volume, which the fee
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from commonrail.compile import physics, reciprocals
 from commonrail.flow.orifice import Flow
@@ -16,13 +16,12 @@ from commonrail.injector.direct_model import Coefficients, State
 from commonrail.injector.direct_setup import accumulation_volume, moving_masses
 from commonrail.injector.joints import Volumes, middle, remembered_lift
 from commonrail.injector.model import CumulativeFlows, Inputs, Waves
+from commonrail.injector.protocols import Discharge, DriveLaw, Inlet
 from commonrail.injector.setup import seat_contact
 from commonrail.injector.step import AirGap, StepGeometry, advance_flux, fill_accumulation, fill_sac
 from commonrail.parts import accumulation, direct_needle, drive, feed_pipe, flux_decay, nozzle, sac, solenoid
 from commonrail.parts.contents import contents
 from commonrail.parts.plunger_needle import Motion
-
-Law = Callable[..., Any]
 
 
 @physics
@@ -46,7 +45,7 @@ def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
 
 @physics
 def magnetise(
-    c: Coefficients, s: State, u: Inputs, position: float, drive_law: Law, dt: float
+    c: Coefficients, s: State, u: Inputs, position: float, drive_law: DriveLaw, dt: float
 ) -> tuple[solenoid.State, float]:
     """Fluxes after the step, Eq. (11) and dφ_f/dt = (φ − φ_f)/τ, and the PWM's transistor.
 
@@ -71,12 +70,12 @@ def magnetise(
 class DirectLaws(NamedTuple):
     """Laws in which variants differ: flux rate of the drive, boundary at the rail, discharge of the nozzle."""
 
-    drive: Law
-    inlet: Law
-    discharge: Law
+    drive: DriveLaw
+    inlet: Inlet
+    discharge: Discharge
 
 
-def make_step(laws: DirectLaws) -> Law:
+def make_step(laws: DirectLaws) -> Callable[..., tuple[State, Waves]]:
     """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves)."""
     drive_law, inlet_law, discharge = laws
 

@@ -1,4 +1,4 @@
-"""The whole injector as data: parameters, coefficients and state of all rooms, and what comes from outside."""
+"""The whole injector as data: parameters, coefficients and state of all components, and what comes from outside."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from commonrail.parts.contents import Contents
 
 
 class Parameters(NamedTuple):
-    """Every parameter of the injector (SI), room by room: ``p.plunger_needle.k1``."""
+    """Every parameter of the injector (SI), component by component: ``p.plunger_needle.k1``."""
 
     rail: rail.Parameters
     feed_pipe: feed_pipe.Parameters

@@ -9,6 +9,7 @@ from typing import Any
 from commonrail.compile import physics
 from commonrail.fuel import kernel as fuel
 from commonrail.injector.model import Ambient, Coefficients, CumulativeFlows, Delays, Parameters, Setting, State
+from commonrail.injector.protocols import Body
 from commonrail.parts import (
     accumulation,
     control_chamber,
@@ -110,7 +111,7 @@ def seat_contact(c: Any) -> plunger_needle.SeatContact:
     return plunger_needle.SeatContact(c.needle_seat.contact_stiffness, c.needle_seat.contact_damping)
 
 
-def make_rest(body: Any) -> Callable[[Coefficients, Setting], State]:
+def make_rest(body: Body) -> Callable[[Coefficients, Setting], State]:
     """Function (coefficients, setting) → state before energising, `body` being `plunger_needle` or `rigid_body`."""
     at_rest, lifts_of = body.at_rest, body.lifts
 
@@ -145,7 +146,7 @@ def control_volume(c: Coefficients, lifts: plunger_needle.Motion) -> float:
 
 @physics
 def accumulation_volume(c: Coefficients, lifts: plunger_needle.Motion) -> float:
-    """Accumulation volume [m³]: the needle's shoulder and tip that rise leave it room."""
+    """Accumulation volume [m³]: a rising shoulder and tip of the needle enlarge it."""
     guides = c.plunger_needle.guides
     shoulder = (guides.guide_area - guides.stem_area) * lifts.shoulder
     return c.accumulation.volume + shoulder + (guides.stem_area - c.needle_seat.area) * lifts.tip

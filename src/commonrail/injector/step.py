@@ -32,6 +32,7 @@ from commonrail.injector.joints import (
     z_hole_cda2,
 )
 from commonrail.injector.model import Coefficients, CumulativeFlows, Inputs, State, Waves
+from commonrail.injector.protocols import Advance, Discharge, Draw, DriveLaw, Inlet, ValveGap
 from commonrail.injector.setup import ambient_density, seat_contact
 from commonrail.parts import (
     accumulation,
@@ -46,8 +47,6 @@ from commonrail.parts import (
 )
 from commonrail.parts.contents import Contents, contents
 from commonrail.parts.plunger_needle import Loads, Motion, loads
-
-Law = Callable[..., Any]
 
 
 class StepGeometry(NamedTuple):
@@ -144,7 +143,7 @@ def move_valve(c: Coefficients, s: State, gap_cda2: float, dt: float) -> valve.S
 
 
 @physics
-def advance_flux(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: Law, dt: float) -> tuple[float, float]:
+def advance_flux(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: float) -> tuple[float, float]:
     """Flux after the step [Wb], Eq. (11): N dφ/dt = v − R i, and the PWM's transistor; of either actuation.
 
     Parameters
@@ -165,7 +164,7 @@ def advance_flux(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: Law, dt: flo
 
 @physics
 def magnetise(
-    c: Coefficients, s: State, u: Inputs, lift: float, drive_law: Law, dt: float
+    c: Coefficients, s: State, u: Inputs, lift: float, drive_law: DriveLaw, dt: float
 ) -> tuple[solenoid.State, float]:
     """Fluxes after the step, Eq. (11) and dφ_f/dt = (φ − φ_f)/τ, and the PWM's transistor.
 
@@ -350,16 +349,16 @@ class StepLaws(NamedTuple):
         (c_d A)² of the valve's seat.
     """
 
-    advance: Law
-    lifts: Law
-    drive: Law
-    inlet: Law
-    draw: Law
-    discharge: Law
-    gap_cda2: Law
+    advance: Advance
+    lifts: Callable[[Any], Motion]
+    drive: DriveLaw
+    inlet: Inlet
+    draw: Draw
+    discharge: Discharge
+    gap_cda2: ValveGap
 
 
-def make_step(laws: StepLaws) -> Law:
+def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
     """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves)."""
     advance, lifts, drive_law, inlet_law, draw, discharge, gap_law = laws
 

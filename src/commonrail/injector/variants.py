@@ -1,4 +1,4 @@
-"""Variants of the injector: the same rooms, wired differently."""
+"""Variants of the injector: the same components, connected differently."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from commonrail.arguments import chosen
 from commonrail.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.errors import ConfigurationError
-from commonrail.injector import boundary, direct_model, direct_setup, direct_step, joints, model, setup
+from commonrail.injector import boundary, direct_model, direct_setup, direct_step, joints, model, protocols, setup
 from commonrail.injector.layout import Layout, layout_of
 from commonrail.injector.step import StepLaws, make_step
 from commonrail.parts import direct_needle, drive, guide_friction, nozzle, plunger_needle, rigid_body
@@ -101,9 +101,9 @@ class Wiring(NamedTuple):
     parameters, state, coefficients, positions : Layout
     """
 
-    body: Any
+    body: protocols.Body
     laws: Any
-    accelerations: Callable[..., Any]
+    accelerations: protocols.Accelerations
     setup: Callable[..., Any]
     rest: Callable[..., Any]
     step: Callable[..., Any]
@@ -116,22 +116,21 @@ class Wiring(NamedTuple):
     positions: Layout
 
 
-_BODIES = {Body.FLEXIBLE: plunger_needle, Body.RIGID: rigid_body}
-_DRIVES = {
+_BODIES: dict[Body, protocols.Body] = {Body.FLEXIBLE: plunger_needle, Body.RIGID: rigid_body}
+_DRIVES: dict[Drive, protocols.DriveLaw] = {
     Drive.REGULATED: drive.regulated,
     Drive.PWM: drive.pwm,
     Drive.VOLTAGE: drive.voltage_trace,
     Drive.CURRENT: drive.current_trace,
     Drive.FREE_WHEEL: drive.free_wheel,
 }
-_Law = Callable[..., Any]
-_MOTIONS: dict[tuple[Body, Laws], tuple[_Law, _Law]] = {
+_MOTIONS: dict[tuple[Body, Laws], tuple[protocols.Advance, protocols.Accelerations]] = {
     (Body.FLEXIBLE, Laws.PAPER): (plunger_needle.advance, plunger_needle.accelerations),
     (Body.FLEXIBLE, Laws.EXTENDED): (guide_friction.advance_chain, guide_friction.accelerate_chain),
     (Body.RIGID, Laws.PAPER): (rigid_body.advance, rigid_body.accelerations),
     (Body.RIGID, Laws.EXTENDED): (guide_friction.advance_body, guide_friction.accelerate_body),
 }
-_FLOWS: dict[Laws, tuple[_Law, _Law]] = {
+_FLOWS: dict[Laws, tuple[protocols.Discharge, protocols.ValveGap]] = {
     Laws.PAPER: (nozzle.discharge, joints.plain_gap_cda2),
     Laws.EXTENDED: (nozzle.shaped_discharge, joints.land_gap_cda2),
 }
