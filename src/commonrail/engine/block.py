@@ -16,9 +16,7 @@ import numpy as np
 from commonrail.compile import physics
 from commonrail.engine.feed import (
     Inlets,
-    Memory,
     arrived,
-    copy_number,
     fill_rings,
     make_clocks,
     make_wave_transport,
@@ -44,23 +42,6 @@ from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.injector.layout import layout_of
 from commonrail.injector.model import Inputs, Setting, Waves
 from commonrail.injector.variants import Variant, wiring
-
-__all__ = [
-    "FUEL",
-    "INPUTS",
-    "Law",
-    "Machine",
-    "Memory",
-    "any_vectors",
-    "copy_number",
-    "make_advance",
-    "make_begin",
-    "make_wave_transport",
-    "make_blocks",
-    "make_own_inputs",
-    "make_simulate",
-    "shape_of",
-]
 
 Law = Callable[..., Any]
 

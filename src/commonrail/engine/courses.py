@@ -15,8 +15,6 @@ from commonrail.engine.timetable import courses
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 
-__all__ = ["CHECK_AFTER", "MAXIMUM_STEPS", "courses_of"]
-
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 

@@ -8,8 +8,6 @@ from typing import NamedTuple
 from commonrail.engine.explicit import Instants
 from commonrail.injector.joints import REOPENED
 
-__all__ = ["Crossings", "instants"]
-
 
 class Crossings(NamedTuple):
     """Times [s] at which the tip rises above `CLEAR_LIFT`, meets its seat, leaves it, each with the mass injected."""

@@ -20,8 +20,6 @@ from commonrail.engine.notes import Outcome
 from commonrail.errors import ConfigurationError
 from commonrail.injector.variants import Variant, wiring
 
-__all__ = ["missing", "require_device", "run"]
-
 Floats = NDArray[np.float64]
 
 # A thread takes nearly all the registers that one may have, so that a multiprocessor holds 8 warps in any case:

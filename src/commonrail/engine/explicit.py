@@ -28,8 +28,6 @@ from commonrail.injector.model import Coefficients
 from commonrail.injector.variants import Variant, wiring
 from commonrail.parts.drive import turned
 
-__all__ = ["Marched", "Problem", "march"]
-
 Floats = NDArray[np.float64]
 
 # Runge's stages: where in the step each is taken (there is no fifth), and what its slope contributes

@@ -8,18 +8,6 @@ from typing import Any, NamedTuple
 from commonrail.compile import physics
 from commonrail.engine.rows import at
 
-__all__ = [
-    "ClockedMemory",
-    "Inlets",
-    "Memory",
-    "arrived",
-    "copy_number",
-    "fill_rings",
-    "gather_number",
-    "make_clocks",
-    "make_wave_transport",
-]
-
 Law = Callable[..., Any]
 
 NEVER = 1 << 62  # step of a turn that is not reached

@@ -16,20 +16,6 @@ from commonrail.injector.variants import Variant
 from commonrail.parts import drive, flux_decay, solenoid
 from commonrail.parts.contents import Contents, contents
 
-__all__ = [
-    "AT",
-    "Inlet",
-    "OUTSIDE",
-    "Outside",
-    "coil_law",
-    "coil_rates",
-    "drain_flow",
-    "feed",
-    "inlet_law",
-    "past_limit",
-    "pressure_behind",
-]
-
 # The pressure behind the valve follows the line within this time: a thirtieth of what a wave takes through a cell [s].
 OUTLET_TIME = 1e-7
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from commonrail.choices import Precision
 from commonrail.injector.model import Inputs
 
-__all__ = ["Courses", "Job", "Samples", "Vector"]
-
 Floats = NDArray[np.float64]
 
 

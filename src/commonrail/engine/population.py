@@ -18,8 +18,6 @@ from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
 from commonrail.parts.furniture import Domain
 
-__all__ = ["admissible", "candidate_matrix", "columns", "read_candidates"]
-
 Floats = NDArray[np.float64]
 
 

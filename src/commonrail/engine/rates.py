@@ -1,4 +1,4 @@
-"""Equations of the servo injector as a whole, dy/dt = f(t, y): method of lines, no splitting, no lag.
+"""Equations of the injectors as a whole, dy/dt = f(t, y): method of lines, no splitting, no lag.
 
 The same laws as the fast step's (`injector.step`), put together without its scheme: pipes are staggered finite volumes,
 all pressures are taken at one time. Numbers of equations are the paper's; (3) is written in mass.
@@ -11,12 +11,12 @@ all pressures are taken at one time. Numbers of equations are the paper's; (3) i
     M z̈ = Σ F of plunger and needle                                                             (10)
     N dφ/dt = v − R i, F_ev of the solenoid                                                     (11), (12)
 
-with x the share of the Z-hole that is fed from the pipe's inlet. The direct-acting injector's: `direct_rates`.
+with x the share of the Z-hole that is fed from the pipe's inlet. A direct-acting injector has neither Z- and A-hole nor
+guides; Newton's second law of armature and needle, which is not in the paper, takes the place of (10).
 """
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -33,26 +33,20 @@ from commonrail.engine.instant import (
     inlet_law,
     pressure_behind,
 )
-from commonrail.engine.vector import Core, Masses, core_of, make_frame
+from commonrail.engine.vector import Core, DirectCore, Masses, NeedleMasses, core_of, make_frame
 from commonrail.injector import joints
+from commonrail.injector.direct_setup import moving_masses
+from commonrail.injector.direct_step import needle_pressure
 from commonrail.injector.model import Coefficients, CumulativeFlows
 from commonrail.injector.setup import control_volume, seat_contact
 from commonrail.injector.variants import Variant, wiring
-from commonrail.parts import nozzle, plunger_needle, solenoid, valve
+from commonrail.parts import direct_needle, nozzle, plunger_needle, solenoid, valve
 from commonrail.parts.chain import Nine
 from commonrail.parts.contents import Contents, contents
 from commonrail.parts.guide_friction import bench_friction
 from commonrail.parts.plunger_needle import Motion
 
-__all__ = [
-    "Hydraulics",
-    "compiled_rates",
-    "make_air_gap",
-    "make_hydraulics",
-    "make_rates",
-    "make_sac_rate",
-    "pipe_rates",
-]
+SHORTEST_LAG = 1e-9  # in place of a lag of zero in one direction [s]: the flux follows within a thousandth of a step
 
 
 class Hydraulics(NamedTuple):
@@ -120,14 +114,6 @@ def return_rates(y: Any, dy: Any, place: tuple[int, int], c: Coefficients, inflo
         dy[i + 1] = -(behind - y[i]) * per_cell / (z * (0.5 if last else 1.0))
 
 
-@functools.cache
-def compiled_rates(variant: Variant) -> Callable[..., None]:
-    """Function (y, outside, constants, cells, friction, dy) of a variant of either actuation, compiled."""
-    from commonrail.jit import kernel
-
-    return kernel(make_rates(variant), f"rates: {variant.label}")  # type: ignore[no-any-return]
-
-
 def make_hydraulics(variant: Variant) -> Callable[..., Hydraulics]:
     """Function (coefficients, masses of fuel, greatest lift so far, positions) → `Hydraulics`."""
     lifts_of, volumes_of = wiring(variant).body.lifts, wiring(variant).volumes
@@ -149,11 +135,7 @@ def make_hydraulics(variant: Variant) -> Callable[..., Hydraulics]:
 
 def make_rates(variant: Variant) -> Callable[..., None]:
     """Function (y, outside, constants, cells, friction, dy) of a variant of either actuation."""
-    if variant.actuation is Actuation.DIRECT:
-        from commonrail.engine.direct_rates import make_direct_rates
-
-        return make_direct_rates(variant)
-    return _make_servo_rates(variant)
+    return _make_direct_rates(variant) if variant.actuation is Actuation.DIRECT else _make_servo_rates(variant)
 
 
 class Flows(NamedTuple):
@@ -241,6 +223,53 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
         # pipes, Eq. (6)
         pipe_rates(y, dy, cells[0], c, entry.inlet, h.accumulation.pressure)
         return_rates(y, dy, (line, cells[1]), c, q.drain.line_flow, outside.low)
+
+    return rates
+
+
+def _make_direct_rates(variant: Variant) -> Callable[..., None]:
+    """Equations of the direct-acting injector, whose guides have no friction."""
+    wired, frame, hydraulics = wiring(variant), make_frame(variant), make_hydraulics(variant)
+    load, load_outside = wired.coefficients.load, OUTSIDE.load
+    load_core, store_core = core_of(variant).load, core_of(variant).store
+    load_masses, store_masses = wired.positions.load, wired.positions.store
+    accelerations, discharge, coil = wired.accelerations, wired.laws.discharge, coil_law(variant)
+
+    def rates(y, outside_, constants, cells, friction, dy):  # type: ignore[no-untyped-def]
+        c, outside, at = load(constants, 0, 1), load_outside(outside_, 0, 1), frame(cells)
+        s = load_core(y, at.core, 1)
+        z, v = load_masses(y, at.body, 2), load_masses(y, at.body + 1, 2)
+        h = hydraulics(c, s.fuel, s.nozzle.lift_reached, z)
+
+        # flows: orifices, Eq. (4), with c_d of the nozzle by Eq. (9)
+        pipe = y[at.core - 1]
+        seat = joints.seat_flow(c, h.accumulation, h.sac, z.needle).mass_flow
+        spray = joints.nozzle_flow(c, h.sac, outside.cylinder, discharge(c.nozzle, h.reached)).mass_flow
+
+        # solenoid, Eq. (11), (12), with a lag for either direction
+        lags = max(c.solenoid.eddy_lag, SHORTEST_LAG), max(c.flux_decay.lag, SHORTEST_LAG)
+        magnet = coil_rates(c, outside, coil, s.solenoid, c.armature.travel - z.armature, lags)
+
+        # lift that c_d of Eq. (9) remembers
+        excess = h.sac.pressure - outside.cylinder
+        remembering = joints.memory_rate(c, s.nozzle.lift_reached, z.needle, v.needle, excess)
+
+        slopes = DirectCore(
+            solenoid=magnet,
+            fuel=NeedleMasses(accumulation=pipe - seat, sac=seat - spray),  # balances, Eq. (3)
+            nozzle=nozzle.State(remembering, spray),
+            cumulative_flows=CumulativeFlows(returned=0.0, supplied=y[0]),
+        )
+        store_core(dy, at.core, 1, slopes)
+
+        # armature and needle
+        magnetic_force = solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux)
+        load_ = direct_needle.Loads(magnetic_force, needle_pressure(c, h.accumulation.pressure, h.sac.pressure))
+        store_masses(dy, at.body, 2, v)
+        store_masses(dy, at.body + 1, 2, accelerations(moving_masses(c), seat_contact(c), z, v, load_))
+
+        # feed pipe, Eq. (6)
+        pipe_rates(y, dy, cells[0], c, outside.rail, h.accumulation.pressure)
 
     return rates
 

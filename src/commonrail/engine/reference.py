@@ -6,6 +6,7 @@ segment. Pipes are resolved by `cells` finite volumes. On request the explicit m
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
@@ -21,7 +22,7 @@ from commonrail.engine.explicit import Fixed, Instants, Problem, march
 from commonrail.engine.instant import AT, Inlet, feed, inlet_law, past_limit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at, reference_density
-from commonrail.engine.rates import compiled_rates, make_air_gap, make_hydraulics
+from commonrail.engine.rates import make_air_gap, make_hydraulics, make_rates
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.engine.timetable import courses, segments, value_at
@@ -31,7 +32,7 @@ from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.injector.joints import CLEAR_LIFT
 from commonrail.injector.model import Setting
-from commonrail.injector.variants import wiring
+from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import drive
 from commonrail.parts.contents import contents
 
@@ -54,6 +55,14 @@ class Resolution(NamedTuple):
 
 
 CRAWL = (2000, 0.5e-6)  # LSODA is stuck if so many evaluations take it no further than this [s]; 40 a us are usual
+
+
+@functools.cache
+def _compiled_rates(variant: Variant) -> Callable[..., None]:
+    """Function (y, outside, constants, cells, friction, dy) of a variant, compiled."""
+    from commonrail.jit import kernel
+
+    return kernel(make_rates(variant), f"rates: {variant.label}")  # type: ignore[no-any-return]
 
 
 class _Crawling(Exception):
@@ -139,7 +148,7 @@ class Model:
         self.constants = np.zeros(len(wired.coefficients.paths))
         wired.coefficients.store(self.constants, 0, 1, self.c)
         self.friction = np.zeros((9, 2)) if friction is None else np.ascontiguousarray(friction, float)
-        self.rates = compiled_rates(variant)
+        self.rates = _compiled_rates(variant)
         self.outside = np.zeros(len(AT))
         self.variant = variant
         self._evaluations, self._checked_at = 0, point.start

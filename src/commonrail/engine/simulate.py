@@ -341,6 +341,3 @@ def _joined(parts: Sequence[Batch]) -> Batch:
     """One batch of several."""
     names = [f.name for f in fields(Batch)]
     return Batch(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
-
-
-__all__ = ["Engine", "simulate", "simulate_batch", "usable_threads"]

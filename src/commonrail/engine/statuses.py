@@ -12,8 +12,6 @@ from commonrail.engine.plan import Prepared
 from commonrail.engine.stability import Medium, medium_of, too_long
 from commonrail.engine.status import OK, STILL_INJECTING, Status
 
-__all__ = ["statuses_of"]
-
 Floats = NDArray[np.float64]
 
 BACKFLOW = 1e-7  # largest mass that a SAC takes back from the cylinder [kg]; more is an injector that has run empty

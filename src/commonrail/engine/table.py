@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from commonrail.compile import CACHE_LINE
 from commonrail.engine.job import Courses, Job, Samples
 
-__all__ = ["GIVEN", "Array", "Given", "Scratch", "Shape", "address", "fill", "scratch_for"]
-
 
 class Array(NamedTuple):
     """Kind of an array's numbers, "float64", "int64" or "real" (those that the loop computes in), and dimensions."""

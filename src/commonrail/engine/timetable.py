@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 
-__all__ = ["Segment", "courses", "knots", "segments", "value_at"]
-
 Floats = NDArray[np.float64]
 
 

@@ -19,18 +19,6 @@ from commonrail.injector.model import CumulativeFlows, Setting
 from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import nozzle, solenoid, valve
 
-__all__ = [
-    "Core",
-    "DirectCore",
-    "Frame",
-    "Masses",
-    "core_of",
-    "make_frame",
-    "start_vector",
-    "typical_sizes",
-    "vector_states",
-]
-
 Floats = NDArray[np.float64]
 
 LINE = 1e6  # typical pressure in the return line, for absolute tolerances [Pa]

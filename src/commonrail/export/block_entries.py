@@ -17,7 +17,8 @@ from typing import Any
 
 from numba import types
 
-from commonrail.engine.block import INPUTS, Law, Memory, make_advance, make_own_inputs, make_wave_transport
+from commonrail.engine.block import INPUTS, Law, make_advance, make_own_inputs
+from commonrail.engine.feed import Memory, make_wave_transport
 from commonrail.engine.notes import Outcome, report_remaining
 from commonrail.engine.registers import row_copier, row_gatherer
 from commonrail.engine.rows import make_rows

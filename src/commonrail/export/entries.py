@@ -26,7 +26,8 @@ from numba.np.arrayobj import make_array, populate_array
 
 from commonrail.choices import Actuation
 from commonrail.compile import physics
-from commonrail.engine.block import FUEL, Law, Memory, copy_number, make_advance, make_begin, make_wave_transport
+from commonrail.engine.block import FUEL, Law, make_advance, make_begin
+from commonrail.engine.feed import Memory, copy_number, make_wave_transport
 from commonrail.engine.notes import Outcome, report_remaining
 from commonrail.engine.rows import make_rows
 from commonrail.fuel import kernel

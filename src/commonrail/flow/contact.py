@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 from commonrail.compile import physics
 
-__all__ = ["Contact", "contact", "contact_over_step", "mean_overlap", "next_velocity"]
-
 
 class Contact(NamedTuple):
     """Elastic force [N], pushing only, and its damping coefficient [N s/m], acting against the approach."""

@@ -17,19 +17,6 @@ from typing import NamedTuple
 
 from commonrail.compile import physics, reciprocals
 
-__all__ = [
-    "Flow",
-    "Jet",
-    "Restriction",
-    "choked",
-    "jet",
-    "laminar_offset",
-    "orifice",
-    "orifice_pair",
-    "series",
-    "square",
-]
-
 
 class Restriction(NamedTuple):
     """(c_d A)² Δp [m⁴ Pa], whose sign is that of the flow, and its derivative in a pressure, (c_d A)² or zero [m⁴]."""

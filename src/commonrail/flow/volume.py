@@ -15,8 +15,6 @@ from __future__ import annotations
 
 from commonrail.compile import physics
 
-__all__ = ["mean_departure", "relaxation"]
-
 
 @physics
 def relaxation(y: float) -> float:

@@ -23,8 +23,6 @@ from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.fuel.laws import Array
 from commonrail.linear import least_squares
 
-__all__ = ["PolynomialErrors", "coefficient_rows", "fuel_coefficients", "polynomial_errors"]
-
 _POINTS = 64
 _BEYOND = 1.4  # fitted this far beyond the range, so that an overshoot meets no surprise
 _OUTSIDE_WEIGHT = 0.3  # and with this weight there

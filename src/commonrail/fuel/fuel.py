@@ -17,8 +17,6 @@ from commonrail.errors import ConfigurationError, InputError
 from commonrail.fuel import laws
 from commonrail.fuel.laws import Array
 
-__all__ = ["Fuel", "Law", "Origin", "Polynomial"]
-
 Polynomial = tuple[float, ...]
 
 _MPA = 1e6

@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 
 from commonrail.compile import physics
 
-__all__ = ["Nine", "Seven", "across", "around", "each", "nodal_forces"]
-
 
 class Nine(NamedTuple):
     """One value for each of the nine masses: positions [m], velocities [m/s] or forces [N]."""

@@ -10,15 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.compile import FLUSH_TINY, KEEP_ALL, KEEP_NONE
-from commonrail.engine.block import (
-    FUEL,
-    Memory,
-    any_vectors,
-    copy_number,
-    make_advance,
-    make_begin,
-    make_wave_transport,
-)
+from commonrail.engine.block import FUEL, any_vectors, make_advance, make_begin
+from commonrail.engine.feed import Memory, copy_number, make_wave_transport
 from commonrail.engine.rows import make_rows
 from commonrail.injector.model import Inputs, Setting
 from commonrail.injector.variants import Variant, wiring
