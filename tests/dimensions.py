@@ -73,6 +73,7 @@ FIELDS: dict[type, str] = {
     kernel.FuelCoefficients: "kg/m3, m3/kg" + 7 * ", Pa" + 4 * ", 1" + 6 * ", s/m2" + 3 * ", 1" + ", Pa",
     kernel.PressureAndStiffness: "Pa, Pa m3/kg",
     contact.Contact: "N, N s/m",
+    orifice.Restriction: "m4 Pa, m4",
     orifice.Flow: "kg/s, kg/(s Pa)",
     orifice.Jet: "kg/s, kg/s",
     contents.Contents: "kg, kg/m3, Pa, Pa m3/kg",
@@ -81,13 +82,14 @@ FIELDS: dict[type, str] = {
     direct_needle.Coefficients: "1/kg, N, N/m, N s/m",
     direct_needle.Loads: "N, N",
     direct_needle.State: "m, m/s",
-    direct_needle.Touch: "of its own, of its own, of its own, of its own",
+    direct_needle.Contacts: "of its own, of its own, of its own, of its own",
     drive.State: "1",
     drive.Schedule: "1, 1",
     drive.Rate: "V, V, 1/s",
     drive.Change: "V, 1",
     drive.Backward: "V, V",
     feed_pipe.State: "kg/s, kg/s",
+    feed_pipe.Travelling: "Pa, Pa",
     feed_pipe.Coefficients: "Pa s/kg, kg/(s Pa), Pa s2/kg2, s",
     needle_seat.Coefficients: "m2, m, 1, kg/s, N/m, s/m",
     nozzle.State: "m, kg",
@@ -177,7 +179,9 @@ def _literal_zero(add: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 STAND_INS = {
     "min": lambda x, limit: _bound(min, x, limit),
     "max": lambda x, limit: _bound(max, x, limit),
-    "math": SimpleNamespace(sqrt=_root, pi=math.pi, **{f: _plain(getattr(math, f)) for f in ("sin", "cos", "exp")}),
+    "math": SimpleNamespace(
+        sqrt=_root, pi=math.pi, **{f: _plain(getattr(math, f)) for f in ("sin", "cos", "exp", "tanh")}
+    ),
 }
 
 

@@ -63,7 +63,7 @@ VALUES = {
     "1": 0.7, "s": 1e-6, "m": 3e-5, "m²": 1e-6, "m³": 1e-8, "m⁴": 3e-16, "1/m³": 1e8, "m/s": 1.5, "kg": 8.6e-6,
     "1/kg": 300.0, "kg/m³": 850.0, "kg/m3": 850.0, "kg/s": 0.02, "N": 100.0, "N/m": 1e8, "s/m": 0.2, "Pa": 9e7,
     "Pa s": 2e-3, "kg/(s Pa)": 1e-9, "Pa m³/kg": 2e6, "m⁴ Pa": 1e-8, "s/m²": 5e5, "V": 14.0, "A": 10.0, "V/A": 100.0,
-    "Wb": 5e-5, "s/kg": 1e-4,
+    "Wb": 5e-5, "s/kg": 1e-4, "N s/m": 2.0,
 }  # fmt: skip
 TRIALS = (1.0, 1e-3, 1e2)
 
@@ -74,6 +74,7 @@ TUPLES: dict[type, tuple[float, ...]] = {
     drive.State: (1.0,),
     return_line.State: (60.0, 2e-9),
     drive.Schedule: (1.0, 0.4),
+    orifice.Restriction: (3e-8, 3e-16),
     drive.Rate: (40.0, 30.0, 2e4),
     drive.Backward: (3.0, 0.7),
     solenoid.Circuit: (10.0, 3e5, 0.01),
@@ -146,10 +147,10 @@ def known() -> dict[type, Any]:
     made = {kind: with_units(kind, values) for kind, values in TUPLES.items()}
     made[plunger_needle.State] = plunger_needle.State(*(uniform(chain.Nine, unit, 1.0) for unit in ("m", "m/s", "m/s")))
     d = direct_model()
-    moved, load = direct_setup.moved(d.c), with_units(direct_needle.Loads, (60.0, -30.0))
+    masses, load = direct_setup.moving_masses(d.c), with_units(direct_needle.Loads, (60.0, -30.0))
     made[direct_needle.State] = direct_needle.State(*(uniform(direct_needle.Pair, unit, 1.0) for unit in ("m", "m/s")))
-    made[direct_needle.Touch] = direct_needle.Touch(*4 * (with_units(contact.Contact, (40.0, 5.0)),))
-    made |= {type(each): each for each in (load, moved, *nested(d.p), *nested(d.c))}
+    made[direct_needle.Contacts] = direct_needle.Contacts(*4 * (with_units(contact.Contact, (40.0, 5.0)),))
+    made |= {type(each): each for each in (load, masses, *nested(d.p), *nested(d.c))}
     return made | {type(each): each for each in (m.f, m.load, setup.seat_contact(m.c), *nested(m.p), *nested(m.c))}
 
 
@@ -214,15 +215,15 @@ FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a 
         (contact.contact_over_step, "dt * dt * per_mass", "dt * per_mass"),
         (leakage.gap_conductance, "/ (12.0 * length)", "/ 12.0"),
         (leakage.gap_conductance, "gap * gap * gap", "gap * gap"),
-        (orifice.jet, "2.0 * density * abs(drive)", "2.0 * abs(drive)"),
-        (orifice.orifice, "density * gain", "gain"),
+        (orifice.jet, "2.0 * density * abs(cda2_dp)", "2.0 * abs(cda2_dp)"),
+        (orifice.orifice, "density * through.cda2", "through.cda2"),
         (volume.mean_departure, "0.5 * volume", "0.5"),
         (wave.impedance, " / area", ""),
         (wave.friction_resistance, "density * area * area", "density * area"),
         (nozzle.discharge, "z * c.per_lift_transition", "z"),
-        (needle_seat.gap_drive, "c.gap_curvature * z", "c.gap_curvature"),
+        (needle_seat.gap_cda2, "c.gap_curvature * z", "c.gap_curvature"),
         (solenoid.circuit, "flux * flux * c.per_knee_squared", "flux * c.per_knee_squared"),
-        (solenoid.pull, "c.force * pulling_flux * pulling_flux", "c.force * pulling_flux"),
+        (solenoid.magnetic_force, "c.force * pulling_flux * pulling_flux", "c.force * pulling_flux"),
         (valve.free_force, "c.spring_stiffness * lift", "c.spring_stiffness"),
         (drive.applied, "resistance * now.drift", "now.drift"),
         (feed_pipe.middle_loss, "0.5 * c.admittance", "0.5"),
@@ -232,12 +233,14 @@ FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a 
         (plunger_needle.cylinder_stiffness, " / length", ""),
         (plunger_needle.loads, "low * g.plunger_area", "low"),
         (plunger_needle.forces, "c.guides.spring_stiffness * z.i7", "c.guides.spring_stiffness"),
-        (plunger_needle.bends, "share = dt * ", "share = "),
+        (plunger_needle.numerov_correction, "share = dt * ", "share = "),
         (plunger_needle.accelerations, "rest.damping * v.i9", "rest.damping"),
         (guide_friction.guide_damping, "g.friction * per_speed", "g.friction"),
         (guide_friction.accelerate_body, " / c.total_mass", ""),
         (guide_friction.advance_chain, "0.5 * m.i7 * guide", "0.5 * guide"),
-        (nozzle.change, "bend.i3 * max", "max"),
+        (nozzle.change, "turn.i3 * max", "max"),
+        (guide_friction.bench_friction, "viscous * v", "viscous"),
+        (feed_pipe.leave, "z * ends.inlet_flow", "ends.inlet_flow"),
         (valve.land_resistance, "h * h * h", "h * h"),
     ],
 )

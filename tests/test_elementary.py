@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -44,6 +45,15 @@ def test_a_power_loses_what_its_logarithm_does() -> None:
 def test_a_cosine_is_exact_to_a_rounding_of_one() -> None:
     x = np.linspace(-np.pi, np.pi, 10_001)
     assert np.max(np.abs(elementary.cosine(x) - np.cos(x))) <= 4.0 * np.spacing(1.0)
+
+
+def test_sine_and_exponential_of_the_kernels() -> None:
+    for x in np.linspace(0.0, math.pi, 1001).tolist():
+        assert elementary.sine(x) == pytest.approx(math.sin(x), abs=2.0 * np.spacing(1.0))
+        assert elementary.cosine(x) == pytest.approx(math.cos(x), abs=2.0 * np.spacing(1.0))
+    for x in (-np.linspace(0.0, 700.0, 7001)).tolist():
+        assert elementary.exponential(x) == pytest.approx(math.exp(x), rel=8.0 * np.spacing(1.0))
+    assert elementary.exponential(-1e6) == 0.0
 
 
 def test_the_ends_of_the_range() -> None:

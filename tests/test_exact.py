@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import platform
 import re
@@ -25,15 +24,6 @@ from tests.store.conftest import write_small
 
 ROOT = Path(__file__).resolve().parents[1]
 POINT = cr.OperatingPoint(160e6, 300e-6)
-
-
-def test_sine_cosine_and_exponential_of_the_kernels() -> None:
-    for x in np.linspace(0.0, math.pi, 1001):
-        assert exact.sine(float(x)) == pytest.approx(math.sin(x), abs=2.0 * np.spacing(1.0))
-        assert exact.cosine(float(x)) == pytest.approx(math.cos(x), abs=2.0 * np.spacing(1.0))
-    for x in -np.linspace(0.0, 700.0, 7001):
-        assert exact.exponential(float(x)) == pytest.approx(math.exp(x), rel=8.0 * np.spacing(1.0))
-    assert exact.exponential(-1e6) == 0.0
 
 
 def test_exact_texts_give_the_compiler_no_leave_to_reorder() -> None:

@@ -94,6 +94,8 @@ LAZY += ("tomlkit", "xarray")
 # Plates are drawn by Matplotlib, and each reader of a child process exists for one library: whoever asks for these
 # modules needs them.
 AT_THE_TOP = {
+    "engine/reference.py": {"scipy"},
+    "reading/child_mat.py": {"scipy"},
     "reading/child_mdf.py": {"asammdf"},
     "reading/child_parquet.py": {"pyarrow"},
     "reading/child_xlsx.py": {"openpyxl"},

@@ -40,7 +40,7 @@ _HEADER = b"commonrail kernel 2\n"
 _DIGEST = hashlib.sha256().digest_size  # [bytes]
 # A link is not followed and a pipe not waited for; flags that a system lacks are 0.
 _GUARDED = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
-_COMPILERS = ("compile", "exact", "jit", "targets")
+_COMPILERS = ("compile", "elementary", "exact", "jit", "targets")
 _PHYSICS_ROOMS = ("fuel", "flow", "parts", "injector", "engine")
 
 

@@ -2,7 +2,7 @@
 
 Numba compiles for the machine that it runs on. Here it compiles for a processor that is named, so that the code is the
 same whether it is compiled now or was put into a library elsewhere, and inlines the elementary functions of
-`exact`. What comes out is an object file.
+`elementary`. What comes out is an object file.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from numba.extending import overload
 
 from commonrail.compile import in_single
 from commonrail.compile_target import Processor
-from commonrail.exact import cosine, exponential, sine
+from commonrail.elementary import cosine, exponential, quarter_sine, sine
 from commonrail.jit import FASTMATH, INLINED, SINGLE_FASTMATH, by_precision, compiler_choices, offer_overloads
 
 __all__ = ["assembly", "compile_object", "module_text", "without_liberties"]
@@ -147,7 +147,7 @@ def _open(single: bool) -> tuple[str, dict[str, Any]]:
     target_extension.jit_registry[kind] = functools.partial(numba.jit, _target=name)
     options = INLINED | {"fastmath": SINGLE_FASTMATH if single else FASTMATH}
     declare = functools.partial(overload, jit_options=options, strict=False, target=name)
-    for function, law in ((math.sin, sine), (sine, sine), (math.cos, cosine), (math.exp, exponential)):
+    for function, law in ((math.sin, sine), (quarter_sine, quarter_sine), (math.cos, cosine), (math.exp, exponential)):
         declare(function)(_by_argument(law))
     offer_overloads(declare)
     return name, options

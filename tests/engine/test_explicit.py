@@ -65,9 +65,11 @@ def test_it_agrees_with_lsoda(
 
 
 def test_the_comparison_can_see_a_friction(throttled: Injector) -> None:
-    plain, rubbed = (simulate_reference(throttled, SHOT, resolution=EXPLICIT, friction=f) for f in (None, FRICTION))
-    assert j(plain, rubbed) > 1e-3 * np.sum(plain.rate) * 1e6
-    assert rubbed.opening > plain.opening
+    plain, with_friction = (
+        simulate_reference(throttled, SHOT, resolution=EXPLICIT, friction=f) for f in (None, FRICTION)
+    )
+    assert j(plain, with_friction) > 1e-3 * np.sum(plain.rate) * 1e6
+    assert with_friction.opening > plain.opening
 
 
 def test_it_is_of_order_four_where_nothing_switches(pwm: Injector) -> None:

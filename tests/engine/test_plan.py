@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.engine import plan, population
-from commonrail.engine.courses import LOOK_AFTER
+from commonrail.engine.courses import CHECK_AFTER
 from commonrail.engine.job import Courses
 from commonrail.engine.lanes import tabled
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
@@ -78,7 +78,7 @@ def test_inputs_are_means_over_a_step_and_clocks(regulated: Injector) -> None:
     assert inputs[11, 4:] == pytest.approx([5e-6, 2e-6], abs=1e-12)
     # rail: the mean of the trace before the first energising, from 100 to 102 MPa
     assert courses.settings == pytest.approx(np.array([[101e6, 5e6, 0.5e6]]), rel=1e-12)
-    assert courses.quiet[0] == round((12e-6 + 4e-6 + LOOK_AFTER) / 1e-6)
+    assert courses.earliest_end[0] == round((12e-6 + 4e-6 + CHECK_AFTER) / 1e-6)
 
 
 def naive_clocks(point: OperatingPoint, begin: float, dt: float) -> tuple[float, float]:

@@ -77,9 +77,9 @@ def test_a_throttle_takes_its_loss_between_rail_and_inlet(volume: Injector) -> N
 
 def test_guide_friction_delays_the_needle(regulated: Injector, fine: Solution) -> None:
     friction = np.full((9, 2), (2.0, 1.0))
-    rubbed = simulate_reference(regulated, POINT, friction=friction)
-    assert rubbed.opening > fine.opening
-    assert rubbed.injected_mass < fine.injected_mass
+    with_friction = simulate_reference(regulated, POINT, friction=friction)
+    assert with_friction.opening > fine.opening
+    assert with_friction.injected_mass < fine.injected_mass
 
 
 def test_friction_acts_on_a_rigid_body_as_that_of_its_guides(rigid: Injector) -> None:

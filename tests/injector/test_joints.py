@@ -8,7 +8,7 @@ from types import SimpleNamespace as Record
 import pytest
 
 from commonrail.injector.joints import RELAXED, fading_share, memory_rate, remembered_lift
-from commonrail.injector.setup import made_up
+from commonrail.injector.setup import lag_fraction
 from commonrail.parts.nozzle import RESIDUAL_LIFT
 
 MEMORY, CYLINDER = 15e-6, 5e6
@@ -17,7 +17,7 @@ LIFT = 200e-6
 
 def after(duration: float, step: float, tip: float = -1e-6) -> float:
     """Lift remembered after a time on the seat [m]."""
-    c = Record(delays=Record(lift_lost=made_up(MEMORY, step)))
+    c = Record(delays=Record(memory_lag_fraction=lag_fraction(MEMORY, step)))
     lift = LIFT
     for _ in range(round(duration / step)):
         state = Record(nozzle=Record(lift_reached=lift), sac=Record(pressure=CYLINDER))

@@ -12,7 +12,7 @@ from commonrail.fuel.coefficients import fuel_coefficients
 from commonrail.fuel.kernel import density, kinematic_viscosity
 from commonrail.injector import setup
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
-from commonrail.injector.joints import land_gap, make_room, plain_gap, seat_pressure
+from commonrail.injector.joints import land_gap_cda2, plain_gap_cda2, seat_pressure, volumes_of
 from commonrail.injector.model import Coefficients, Setting
 from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import plunger_needle, valve
@@ -37,10 +37,10 @@ def test_delays_are_travel_times_in_steps(c: Coefficients, regulated: Injector) 
 
 
 def test_eddy_share_is_that_of_an_exponential(regulated: Injector, c: Coefficients) -> None:
-    assert c.delays.eddy_share == 1.0
+    assert c.delays.eddy_lag_fraction == 1.0
     slow = regulated.with_values({"solenoid.eddy_lag": 20e-6}).parameters
     lagging = setup.coefficients(slow, c.fuel, AT)
-    assert lagging.delays.eddy_share == pytest.approx(1.0 - math.exp(-1 / 20), rel=1e-12)
+    assert lagging.delays.eddy_lag_fraction == pytest.approx(1.0 - math.exp(-1 / 20), rel=1e-12)
 
 
 def test_state_at_rest_has_the_pressures_it_is_given(c: Coefficients) -> None:
@@ -63,24 +63,24 @@ def test_valve_at_rest_balances_spring_pressure_and_seat(c: Coefficients, regula
     assert -stiffness * lift == pytest.approx(72.0 + 2e4 * lift - area * 159.5e6, rel=1e-9)
 
 
-def test_a_rising_needle_moves_fuel_from_room_to_room(c: Coefficients) -> None:
+def test_a_rising_needle_moves_fuel_from_volume_to_volume(c: Coefficients) -> None:
     """Displaced volume of a rigid rise: plunger area from the control chamber, guide area to the needle's end."""
     rise = 50e-6
-    before, after = make_room(c, Motion(0.0, 0.0, 0.0)), make_room(c, Motion(rise, rise, rise))
+    before, after = volumes_of(c, Motion(0.0, 0.0, 0.0)), volumes_of(c, Motion(rise, rise, rise))
     quarter = math.pi / 4
     assert after.control - before.control == pytest.approx(-quarter * 4.3e-3**2 * rise, rel=1e-9)
-    gained = after.store - before.store + after.sac - before.sac
+    gained = after.accumulation - before.accumulation + after.sac - before.sac
     assert gained == pytest.approx(quarter * 4.0e-3**2 * rise, rel=1e-9)
 
 
 def test_pressure_in_front_of_the_valve_seat(c: Coefficients) -> None:
-    hole = c.control_chamber.a_drive
+    hole = c.control_chamber.a_cda2
     # shut: all of it; a gap as good as the hole: half; far open and cavitating: what the contraction leaves
     assert seat_pressure(c, 0.0, 160e6, 0.5e6) == pytest.approx(159.5e6, rel=1e-12)
     assert seat_pressure(c, hole, 2e6, 1e6) == pytest.approx(0.5e6, rel=1e-9)
     open_ = seat_pressure(c, 50 * hole, 160e6, 0.5e6)
-    choked = c.control_chamber.a_choked * (160e6 - c.fuel.vapour_pressure) / (50 * hole)
-    assert open_ == pytest.approx(min(159.5e6 / 51, choked), rel=1e-9)
+    cavitating = c.control_chamber.a_cda2_choked * (160e6 - c.fuel.vapour_pressure) / (50 * hole)
+    assert open_ == pytest.approx(min(159.5e6 / 51, cavitating), rel=1e-9)
 
 
 def test_forces_of_the_closed_needle_follow_from_its_areas(c: Coefficients) -> None:
@@ -105,7 +105,7 @@ def with_land(injector: Injector, land: float) -> Coefficients:
 def gap_at(c: Coefficients, gap: float, pressure: float, land: bool = True) -> float:
     """(c_d A)² at a gap normal to the cone."""
     here = contents(c.fuel, density(c.fuel, pressure), 1.0)
-    return (land_gap if land else plain_gap)(c, here, 0.5e6, gap / SINE)
+    return (land_gap_cda2 if land else plain_gap_cda2)(c, here, 0.5e6, gap / SINE)
 
 
 @pytest.mark.parametrize("pressure", [40e6, 160e6])
@@ -120,11 +120,11 @@ def test_land_of_the_valve_is_a_film_in_series_with_its_orifice(
     section = (p.seat_discharge * math.pi * p.seat_diameter * gap) ** 2
 
     def missing(q: float) -> float:
-        return q * q / (2.0 * rho) * (1.0 / section + 1.0 / hole.a_drive) + film * q - (pressure - 0.5e6)
+        return q * q / (2.0 * rho) * (1.0 / section + 1.0 / hole.a_cda2) + film * q - (pressure - 0.5e6)
 
     flow = min(
         brentq(missing, 0.0, 1.0, xtol=1e-18, rtol=1e-14),
-        math.sqrt(2.0 * rho * hole.a_choked * (pressure - c.fuel.vapour_pressure)),
+        math.sqrt(2.0 * rho * hole.a_cda2_choked * (pressure - c.fuel.vapour_pressure)),
     )
     effective = 1.0 / (1.0 / section + 2.0 * rho * film / flow)
     assert gap_at(c, gap, pressure) == pytest.approx(effective, rel=1e-9)

@@ -26,7 +26,7 @@ POINTS = [
 def test_what_is_worked_out_once_is_what_each_point_has_of_its_own() -> None:
     shared, own = prepare_shared(INJECTOR, POINTS, 1e-6), prepare(INJECTOR, POINTS, 1e-6)
     assert np.array_equal(shared.courses.inputs, own.courses.inputs)
-    for name in ("settings", "steps", "quiet", "times", "clock", "trace", "traces"):
+    for name in ("settings", "steps", "earliest_end", "times", "clock", "trace", "traces"):
         assert np.array_equal(getattr(shared.courses, name), getattr(own.courses, name)), name
     for name in ("row", "begin", "densities", "highest"):
         assert np.array_equal(getattr(shared, name), getattr(own, name)), name

@@ -26,13 +26,13 @@ def frustum(lift: float) -> float:
 
 @pytest.mark.parametrize("lift", [5e-6, 50e-6, 300e-6])
 def test_gap_is_the_frustum_between_cone_and_edge(lift: float) -> None:
-    area = math.sqrt(needle_seat.gap_drive(C, lift)) / SEAT.discharge
+    area = math.sqrt(needle_seat.gap_cda2(C, lift)) / SEAT.discharge
     # the search is 1 nm fine along a flank whose radius it moves by half that
     assert area == pytest.approx(frustum(lift), rel=1e-6)
 
 
 def test_a_pressed_seat_is_shut() -> None:
-    assert needle_seat.gap_drive(C, -4e-6) == 0.0
+    assert needle_seat.gap_cda2(C, -4e-6) == 0.0
 
 
 def test_area_inside_the_seat_line() -> None:

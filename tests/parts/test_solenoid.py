@@ -48,7 +48,7 @@ def test_slope_is_the_derivative_of_the_current(flux: float) -> None:
 @pytest.mark.parametrize("gaps", [1.0, 2.0])
 def test_force_is_that_of_every_gap(gaps: float) -> None:
     c = solenoid.coefficients(drawn(gaps))
-    assert solenoid.pull(c, 8e-5) == pytest.approx(gaps * 8e-5**2 / (2 * MU0 * AREA), rel=1e-12)
+    assert solenoid.magnetic_force(c, 8e-5) == pytest.approx(gaps * 8e-5**2 / (2 * MU0 * AREA), rel=1e-12)
 
 
 def test_force_is_the_derivative_of_the_field_energy() -> None:
@@ -56,4 +56,6 @@ def test_force_is_the_derivative_of_the_field_energy() -> None:
     c = solenoid.coefficients(drawn(2.0))
     flux, h = 8e-5, 1e-7
     energy = [0.5 * flux * TURNS * solenoid.circuit(c, flux, x).current for x in (20e-6 - h, 20e-6 + h)]
-    assert solenoid.pull(c, flux) == pytest.approx((energy[1] - energy[0]) / (2 * h), rel=1e-9)  # linear in the gap
+    assert solenoid.magnetic_force(c, flux) == pytest.approx(
+        (energy[1] - energy[0]) / (2 * h), rel=1e-9
+    )  # linear in the gap

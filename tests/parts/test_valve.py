@@ -60,5 +60,5 @@ def test_forces_over_a_step_are_the_forces_where_nothing_touches() -> None:
 
 def test_gap_is_a_thin_cone_and_shut_below_the_seat() -> None:
     area = 0.8 * math.pi * 0.5e-3 * 30e-6 * math.sin(math.pi / 4)
-    assert valve.gap_drive(C, 30e-6) == pytest.approx(area**2, rel=1e-12)
-    assert valve.gap_drive(C, -1e-6) == 0.0
+    assert valve.gap_cda2(C, 30e-6) == pytest.approx(area**2, rel=1e-12)
+    assert valve.gap_cda2(C, -1e-6) == 0.0

@@ -40,5 +40,5 @@ def test_holes_of_the_control_chamber() -> None:
     p = control_chamber.Parameters(18e-9, 0.215e-3, 0.78, 0.85, 1.0, 0.26e-3, 0.82, 0.81, 10.0)
     c = control_chamber.coefficients(p, 2e-3)
     z, a = math.pi / 4 * 0.215e-3**2, math.pi / 4 * 0.26e-3**2
-    assert (c.z_drive, c.z_choked) == pytest.approx(((0.78 * z) ** 2, (0.85 * z) ** 2), rel=1e-12)
-    assert (c.a_drive, c.a_choked) == pytest.approx(((0.82 * a) ** 2, (0.81 * a) ** 2), rel=1e-12)
+    assert (c.z_cda2, c.z_cda2_choked) == pytest.approx(((0.78 * z) ** 2, (0.85 * z) ** 2), rel=1e-12)
+    assert (c.a_cda2, c.a_cda2_choked) == pytest.approx(((0.82 * a) ** 2, (0.81 * a) ** 2), rel=1e-12)

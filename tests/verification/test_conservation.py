@@ -48,7 +48,7 @@ def test_with_the_needle_shut_only_the_guides_leak(regulated: Injector) -> None:
         pressure = before[-1000:].mean()
         viscosity = fuel.kinematic_viscosity(f, 0.5 * (pressure + 0.5e6))
         expected += 3.141592653589793 * diameter * gap**3 / (12 * length) * (pressure - 0.5e6) / viscosity
-    returned = (rows["books.returned"][-1] - rows["books.returned"][-1001]) / 1e-3
+    returned = (rows["cumulative_flows.returned"][-1] - rows["cumulative_flows.returned"][-1001]) / 1e-3
     # the pressures tremble by 1e-4 when the leakage sets in
     assert returned == pytest.approx(expected, rel=1e-6)
     assert rows["nozzle.injected"][-1] == 0.0

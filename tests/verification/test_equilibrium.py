@@ -23,7 +23,7 @@ def test_a_sealed_injector_stays_as_it_is(request: pytest.FixtureRequest, wiring
     tip = rows["body.z" if wiring == "rigid" else "body.z.i9"]
     assert np.abs(tip - tip[0]).max() < 1e-15
     assert np.abs(rows["valve.lift"] - rows["valve.lift"][0]).max() < 1e-15
-    assert rows["nozzle.injected"][-1] == rows["books.returned"][-1] == 0.0
+    assert rows["nozzle.injected"][-1] == rows["cumulative_flows.returned"][-1] == 0.0
 
 
 def test_leakage_moves_a_little_and_injects_nothing(pwm: Injector) -> None:

@@ -31,7 +31,7 @@ def test_the_line_takes_what_the_valve_gives_and_the_cavity_what_is_missing(tigh
     # what arrives is what left a round trip ago, inverted at the tank
     left = np.concatenate((np.full(STEPS, LOW), rows["waves.back"][1:]))[: len(pressure) - 1]
     line_flow = (pressure[1:] - (2.0 * LOW - left)) / c.return_line.impedance
-    drained = rows["books.returned"][1:]
+    drained = rows["cumulative_flows.returned"][1:]
     assert cavity.max() > 0.01 * drained[-1]  # there is one
     assert np.abs(DT * np.cumsum(line_flow) - drained - cavity[1:]).max() < 1e-10 * drained[-1]
     assert (pressure[cavity > 0.0] == c.fuel.vapour_pressure).all()

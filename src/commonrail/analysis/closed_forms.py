@@ -168,7 +168,7 @@ def _steady(injector: Injector, values: dict[str, float], name: str) -> list[Che
     lift, valve_lift = (float(np.mean(rows[key][late])) for key in ("body.z.i9", "valve.lift"))
     span = rows["time"][-1] - rows["time"][3000]
     injected = (rows["nozzle.injected"][-1] - rows["nozzle.injected"][3000]) / span
-    returned = (rows["books.returned"][-1] - rows["books.returned"][3000]) / span
+    returned = (rows["cumulative_flows.returned"][-1] - rows["cumulative_flows.returned"][3000]) / span
     chamber = float(np.mean(rows["control_chamber.fuel.pressure"][late]))
     nozzle_flow, _ = nozzle_by_hand(case, lift)
     drain_flow, drain_pressure = drain_by_hand(case, valve_lift)

@@ -155,7 +155,7 @@ def _deepest_point(row_bytes: bytes, floor_bytes: bytes) -> tuple[Floats, float]
     # Unknowns z and r: greatest r with rows @ z - r >= floor; there always is one, and the bounds limit it.
     inequality = np.hstack([rows, -np.ones((len(rows), 1))])
     downwards = -np.append(np.zeros(dimension), 1.0)
-    point: FloatArray = linprog(downwards, A_ub=-inequality, b_ub=-floor, bounds=(None, None)).x
+    point: Floats = linprog(downwards, A_ub=-inequality, b_ub=-floor, bounds=(None, None)).x
     return point[:dimension], float(point[dimension])
 
 

@@ -40,8 +40,8 @@ def relative_balance(injector: Injector, point: OperatingPoint, states: Mapping[
     late = feed_pipe.end_loss(c.feed_pipe, float(inlet)) - feed_pipe.end_loss(c.feed_pipe, float(end))
     stored += dt * c.feed_pipe.admittance / 2 * late
     injected = float(states["nozzle.injected"][-1])
-    put_in = float(states["books.supplied"][-1])
-    taken_out = injected + float(states["books.returned"][-1])
+    put_in = float(states["cumulative_flows.supplied"][-1])
+    taken_out = injected + float(states["cumulative_flows.returned"][-1])
     left = put_in - taken_out - stored
     return relative_to_injected(left, injected)
 

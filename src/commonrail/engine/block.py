@@ -16,27 +16,25 @@ import numpy as np
 from commonrail.compile import physics
 from commonrail.engine.feed import (
     Inlets,
-    Memory,
     arrived,
-    copy_number,
     fill_rings,
     make_clocks,
-    make_ferry,
+    make_wave_transport,
 )
 from commonrail.engine.job import Vector
 from commonrail.engine.notes import (
     FIGURE,
-    Rest,
     Sample,
+    StopRule,
+    check,
     crossed,
-    look,
-    next_over,
-    note_crossing,
+    next_horizon,
     record,
-    report_over,
-    sample,
+    record_crossing,
+    report_ended,
     set_densities,
-    set_ends,
+    set_horizons,
+    take_sample,
 )
 from commonrail.engine.rows import at, make_rows
 from commonrail.engine.table import Shape
@@ -44,23 +42,6 @@ from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.injector.layout import layout_of
 from commonrail.injector.model import Inputs, Setting, Waves
 from commonrail.injector.variants import Variant, wiring
-
-__all__ = [
-    "FUEL",
-    "INPUTS",
-    "Law",
-    "Machine",
-    "Memory",
-    "any_vectors",
-    "copy_number",
-    "make_advance",
-    "make_begin",
-    "make_ferry",
-    "make_blocks",
-    "make_own_inputs",
-    "make_simulate",
-    "shape_of",
-]
 
 Law = Callable[..., Any]
 
@@ -130,7 +111,7 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting) -> La
     wired = wiring(variant)
     load_parameters, load_fuel, store_inputs = wired.parameters.load, FUEL.load, INPUTS.store
     store_coefficients, store_state = wired.coefficients.store, wired.state.store
-    coefficients, rest, longest_touch, farthest_lift = wired.setup, wired.rest, wired.touch, wired.farthest
+    coefficients, rest, longest_contact, farthest_lift = wired.setup, wired.rest, wired.longest_contact, wired.farthest
     known, fuel_known = len(wired.parameters.paths), len(FUEL.paths)
 
     @physics
@@ -150,12 +131,12 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting) -> La
             zero = 0.0 * setting.dt
             at_rest = Inputs(setting.rail, setting.cylinder, setting.low, zero, zero, zero)
             store_inputs(work, at(rows, rows.inputs, lane), rows.lanes, at_rest)
-            work[at(rows, rows.touch, lane)] = longest_touch(c) / setting.dt
-            work[at(rows, rows.farthest, lane)] = farthest_lift(c)
+            work[at(rows, rows.longest_contact, lane)] = longest_contact(c) / setting.dt
+            work[at(rows, rows.farthest_lift, lane)] = farthest_lift(c)
             rests = work[at(rows, rows.tip, lane)] < 0.0 and work[at(rows, rows.valve_lift, lane)] < 0.0
             out[lane, FIGURE.closed_at_start] = 1.0 if rests else 0.0
-            work[at(rows, rows.leaving, lane)] = work[at(rows, rows.store_pressure, lane)]
-            work[at(rows, rows.leaving + 1, lane)] = work[at(rows, rows.store_pressure, lane)]
+            work[at(rows, rows.leaving, lane)] = work[at(rows, rows.accumulation_pressure, lane)]
+            work[at(rows, rows.leaving + 1, lane)] = work[at(rows, rows.accumulation_pressure, lane)]
             work[at(rows, rows.leaving + 2, lane)] = work[at(rows, rows.return_pressure, lane)]
         return fill_rings(memory, rows)
 
@@ -212,15 +193,15 @@ def make_advance(variant: Variant, rows: Any, vectors: Law = any_vectors, inputs
             after, away = step(c, s, u, arriving, dt)
             old, new = lifts(s.body.z).tip, lifts(after.body.z).tip
             work[at(rows, rows.tip_before, lane)] = old
-            work[at(rows, rows.greatest, lane)] = max(work[at(rows, rows.greatest, lane)], new)
-            work[at(rows, rows.before, lane)] = s.nozzle.injected
+            work[at(rows, rows.greatest_lift, lane)] = max(work[at(rows, rows.greatest_lift, lane)], new)
+            work[at(rows, rows.injected_before, lane)] = s.nozzle.injected
             store_state(work, at(rows, rows.state, lane), rows.lanes, after)
             work[at(rows, rows.leaving, lane)] = away.down
             work[at(rows, rows.leaving + 1, lane)] = away.up
             work[at(rows, rows.leaving + 2, lane)] = away.back
         if crossed(work, rows) > 0:  # rarely: the loop above stays free of it
             for lane in range(rows.lanes):
-                note_crossing(work, rows, lane, count)
+                record_crossing(work, rows, lane, count)
 
     return advance  # type: ignore[no-any-return]
 
@@ -244,7 +225,7 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
     real, keep, vectors = machine.real, machine.keep, machine.vectors
     begin = make_begin(variant, rows, make_settings(real))
     advance = make_advance(variant, rows, vectors, make_own_inputs())
-    arrive, leave = make_ferry(rows, machine.copy, machine.gather)
+    arrive, leave = make_wave_transport(rows, machine.copy, machine.gather)
     row_of, set_inputs, turn, follow, is_traced, first = machine.inlets(rows)
 
     @physics
@@ -253,14 +234,14 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
         work, points, dt = memory.work, job.points[block], real(job.dt)
         candidates = job.candidates[block]
         alike = begin(memory, job.theta, candidates, (job.courses.settings, points, dt), out) or rows.lanes == 1
-        set_ends(work, rows, points, job.courses.steps, job.courses.quiet)
+        set_horizons(work, rows, points, job.courses.steps, job.courses.earliest_end)
         set_densities(work, rows, candidates, points, samples.density)
         keep(work, rows, trace, block, 0)
         horizon = 0
         for lane in range(rows.lanes):
             horizon = max(horizon, job.courses.steps[points[lane]])
         row, traced = row_of(job.courses, points), is_traced(job.courses, points)
-        over, due, bound = next_over(work, rows, real(0)), first, 0
+        next_end, due, bound = next_horizon(work, rows, real(0)), first, 0
         for k in range(horizon):
             set_inputs(memory, job.courses, row, k)
             if k == due:
@@ -272,15 +253,15 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
             leave(memory, k)
             while bound < samples.bound_count[points[0]] and samples.due[points[0], bound] <= k:
                 s = samples.samples[points[0], bound]
-                sample(work, rows, Sample(real(s[0]), real(s[1]), real(s[2]), real(s[3])), bound == 0)
+                take_sample(work, rows, Sample(real(s[0]), real(s[1]), real(s[2]), real(s[3])), bound == 0)
                 bound += 1
             keep(work, rows, trace, block, k + 1)
-            looks = k % job.look_every == job.look_every - 1
-            if looks and look(work, rows, Rest(real(k), job.patience, job.look_every), out):
+            is_due = k % job.check_every == job.check_every - 1
+            if is_due and check(work, rows, StopRule(real(k), job.checks_at_rest, job.check_every), out):
                 break
-            if real(k + 1) >= over:
-                report_over(work, rows, real(k + 1), out)
-                over = next_over(work, rows, real(k + 1))
+            if real(k + 1) >= next_end:
+                report_ended(work, rows, real(k + 1), out)
+                next_end = next_horizon(work, rows, real(k + 1))
 
     return simulate  # type: ignore[no-any-return]
 

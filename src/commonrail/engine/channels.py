@@ -71,6 +71,6 @@ def all_channels(c: Any, variant: Variant, states: States, pressures: States) ->
         **lifts,
         **pressures,
         "coil_current": np.asarray(magnet.current),
-        "magnetic_force": np.asarray(solenoid.pull(c.solenoid, states["solenoid.pulling_flux"])),  # type: ignore[arg-type]
+        "magnetic_force": np.asarray(solenoid.magnetic_force(c.solenoid, states["solenoid.pulling_flux"])),  # type: ignore[arg-type]
         "discharge_coefficient": np.array([discharge(c.nozzle, z) for z in states["nozzle.lift_reached"]]),
     }

@@ -15,10 +15,7 @@ from commonrail.engine.timetable import courses
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 
-__all__ = ["LOOK_AFTER", "MAXIMUM_STEPS", "courses_of"]
-
-
-LOOK_AFTER = 100e-6  # earliest time after energising at which the end of injection is looked for [s]
+CHECK_AFTER = 100e-6  # earliest time after energising at which an injection may have ended [s]
 MAXIMUM_STEPS = 2_000_000
 ALMOST_ALL = 1.0 - 1e-9  # share of a step in which an energising must begin to count as begun in it
 _IDLE = -1.0  # clocks of a point without energisings [s]
@@ -53,16 +50,16 @@ def courses_of(injector: Injector, points: Sequence[OperatingPoint], dt: float) 
     for row, i in enumerate(traced):
         trace[i], traces[row] = row, _means(points[i], dt, int(steps[i]), len(after))
     return Courses(
-        np.array([point.initial_pressures() for point in points]),
-        steps,
-        np.array([_quiet(point, dt) for point in points]),
-        times,
-        clock,
-        first,
-        turns,
-        origins,
-        trace,
-        traces,
+        settings=np.array([point.initial_pressures() for point in points]),
+        steps=steps,
+        earliest_end=np.array([_earliest_end(point, dt) for point in points]),
+        times=times,
+        clock=clock,
+        first=first,
+        turns=turns,
+        origins=origins,
+        trace=trace,
+        traces=traces,
     )
 
 
@@ -75,11 +72,11 @@ def _steps(point: OperatingPoint, dt: float) -> int:
     return steps
 
 
-def _quiet(point: OperatingPoint, dt: float) -> int:
+def _earliest_end(point: OperatingPoint, dt: float) -> int:
     last = max((p.start + p.duration for p in point.pulses), default=point.start)
     if point.drive is not None:
         last = max(last, point.drive.time[-1])
-    return round((last - point.start + LOOK_AFTER) / dt)
+    return round((last - point.start + CHECK_AFTER) / dt)
 
 
 def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt: float) -> tuple[Ints, Ints, Floats]:

@@ -1,4 +1,4 @@
-"""Crossings of the needle's seat that a reference engine has noted, and the instants that follow from them."""
+"""Crossings of the needle's seat that a reference engine has recorded, and the instants that follow from them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 from commonrail.engine.explicit import Instants
 from commonrail.injector.joints import REOPENED
-
-__all__ = ["Crossings", "instants"]
 
 
 class Crossings(NamedTuple):

@@ -20,9 +20,6 @@ from commonrail.engine.notes import Outcome
 from commonrail.errors import ConfigurationError
 from commonrail.injector.variants import Variant, wiring
 
-__all__ = ["missing", "require_device", "run"]
-
-
 # A thread takes nearly all the registers that one may have, so that a multiprocessor holds 8 warps in any case:
 # small groups of threads end sooner where their needles close early.
 GROUP = 64
@@ -111,7 +108,7 @@ def _launch(
     real = VECTORS[precision].real
     steps = job.courses.steps
     samples = _to_device(cuda, (misfit or Misfit.none(len(steps))).samples(job.dt, steps), real)
-    courses = cuda_kernel.Table(job.courses.settings, steps, job.courses.quiet, job.courses.inputs)
+    courses = cuda_kernel.Table(job.courses.settings, steps, job.courses.earliest_end, job.courses.inputs)
     given = _to_device(cuda, job._replace(courses=courses, points=job.points[:0], candidates=job.candidates[:0]), real)
     slots = max(3 * job.ring, len(wiring(variant).parameters.paths) + len(FUEL.paths))
     paths, n = len(trace_paths(variant)), len(job.points)

@@ -33,11 +33,11 @@ from commonrail.jit import offer_overloads
 
 
 class Table(NamedTuple):
-    """`Courses` with all inputs: settings (points, 3), steps and quiet (points,), inputs (points, steps, 6)."""
+    """`Courses` with all inputs: settings (points, 3), steps and earliest_end (points,), inputs (points, steps, 6)."""
 
     settings: Any
     steps: Any
-    quiet: Any
+    earliest_end: Any
     inputs: Any
 
 

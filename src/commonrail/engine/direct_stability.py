@@ -12,8 +12,6 @@ from typing import Any
 
 from commonrail.flow.wave import pipe_area
 
-__all__ = ["LENGTHENS", "SHORTENS", "bears"]
-
 RIGID = 0.7  # largest ω dt of a mode in contact, as for the servo injector's rigid body
 DRAWN = 0.5  # share of the accumulation volume that a wave may draw through the seat's bore in a step
 

@@ -21,8 +21,6 @@ from commonrail.engine.table import GIVEN, Array
 from commonrail.injector.variants import Variant
 from commonrail.jit import exchange_rounding, widest_vectors
 
-__all__ = ["REFUSED", "make_entry"]
-
 REFUSED = 1
 
 

@@ -20,21 +20,17 @@ from commonrail.choices import Drive
 from commonrail.compile import physics
 from commonrail.engine.instant import AT, past_limit
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.rates import make_rates, make_sac_rate
+from commonrail.engine.rates import make_air_gap, make_rates, make_sac_rate
 from commonrail.engine.timetable import courses, knots, segments, value_at
-from commonrail.engine.vector import CORE, make_frame
+from commonrail.engine.vector import core_of, make_frame
 from commonrail.injector.joints import CLEAR_LIFT, REOPENED
 from commonrail.injector.model import Coefficients
 from commonrail.injector.variants import Variant, wiring
 from commonrail.parts.drive import turned
 
-__all__ = ["Marched", "Problem", "march"]
-
-
 # Runge's stages: where in the step each is taken (there is no fifth), and what its slope contributes
 AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
 SHARE = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
-INJECTED = CORE.row("nozzle.injected")
 MET = 1e-9  # the current meets its limit, relative to the band
 SETTLED = 1.0  # share of the SAC's settling time that a step may take; Runge-Kutta's limit of stability is 2.8
 SHORTEST = 0.02  # of the step: shorter it does not get for that
@@ -118,10 +114,10 @@ def march(problem: Problem, time: Floats, step: float) -> Marched:
     """
     plan = _plan(problem, time)
     states = np.full((len(time), len(problem.start)), np.nan)
-    noted = np.append(np.full(3, np.nan), (0.0, 0.0))
+    recorded = np.append(np.full(3, np.nan), (0.0, 0.0))
     loop = compiled_march(problem.variant)
-    finished = loop(plan, problem.fixed, min(step, passage(problem)), problem.start, states, noted)
-    return Marched(states, Instants(*noted[:3].tolist()), bool(finished))
+    finished = loop(plan, problem.fixed, min(step, passage(problem)), problem.start, states, recorded)
+    return Marched(states, Instants(*recorded[:3].tolist()), bool(finished))
 
 
 def passage(problem: Problem) -> float:
@@ -146,7 +142,7 @@ def _plan(problem: Problem, time: Floats) -> _Plan:
 
 @functools.cache
 def compiled_march(variant: Variant) -> Callable[..., bool]:
-    """The loop of a variant, compiled: function (plan, fixed, step, start, states, noted)."""
+    """The loop of a variant, compiled: function (plan, fixed, step, start, states, recorded)."""
     from commonrail.jit import kernel
 
     return kernel(_make_march(variant), f"march: {variant.label}")  # type: ignore[no-any-return]
@@ -173,12 +169,12 @@ def set_courses(outside: Any, plan: Any, k: int, t: float) -> None:
 
 
 @physics
-def note_instants(noted: Any, now: float, h: float, old: float, new: float, injected: float) -> None:
+def record_instants(recorded: Any, now: float, h: float, old: float, new: float, injected: float) -> None:
     """Keep the fields of `Instants`; then 1 while the needle is clear, and the mass injected when it left its seat.
 
     Parameters
     ----------
-    noted : (5,) array
+    recorded : (5,) array
         To be set.
     now, h : float
         Start and length of the step [s].
@@ -188,16 +184,16 @@ def note_instants(noted: Any, now: float, h: float, old: float, new: float, inje
         Mass injected by then [kg].
     """
     if old <= 0.0:
-        noted[4] = injected
+        recorded[4] = injected
     if old <= CLEAR_LIFT < new:
-        if math.isnan(noted[0]):
-            noted[0] = now + h * (CLEAR_LIFT - old) / (new - old)
-        noted[1], noted[3] = math.nan, 1.0
-    flowed = injected - noted[4]
-    if new <= 0.0 < old and not math.isnan(noted[0]) and (noted[3] > 0.5 or flowed > REOPENED * injected):
-        noted[1], noted[3] = now + h * old / (old - new), 0.0
-        if math.isnan(noted[2]):
-            noted[2] = noted[1]
+        if math.isnan(recorded[0]):
+            recorded[0] = now + h * (CLEAR_LIFT - old) / (new - old)
+        recorded[1], recorded[3] = math.nan, 1.0
+    flowed = injected - recorded[4]
+    if new <= 0.0 < old and not math.isnan(recorded[0]) and (recorded[3] > 0.5 or flowed > REOPENED * injected):
+        recorded[1], recorded[3] = now + h * old / (old - new), 0.0
+        if math.isnan(recorded[2]):
+            recorded[2] = recorded[1]
 
 
 @physics
@@ -207,7 +203,8 @@ def stride(left: float, step: float) -> float:
 
 
 def _make_march(variant: Variant) -> Callable[..., bool]:
-    load, load_core, frame = wiring(variant).coefficients.load, CORE.load, make_frame(variant)
+    load, frame, air_gap = wiring(variant).coefficients.load, make_frame(variant), make_air_gap(variant)
+    flux_row, injected_row = core_of(variant).row("solenoid.flux"), core_of(variant).row("nozzle.injected")
     rates, sac_rate = physics(make_rates(variant)), make_sac_rate(variant)
     switching, farthest_lift = variant.drive is Drive.PWM, wiring(variant).farthest
 
@@ -226,15 +223,16 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
                 trial[i] = y[i] + AHEAD[stage + 1] * h * slope[i]
 
     @physics
-    def past(c: Coefficients, core: int, y: Any, outside: Any) -> float:
+    def past(c: Any, cells: Any, y: Any, outside: Any) -> float:
         if not switching or outside[AT.on] < 0.5:
             return -1.0
-        return past_limit(c, outside[AT.peak], outside[AT.conducting], load_core(y, core, 1))
+        flux, gap = y[frame(cells).core + flux_row], air_gap(c, y, cells)
+        return past_limit(c, outside[AT.peak], outside[AT.conducting], flux, gap)
 
-    def loop(plan, fixed, step, start, states, noted):  # type: ignore[no-untyped-def]
+    def loop(plan, fixed, step, start, states, recorded):  # type: ignore[no-untyped-def]
         stops, rows, cells = plan.stops, plan.rows, fixed.cells
         c, at = load(fixed.constants, 0, 1), frame(cells)
-        core, tip, injected = at.core, at.line - 2, at.core + INJECTED
+        tip, injected = at.line - 2, at.core + injected_row
         farthest = farthest_lift(c)
         outside, work = np.zeros(len(AT)), np.empty((4, len(start)))
         y, new = work[0], work[1]
@@ -244,28 +242,28 @@ def _make_march(variant: Variant) -> Callable[..., bool]:
         for k in range(len(stops) - 1):
             outside[AT.on], outside[AT.peak] = plan.schedule[k, 0], plan.schedule[k, 1]
             outside[AT.conducting] = outside[AT.conducting] if outside[AT.on] > 0.5 else 2.0
-            if past(c, core, y, outside) > MET:
+            if past(c, cells, y, outside) > MET:
                 outside[AT.conducting] = turned(outside[AT.conducting])
             now, stop, tries = stops[k], stops[k + 1], 0
-            short, gap, long, over = 0.0, past(c, core, y, outside), 0.0, 0.0
+            short, gap, long, over = 0.0, past(c, cells, y, outside), 0.0, 0.0
             while now < stop:
                 settling = SETTLED / sac_rate(c, y, cells, outside[AT.cylinder])
                 fits = max(min(step, settling), SHORTEST * step)
                 h = short - gap * (long - short) / (over - gap) if long > 0.0 else stride(stop - now, fits)
                 runge_kutta(work, now, h, outside, (plan, k), fixed)
-                ahead = past(c, core, new, outside)
+                ahead = past(c, cells, new, outside)
                 tries += 1
                 if abs(ahead) > MET and (ahead > 0.0 or long > 0.0) and tries < TRIES:
                     # the PWM switches in this step: shorten it to the instant
                     short, gap = (short, gap) if ahead > 0.0 else (h, ahead)
                     long, over = (h, ahead) if ahead > 0.0 else (long, over)
                     continue
-                note_instants(noted, now, h, y[tip], new[tip], new[injected])
+                record_instants(recorded, now, h, y[tip], new[tip], new[injected])
                 now = stop if h >= stop - now else now + h
                 y[:] = new
                 if long > 0.0:
                     outside[AT.conducting] = turned(outside[AT.conducting])
-                short, gap, long, tries = 0.0, past(c, core, y, outside), 0.0, 0
+                short, gap, long, tries = 0.0, past(c, cells, y, outside), 0.0, 0
             if rows[k + 1] >= 0:
                 states[rows[k + 1]] = y
                 # not isfinite(), which "reassoc" folds to true; any comparison with NaN is false

@@ -8,18 +8,6 @@ from typing import Any, NamedTuple
 from commonrail.compile import physics
 from commonrail.engine.rows import at
 
-__all__ = [
-    "ClockedMemory",
-    "Inlets",
-    "Memory",
-    "arrived",
-    "copy_number",
-    "fill_rings",
-    "gather_number",
-    "make_clocks",
-    "make_ferry",
-]
-
 Law = Callable[..., Any]
 
 NEVER = 1 << 62  # step of a turn that is not reached
@@ -63,10 +51,10 @@ def fill_rings(memory, rows):  # type: ignore[no-untyped-def]
     for wave in range(3):
         row = rows.feed_delay if wave < 2 else rows.back_delay
         for lane in range(rows.lanes):
-            work[at(rows, rows.late + wave, lane)] = work[at(rows, rows.leaving + wave, lane)]
+            work[at(rows, rows.arriving + wave, lane)] = work[at(rows, rows.leaving + wave, lane)]
             delay = min(max(work[at(rows, row, lane)], 1.0), ring - 2.0)
-            work[at(rows, rows.whole + wave, lane)] = float(int(delay))
-            work[at(rows, rows.part + wave, lane)] = delay - int(delay)
+            work[at(rows, rows.delay_steps + wave, lane)] = float(int(delay))
+            work[at(rows, rows.delay_fraction + wave, lane)] = delay - int(delay)
             alike = alike and work[at(rows, row, lane)] == work[at(rows, row, 0)]
     return alike
 
@@ -74,8 +62,8 @@ def fill_rings(memory, rows):  # type: ignore[no-untyped-def]
 @physics
 def arrived(work, rows, wave, lane):  # type: ignore[no-untyped-def]
     """A wave that arrives: between the two slots of its ring that `arrive` has put side by side."""
-    part = work[at(rows, rows.part + wave, lane)]
-    late, later = work[at(rows, rows.late + wave, lane)], work[at(rows, rows.later + wave, lane)]
+    part = work[at(rows, rows.delay_fraction + wave, lane)]
+    late, later = work[at(rows, rows.arriving + wave, lane)], work[at(rows, rows.arriving_before + wave, lane)]
     return (1.0 - part) * late + part * later
 
 
@@ -92,7 +80,7 @@ def gather_number(target, to, source, where):  # type: ignore[no-untyped-def]
     target[to] = source[first + ((now - int(target[place])) & mask)]
 
 
-def make_ferry(rows: Any, copy: Law, gather: Law = gather_number) -> tuple[Law, Law]:
+def make_wave_transport(rows: Any, copy: Law, gather: Law = gather_number) -> tuple[Law, Law]:
     """Functions that bring the waves that arrive in step k, and take those that leave, from and into their rings.
 
     Parameters
@@ -111,8 +99,8 @@ def make_ferry(rows: Any, copy: Law, gather: Law = gather_number) -> tuple[Law, 
         work, waves, ring = memory.work, memory.waves, memory.ring
         mask = ring - 1
         for wave in range(3):
-            late, place = at(rows, rows.late + wave, 0), at(rows, rows.whole + wave, 0)
-            copy(work, at(rows, rows.later + wave, 0), work, late)
+            late, place = at(rows, rows.arriving + wave, 0), at(rows, rows.delay_steps + wave, 0)
+            copy(work, at(rows, rows.arriving_before + wave, 0), work, late)
             if alike:
                 copy(work, late, waves, at(rows, wave * ring + ((k - int(work[place])) & mask), 0))
             else:
@@ -178,12 +166,12 @@ def make_clocks(rows: Any, read: Law) -> Inlets:
     def turn(memory, courses, points, k):  # type: ignore[no-untyped-def]
         work, origins, due = memory.work, memory.origins, NEVER
         for lane in range(rows.lanes):
-            here = courses.first[points[lane]] + int(work[at(rows, rows.turned, lane)])
+            here = courses.first[points[lane]] + int(work[at(rows, rows.clock_turns, lane)])
             if courses.turns[here] == k:
                 origins[lane], origins[rows.lanes + lane] = courses.origins[here, 0], courses.origins[here, 1]
                 work[at(rows, rows.since_start, lane)] = courses.origins[here, 2]
                 work[at(rows, rows.since_end, lane)] = courses.origins[here, 3]
-                work[at(rows, rows.turned, lane)] += 1.0
+                work[at(rows, rows.clock_turns, lane)] += 1.0
                 here += 1
             due = min(due, courses.turns[here])
         return due

@@ -2,40 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from commonrail.choices import Boundary, Drive
 from commonrail.compile import physics
-from commonrail.engine.vector import Core
-from commonrail.flow.orifice import jet
+from commonrail.flow.orifice import jet, orifice
 from commonrail.injector import joints
 from commonrail.injector.layout import layout_of
 from commonrail.injector.model import Coefficients
 from commonrail.injector.setup import ambient_density
 from commonrail.injector.variants import Variant
-from commonrail.parts import drive, solenoid, valve
+from commonrail.parts import drive, flux_decay, solenoid
 from commonrail.parts.contents import Contents, contents
-
-__all__ = [
-    "AT",
-    "Inlet",
-    "OUTSIDE",
-    "Outside",
-    "coil_law",
-    "coil_rates",
-    "drain_flow",
-    "feed",
-    "friction_force",
-    "inlet_law",
-    "past_limit",
-    "pressure_behind",
-]
 
 # The pressure behind the valve follows the line within this time: a thirtieth of what a wave takes through a cell [s].
 OUTLET_TIME = 1e-7
-FRICTION_SPEED = 1e-2  # Coulomb friction is full above this speed [m/s]
 
 
 class Outside(NamedTuple):
@@ -85,8 +67,8 @@ def pressure_behind(c: Coefficients, outlet: float, wave: float) -> float:
 
 
 @physics
-def drain_flow(c: Coefficients, chamber: Contents, gap: float, outlet: float, wave: float) -> Drain:
-    """Flow through A-hole and valve, and into the return line.
+def drain_flow(c: Coefficients, chamber: Contents, gap_cda2: float, outlet: float, wave: float) -> Drain:
+    """Flow through A-hole and valve, Eq. (4), and into the return line.
 
     A small volume of liquid at the valve's outlet, which the line's impedance fills within `OUTLET_TIME`, gives the
     pressure there; it holds the vapour pressure while liquid is missing, as the other volumes do.
@@ -96,7 +78,7 @@ def drain_flow(c: Coefficients, chamber: Contents, gap: float, outlet: float, wa
     c : Coefficients
     chamber : Contents
         Of the control chamber.
-    gap : float
+    gap_cda2 : float
         (c_d A)² of the valve's gap [m⁴].
     outlet : float
         Of `Core` [Pa]; not used where there is no line.
@@ -105,16 +87,18 @@ def drain_flow(c: Coefficients, chamber: Contents, gap: float, outlet: float, wa
     """
     z = c.return_line.impedance
     behind = pressure_behind(c, outlet, wave)
-    d = joints.drain_drive(c, chamber.pressure, behind, gap)
-    flow = jet(d.drive, chamber.density, c.control_chamber.a_offset).mass_flow
+    through = joints.drain_cda2(c, chamber.pressure, behind, gap_cda2)
+    flow = jet(through.cda2_dp, chamber.density, c.control_chamber.a_offset).mass_flow
     if z > 0.0:
         return Drain(flow, behind, (behind - wave) / z, (z * flow - (behind - wave)) / OUTLET_TIME)
     return Drain(flow, behind, flow, 0.0)
 
 
 @physics
-def coil_rates(c: Coefficients, outside: Outside, law: Any, s: solenoid.State, gap: float) -> solenoid.State:
-    """Rates of both fluxes [V].
+def coil_rates(
+    c: Any, outside: Outside, law: Any, s: solenoid.State, gap: float, lags: tuple[float, float]
+) -> solenoid.State:
+    """Rates of both fluxes [V]: N dφ/dt = v − R i, Eq. (11), and dφ_f/dt = (φ − φ_f)/τ; of either actuation.
 
     Parameters
     ----------
@@ -125,14 +109,16 @@ def coil_rates(c: Coefficients, outside: Outside, law: Any, s: solenoid.State, g
     s : State
         Of the solenoid.
     gap : float
-        That the armature leaves [m].
+        Air gap that the armature leaves [m].
+    lags : (float, float)
+        Of a rising and of a falling flux [s]; the first is zero for none.
     """
-    flux, pulling = s
-    now = solenoid.circuit(c.solenoid, flux, gap)
+    rising, falling = lags
+    now = solenoid.circuit(c.solenoid, s.flux, gap)
     supply = drive.Supply(drive.Schedule(outside.on, outside.peak), outside.trace)
     rate = law(c, outside, supply, now)
-    lag = c.solenoid.eddy_lag
-    return solenoid.State(rate, (flux - pulling) / lag if lag > 0.0 else rate)
+    pulling_rate = flux_decay.rate(s.flux, s.pulling_flux, rising, falling) if rising > 0.0 else rate
+    return solenoid.State(rate, pulling_rate)
 
 
 @physics
@@ -145,12 +131,12 @@ def inlet_ideal(c: Coefficients, at: Inlet, z_flow: float) -> float:
 def inlet_throttled(c: Coefficients, at: Inlet, z_flow: float) -> float:
     """Pressure at the pipe's inlet behind the rail's throttle, Eq. (4) solved for the pressure."""
     rail = contents(c.fuel, at.rail_mass, 1.0 / c.rail.volume)
-    total = at.flow + c.control_chamber.z_from_inlet * z_flow
-    return rail.pressure - total * abs(total) / (2.0 * rail.density * c.rail.throttle)
+    total = at.flow + c.control_chamber.z_inlet_fraction * z_flow
+    return rail.pressure - total * abs(total) / (2.0 * rail.density * c.rail.throttle_cda2)
 
 
 @physics
-def feed(c: Coefficients, law: Any, at: Inlet, store: float, low: float) -> Feed:
+def feed(c: Coefficients, law: Any, at: Inlet, accumulation: float, control: float) -> Feed:
     """Pressure at the inlet, and flow through the Z-hole.
 
     The Z-hole's flow needs the inlet's pressure, which (rail volume) needs that flow: six rounds converge.
@@ -161,38 +147,41 @@ def feed(c: Coefficients, law: Any, at: Inlet, store: float, low: float) -> Feed
     law : law
         `inlet_law` of a variant.
     at : Inlet
-    store, low : float
-        Pressures in accumulation and control chamber [Pa].
+    accumulation, control : float
+        Pressures in accumulation volume and control chamber [Pa].
     """
     z_flow = 0.0
     inlet = at.rail
-    tap = c.control_chamber.z_from_inlet
+    from_inlet = c.control_chamber.z_inlet_fraction
     for _ in range(6):
         inlet = law(c, at, z_flow)
-        source = tap * inlet + (1.0 - tap) * store
-        z_drive, _ = joints.z_hole_drive(c, source, low)
-        z_flow = jet(z_drive, ambient_density(c.source, source), c.control_chamber.z_offset).mass_flow
-        if tap == 0.0:
+        source = from_inlet * inlet + (1.0 - from_inlet) * accumulation
+        through = joints.z_hole_cda2(c, source, control)
+        z_flow = orifice(through, ambient_density(c.source, source), c.control_chamber.z_offset).mass_flow
+        if from_inlet == 0.0:
             break
     return Feed(inlet, z_flow)
 
 
 @physics
-def past_limit(c: Coefficients, peak: float, conducting: float, s: Core) -> float:
+def past_limit(c: Any, peak: float, conducting: float, flux: float, gap: float) -> float:
     """Positive once the PWM's current has passed the limit at which it switches; relative to its band.
 
     Parameters
     ----------
     c : Coefficients
+        Of either actuation.
     peak, conducting : float
         As in `Outside`.
-    s : Core
+    flux : float
+        Linked by the coil [Wb].
+    gap : float
+        Air gap that the armature leaves [m].
     """
     in_peak = peak > 0.5
     mean = c.drive.peak_current if in_peak else c.drive.hold_current
     band = c.drive.peak_band if in_peak else c.drive.hold_band
-    now = solenoid.circuit(c.solenoid, s.solenoid.flux, valve.air_gap(c.valve, s.valve))
-    over = (now.current - mean) / band
+    over = (solenoid.circuit(c.solenoid, flux, gap).current - mean) / band
     return (over if conducting > 0.5 else -over) - 0.5
 
 
@@ -226,22 +215,6 @@ def by_voltage(c: Coefficients, outside: Outside, supply: drive.Supply, now: sol
 def by_current(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
     """Measured current."""
     return drive.current_trace(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate
-
-
-@physics
-def friction_force(coulomb: float, viscous: float, speed: float) -> float:
-    """Guide friction against the motion [N]: Coulomb, rounded at standstill, and viscous. Not in the paper's model.
-
-    Parameters
-    ----------
-    coulomb : float
-        [N].
-    viscous : float
-        [N s/m].
-    speed : float
-        [m/s].
-    """
-    return coulomb * math.tanh(speed / FRICTION_SPEED) + viscous * speed
 
 
 def inlet_law(variant: Variant) -> Callable[..., float]:

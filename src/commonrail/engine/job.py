@@ -10,8 +10,6 @@ from commonrail.arrays import Floats, Ints
 from commonrail.choices import Precision
 from commonrail.injector.model import Inputs
 
-__all__ = ["Courses", "Job", "Samples", "Vector"]
-
 
 class Vector(NamedTuple):
     """Width of a block in candidates, and the type of its numbers."""
@@ -36,7 +34,7 @@ class Courses(NamedTuple):
     settings : (points, 3)
         Rail, cylinder and return pressure at time zero [Pa], and throughout where a point has no trace.
     steps : (points,) int
-    quiet : (points,) int
+    earliest_end : (points,) int
         First step at which an injection may have ended.
     times : (clocks, steps)
         Starts of the steps [s].
@@ -56,7 +54,7 @@ class Courses(NamedTuple):
 
     settings: Floats
     steps: Ints
-    quiet: Ints
+    earliest_end: Ints
     times: Floats
     clock: Ints
     first: Ints
@@ -97,10 +95,10 @@ class Job(NamedTuple):
         [s].
     ring : int
         Slots of a ring buffer, a power of two above the longest delay.
-    look_every : int
-        Steps between looks at health and rest.
-    patience : int
-        Looks for which needle and valve must have rested before a simulation ends; 0: it runs to its horizon.
+    check_every : int
+        Steps between checks of health and rest.
+    checks_at_rest : int
+        Checks for which needle and valve must have rested before a simulation ends; 0: it runs to its horizon.
     """
 
     theta: Floats
@@ -109,8 +107,8 @@ class Job(NamedTuple):
     candidates: Ints
     dt: float
     ring: int
-    look_every: int
-    patience: int
+    check_every: int
+    checks_at_rest: int
 
 
 class Samples(NamedTuple):

@@ -162,7 +162,16 @@ def run(
     kept = (int(steps.max()) + 1, rows, min(lanes, len(job.theta) * len(steps)))
     trace = np.full((n, *kept) if traced else (0, 0, 0, 0), np.nan)
     threads = min(threads, n)
-    given = Given(shape_of(variant, vector), job, samples, trace, out, (), 0, threads)
+    given = Given(
+        shape=shape_of(variant, vector),
+        job=job,
+        samples=samples,
+        trace=trace,
+        out=out,
+        scratch=(),
+        first=0,
+        stride=threads,
+    )
     side_by_side(lambda first: _call(loop, given._replace(first=first), vector.real), range(threads))
     return Outcome(*np.moveaxis(tabled(out, job), 2, 0)), trace
 

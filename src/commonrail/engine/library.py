@@ -18,8 +18,6 @@ from typing import Any, NamedTuple
 from commonrail.compile_target import LEVEL_3, LEVEL_4, SWITCH, is_x86, kernels_switch, package_version
 from commonrail.kernel_cache import sources_stamp
 
-__all__ = ["COMPILERS", "FOLDER", "INSTALL", "STAMP", "Shared", "digest", "file_of", "find", "objection"]
-
 FOLDER = Path(__file__).resolve().parents[1] / "kernels"
 STAMP = "stamp.json"
 COMPILERS = ("numba", "llvmlite")

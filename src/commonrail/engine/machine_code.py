@@ -18,8 +18,6 @@ from commonrail.exact import exact_processor
 from commonrail.injector.variants import Variant
 from commonrail.kernel_cache import ENDING, kept_or_made
 
-__all__ = ["MachineCode", "machine_code", "object_of", "symbol_of"]
-
 
 class MachineCode(NamedTuple):
     """A loop that can be called.

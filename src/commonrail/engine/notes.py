@@ -1,4 +1,4 @@
-"""Figures that the loop takes of its lanes: crossings of the seat, samples of the rate, rest, health, traces."""
+"""What the loop records of its lanes: crossings of the seat, samples of the rate, the end at rest, health, traces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from commonrail.engine.rows import at
 from commonrail.injector.joints import CLEAR_LIFT, RELAXED, REOPENED
 
 RECOVERED = 0.9  # share of the accumulation's pressure that the control chamber regains once the valve is shut
-DRIBBLE = 1e-12, 1e-6  # what a resting injector injects between two looks, at most: [kg], and share of the stroke
+DRIBBLE = 1e-12, 1e-6  # largest injected mass per check that still counts as at rest: [kg], and share of the stroke
 
 
 class Outcome(NamedTuple):
@@ -49,11 +49,11 @@ class Sample(NamedTuple):
     weight: float
 
 
-class Rest(NamedTuple):
-    """Conditions for the end of a lane: the step, checks at rest (0: never), and steps between two checks."""
+class StopRule(NamedTuple):
+    """When a lane ends: the present step, checks at rest that it takes (0: never), and steps between two checks."""
 
     step: float
-    patience: int
+    checks: int
     every: int
 
 
@@ -68,7 +68,7 @@ def crossed(work, rows):  # type: ignore[no-untyped-def]
 
 
 @physics
-def note_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
+def record_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
     """Keep the opening, the first and the last closing, in steps; zero is none.
 
     The needle is open once its tip has first risen by `CLEAR_LIFT`, and closes when it first meets the seat after
@@ -78,19 +78,19 @@ def note_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
     old, new = work[at(rows, rows.tip_before, lane)], work[at(rows, rows.tip, lane)]
     injected = work[at(rows, rows.injected, lane)]
     if old <= 0.0 < new:
-        work[at(rows, rows.lifted, lane)] = injected
+        work[at(rows, rows.injected_at_lift, lane)] = injected
     if old <= CLEAR_LIFT < new:
-        if work[at(rows, rows.opened, lane)] == 0.0:
-            work[at(rows, rows.opened, lane)] = count - (new - CLEAR_LIFT) / (new - old)
-        work[at(rows, rows.clear, lane)] = 1.0
-        work[at(rows, rows.shut, lane)] = 0.0  # it has not closed for the last time
-    reopened = injected - work[at(rows, rows.lifted, lane)] > REOPENED * injected
-    counts = work[at(rows, rows.clear, lane)] > 0.0 or reopened
-    if new <= 0.0 < old and work[at(rows, rows.opened, lane)] > 0.0 and counts:
-        work[at(rows, rows.shut, lane)] = count - new / (new - old)
-        if work[at(rows, rows.first_shut, lane)] == 0.0:
-            work[at(rows, rows.first_shut, lane)] = work[at(rows, rows.shut, lane)]
-        work[at(rows, rows.clear, lane)] = 0.0
+        if work[at(rows, rows.opening, lane)] == 0.0:
+            work[at(rows, rows.opening, lane)] = count - (new - CLEAR_LIFT) / (new - old)
+        work[at(rows, rows.is_open, lane)] = 1.0
+        work[at(rows, rows.last_closing, lane)] = 0.0  # it has not closed for the last time
+    reopened = injected - work[at(rows, rows.injected_at_lift, lane)] > REOPENED * injected
+    counts = work[at(rows, rows.is_open, lane)] > 0.0 or reopened
+    if new <= 0.0 < old and work[at(rows, rows.opening, lane)] > 0.0 and counts:
+        work[at(rows, rows.last_closing, lane)] = count - new / (new - old)
+        if work[at(rows, rows.first_closing, lane)] == 0.0:
+            work[at(rows, rows.first_closing, lane)] = work[at(rows, rows.last_closing, lane)]
+        work[at(rows, rows.is_open, lane)] = 0.0
 
 
 @physics
@@ -102,60 +102,67 @@ def set_densities(work, rows, candidates, points, density):  # type: ignore[no-u
 
 
 @physics
-def set_ends(work, rows, points, steps, quiet):  # type: ignore[no-untyped-def]
+def set_horizons(work, rows, points, steps, earliest_end):  # type: ignore[no-untyped-def]
     """Keep the number of each lane's steps, and the first one at which its injection may have ended."""
     for lane in range(rows.lanes):
         work[at(rows, rows.steps, lane)] = steps[points[lane]]
-        work[at(rows, rows.quiet, lane)] = quiet[points[lane]]
+        work[at(rows, rows.earliest_end, lane)] = earliest_end[points[lane]]
 
 
 @physics
-def sample(work, rows, due, first):  # type: ignore[no-untyped-def]
+def take_sample(work, rows, due, first):  # type: ignore[no-untyped-def]
     """Take the `Sample` that ends in the last step, and add up its misfit, by volume as the target."""
     for lane in range(rows.lanes):
-        start = work[at(rows, rows.before, lane)]
+        start = work[at(rows, rows.injected_before, lane)]
         here = start + due.part * (work[at(rows, rows.injected, lane)] - start)
         # a division: the compiler contracts a product and a difference in some lanes and not in others
-        error = (here - work[at(rows, rows.mark, lane)]) / (due.width * work[at(rows, rows.density, lane)]) - due.target
+        gain, density = here - work[at(rows, rows.injected_at_sample, lane)], work[at(rows, rows.density, lane)]
+        error = gain / (due.width * density) - due.target
         counts = 0.0 if first else due.weight
         work[at(rows, rows.absolute, lane)] += counts * abs(error)
         work[at(rows, rows.squared, lane)] += counts * error * error
-        work[at(rows, rows.mark, lane)] = here
+        work[at(rows, rows.injected_at_sample, lane)] = here
 
 
 @physics
-def look(work, rows, rest, out):  # type: ignore[no-untyped-def]
-    """Take the figures of lanes that have ended; true once every lane has.
+def check(work, rows, rule, out):  # type: ignore[no-untyped-def]
+    """Report lanes that have ended; true once every lane has.
 
-    A lane ends when it has failed or, where there is a patience, when needle and valve have rested for that many
-    looks and for longer than a bouncing one touches its seat: what its neighbours do after that
-    does not touch its figures. A needle that has closed on a valve still in motion, or on a chamber that has not
-    refilled, may open again.
+    A lane ends when it has failed or, by a `StopRule`, when needle and valve have rested for that many checks and for
+    longer than a bouncing one touches its seat: what its neighbours do after that does not change its figures.
     """
     ended = 0
     for lane in range(rows.lanes):
-        if work[at(rows, rows.done, lane)] == 0.0:
+        if work[at(rows, rows.has_ended, lane)] == 0.0:
             mass = work[at(rows, rows.injected, lane)]
-            gain = mass - work[at(rows, rows.seen, lane)]
-            work[at(rows, rows.seen, lane)] = mass
-            shut = work[at(rows, rows.control_pressure, lane)] > RECOVERED * work[at(rows, rows.store_pressure, lane)]
-            rests = _needle_rests(work, rows, lane) and work[at(rows, rows.valve_lift, lane)] <= 0.0 and shut
-            still = rest.step >= work[at(rows, rows.quiet, lane)] and rests and gain <= DRIBBLE[0] + DRIBBLE[1] * mass
-            work[at(rows, rows.rested, lane)] = work[at(rows, rows.rested, lane)] + 1.0 if still else 0.0
-            rested = work[at(rows, rows.rested, lane)]
-            over = (
-                rest.patience > 0 and rested > rest.patience and rested * rest.every > work[at(rows, rows.touch, lane)]
-            )
-            if over or not _is_sound(work, rows, lane):
+            gain = mass - work[at(rows, rows.injected_at_check, lane)]
+            work[at(rows, rows.injected_at_check, lane)] = mass
+            rests = rule.step >= work[at(rows, rows.earliest_end, lane)] and is_at_rest(work, rows, lane)
+            still = rests and gain <= DRIBBLE[0] + DRIBBLE[1] * mass
+            checks = work[at(rows, rows.checks_at_rest, lane)] + 1.0 if still else 0.0
+            work[at(rows, rows.checks_at_rest, lane)] = checks
+            enough = checks > rule.checks and checks * rule.every > work[at(rows, rows.longest_contact, lane)]
+            if (rule.checks > 0 and enough) or not _is_sound(work, rows, lane):
                 _report(work, rows, lane, out)
-                work[at(rows, rows.done, lane)] = 1.0
-        if work[at(rows, rows.done, lane)] != 0.0:
+                work[at(rows, rows.has_ended, lane)] = 1.0
+        if work[at(rows, rows.has_ended, lane)] != 0.0:
             ended += 1
     return ended == rows.lanes
 
 
 @physics
-def _needle_rests(work, rows, lane):  # type: ignore[no-untyped-def]
+def is_at_rest(work, rows, lane):  # type: ignore[no-untyped-def]
+    """True for a needle on its seat with an empty SAC, a closed valve and a control chamber that has refilled.
+
+    A needle that has closed on a valve still in motion, or on a chamber that has not refilled, may open again.
+    """
+    recovered = RECOVERED * work[at(rows, rows.accumulation_pressure, lane)]
+    refilled = work[at(rows, rows.control_pressure, lane)] > recovered
+    return needle_rests(work, rows, lane) and work[at(rows, rows.valve_lift, lane)] <= 0.0 and refilled
+
+
+@physics
+def needle_rests(work, rows, lane):  # type: ignore[no-untyped-def]
     """True for a needle on its seat and a SAC that has emptied."""
     excess = work[at(rows, rows.sac_pressure, lane)] - work[at(rows, rows.cylinder, lane)]
     return work[at(rows, rows.tip, lane)] <= 0.0 and excess < RELAXED
@@ -165,16 +172,16 @@ def _needle_rests(work, rows, lane):  # type: ignore[no-untyped-def]
 def _is_sound(work, rows, lane):  # type: ignore[no-untyped-def]
     """True for a state that is finite and inside its stops."""
     return (
-        abs(work[at(rows, rows.tip, lane)]) < work[at(rows, rows.farthest, lane)]
-        and abs(work[at(rows, rows.top, lane)]) < work[at(rows, rows.farthest, lane)]
+        abs(work[at(rows, rows.tip, lane)]) < work[at(rows, rows.farthest_lift, lane)]
+        and abs(work[at(rows, rows.top, lane)]) < work[at(rows, rows.farthest_lift, lane)]
         and abs(work[at(rows, rows.injected, lane)]) < 1.0
         and abs(work[at(rows, rows.sac_pressure, lane)]) < 1e10
     )
 
 
 @physics
-def _crossing(work, rows, row, lane):  # type: ignore[no-untyped-def]
-    """Instant of a noted crossing in steps; NaN where there was none."""
+def _instant(work, rows, row, lane):  # type: ignore[no-untyped-def]
+    """A recorded instant in steps; NaN where there was none."""
     return work[at(rows, row, lane)] if work[at(rows, row, lane)] > 0.0 else np.nan
 
 
@@ -184,36 +191,36 @@ def _report(work, rows, lane, out):  # type: ignore[no-untyped-def]
     out[lane, FIGURE.injected] = work[at(rows, rows.injected, lane)]
     out[lane, FIGURE.returned] = work[at(rows, rows.returned, lane)]
     out[lane, FIGURE.supplied] = work[at(rows, rows.supplied, lane)]
-    out[lane, FIGURE.opening] = _crossing(work, rows, rows.opened, lane)
-    out[lane, FIGURE.closing] = _crossing(work, rows, rows.shut, lane)
-    out[lane, FIGURE.first_closing] = _crossing(work, rows, rows.first_shut, lane)
-    out[lane, FIGURE.greatest_lift] = work[at(rows, rows.greatest, lane)]
+    out[lane, FIGURE.opening] = _instant(work, rows, rows.opening, lane)
+    out[lane, FIGURE.closing] = _instant(work, rows, rows.last_closing, lane)
+    out[lane, FIGURE.first_closing] = _instant(work, rows, rows.first_closing, lane)
+    out[lane, FIGURE.greatest_lift] = work[at(rows, rows.greatest_lift, lane)]
     out[lane, FIGURE.absolute] = work[at(rows, rows.absolute, lane)]
     out[lane, FIGURE.squared] = work[at(rows, rows.squared, lane)]
     out[lane, FIGURE.sound] = 1.0 if _is_sound(work, rows, lane) else 0.0
-    out[lane, FIGURE.closed_at_end] = 1.0 if _needle_rests(work, rows, lane) else 0.0
+    out[lane, FIGURE.closed_at_end] = 1.0 if needle_rests(work, rows, lane) else 0.0
 
 
 @physics
-def report_over(work, rows, count, out):  # type: ignore[no-untyped-def]
-    """Take the figures of lanes that have run to their horizon, after `count` steps, and not ended before."""
+def report_ended(work, rows, count, out):  # type: ignore[no-untyped-def]
+    """Report lanes that have run to their horizon, after `count` steps, and had not ended before."""
     for lane in range(rows.lanes):
-        if work[at(rows, rows.steps, lane)] <= count and work[at(rows, rows.done, lane)] == 0.0:
+        if work[at(rows, rows.steps, lane)] <= count and work[at(rows, rows.has_ended, lane)] == 0.0:
             _report(work, rows, lane, out)
-            work[at(rows, rows.done, lane)] = 1.0
+            work[at(rows, rows.has_ended, lane)] = 1.0
 
 
 @physics
-def report_rest(work, rows, cylinder, out):  # type: ignore[no-untyped-def]
+def report_remaining(work, rows, cylinder, out):  # type: ignore[no-untyped-def]
     """Write the figures of all lanes that have not ended, at the given cylinder pressure."""
     for lane in range(rows.lanes):
-        if work[at(rows, rows.done, lane)] == 0.0:
+        if work[at(rows, rows.has_ended, lane)] == 0.0:
             work[at(rows, rows.cylinder, lane)] = cylinder
             _report(work, rows, lane, out)
 
 
 @physics
-def next_over(work, rows, count):  # type: ignore[no-untyped-def]
+def next_horizon(work, rows, count):  # type: ignore[no-untyped-def]
     """Number of steps, above `count`, after which a lane reaches its horizon; the last one's where all have."""
     following = work[at(rows, rows.steps, 0)]
     for lane in range(rows.lanes):

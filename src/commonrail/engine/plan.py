@@ -23,7 +23,7 @@ from commonrail.injector.definition import FUEL_TEMPERATURE, Injector
 from commonrail.injector.model import Setting
 from commonrail.injector.variants import wiring
 
-LOOK_INTERVAL = 20e-6  # between looks at health and rest [s]
+CHECK_INTERVAL = 20e-6  # between checks of health and rest [s]
 RESTING = 100e-6  # an injection has ended once needle and valve have rested this long [s]
 SLOWEST_WAVE = 600.0  # below any sound speed of a fuel [m/s]: sizes the buffers of the travelling waves
 _WAYS = {"feed_pipe.length": 1.0, "return_line.length": 2.0}  # of a wave in the buffers, in lengths
@@ -83,15 +83,15 @@ def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> 
     note_narrow_pipe(injector, points)
     highest = np.array([_largest(point.rail_pressure) for point in points])
     return Prepared(
-        injector,
-        points,
-        dt,
-        candidate_matrix(injector, (), np.empty((1, 0)))[0],
-        courses_of(injector, points, dt),
-        np.array([point.start for point in points]),
-        reference_densities(injector, points),
-        highest,
-        medium_of(injector, float(highest.max())),
+        injector=injector,
+        points=points,
+        dt=dt,
+        row=candidate_matrix(injector, (), np.empty((1, 0)))[0],
+        courses=courses_of(injector, points, dt),
+        begin=np.array([point.start for point in points]),
+        densities=reference_densities(injector, points),
+        highest=highest,
+        medium=medium_of(injector, float(highest.max())),
     )
 
 
@@ -167,15 +167,17 @@ def make_job(
         As in `fill_lanes`; samples to compare with demand it.
     """
     dt, courses = prepared.dt, prepared.courses
-    every = max(round(LOOK_INTERVAL / dt), 1)
+    every = max(round(CHECK_INTERVAL / dt), 1)
+    points, candidates = fill_lanes(courses, len(theta), width, by_earliest_end=stop_when_closed, apart=apart)
     return Job(
-        np.ascontiguousarray(theta),
-        courses,
-        *fill_lanes(courses, len(theta), width, by_quiet=stop_when_closed, apart=apart),
-        dt,
-        _ring(prepared.injector, theta, dt, int(courses.steps.max())),
-        every,
-        max(round(RESTING / (every * dt)), 1) if stop_when_closed else 0,
+        theta=np.ascontiguousarray(theta),
+        courses=courses,
+        points=points,
+        candidates=candidates,
+        dt=dt,
+        ring=_ring(prepared.injector, theta, dt, int(courses.steps.max())),
+        check_every=every,
+        checks_at_rest=max(round(RESTING / (every * dt)), 1) if stop_when_closed else 0,
     )
 
 
@@ -203,7 +205,7 @@ def _lanes(order: bytes, starts: bytes, candidates: int, width: int) -> tuple[In
 
 
 def fill_lanes(
-    courses: Courses, candidates: int, width: int, *, by_quiet: bool = False, apart: bool = False
+    courses: Courses, candidates: int, width: int, *, by_earliest_end: bool = False, apart: bool = False
 ) -> tuple[Ints, Ints]:
     """Points and candidates of the lanes of each block, (blocks, width) each: every candidate at every point.
 
@@ -216,13 +218,13 @@ def fill_lanes(
     candidates : int
     width : int
         Lanes of a block.
-    by_quiet : bool
+    by_earliest_end : bool
         Simulations end once their injection has ended, rather than at their horizon.
     apart : bool
         Only candidates at the same point share a block.
     """
     points = len(courses.steps)
-    end = courses.quiet if by_quiet else courses.steps
+    end = courses.earliest_end if by_earliest_end else courses.steps
     order = np.lexsort((courses.settings[:, 0], -end, courses.clock)) if points > 1 else np.zeros(1, np.int64)
     clock = courses.clock[order]
     starts = np.arange(points) if apart else np.append(0, 1 + np.flatnonzero(clock[1:] != clock[:-1]))

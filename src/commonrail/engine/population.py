@@ -19,8 +19,6 @@ from commonrail.fuel.fuel import Fuel
 from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
 from commonrail.parts.furniture import Domain
 
-__all__ = ["admissible", "candidate_matrix", "columns", "read_candidates"]
-
 
 def read_candidates(names: Sequence[str], values: ArrayLike | None) -> Floats:
     """Values (candidates, names) as SI numbers; text is read in the unit of its own column."""

@@ -18,17 +18,16 @@ from commonrail.choices import Actuation, Boundary, Drive
 from commonrail.engine.balance import relative_to_injected
 from commonrail.engine.channels import all_channels
 from commonrail.engine.crossings import Crossings, instants
-from commonrail.engine.direct_reference import simulate_direct
 from commonrail.engine.explicit import Fixed, Instants, Problem, march
 from commonrail.engine.instant import AT, Inlet, feed, inlet_law, past_limit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at, reference_density
-from commonrail.engine.rates import make_hydraulics, make_rates
+from commonrail.engine.rates import make_air_gap, make_hydraulics, make_rates
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.engine.timetable import courses, segments, value_at
 from commonrail.engine.validity import check_point, note_limits
-from commonrail.engine.vector import CORE, make_frame, start_vector, typical_sizes, vector_states
+from commonrail.engine.vector import core_of, make_frame, start_vector, typical_sizes, vector_states
 from commonrail.errors import ConfigurationError
 from commonrail.injector.definition import Injector
 from commonrail.injector.joints import CLEAR_LIFT
@@ -100,9 +99,7 @@ def simulate_reference(
     time: Floats = np.asarray(point.start + sample_interval * np.arange(samples + 1), float)
     note_limits(injector, [point])
     if injector.variant.actuation is Actuation.DIRECT:
-        _check_direct(injector, resolution, friction)
-        check_point(injector, point)
-        return simulate_direct(injector, point, time, resolution.cells[0], *resolution[1:3])
+        _refuse_friction(injector, friction)
     model = Model(injector, point, resolution, friction)
     if resolution.method == "explicit":
         return model.solution(time, *march(model.problem, time, resolution.step))
@@ -120,12 +117,9 @@ def _check(resolution: Resolution) -> None:
         )
 
 
-def _check_direct(injector: Injector, resolution: Resolution, friction: Floats | None) -> None:
-    if resolution.method != "lsoda" or friction is not None:
-        raise ConfigurationError(
-            f'{injector.name}: the reference of a direct-acting injector has the method "lsoda" alone, and no friction '
-            "of guides."
-        )
+def _refuse_friction(injector: Injector, friction: Floats | None) -> None:
+    if friction is not None:
+        raise ConfigurationError(f"{injector.name} is direct-acting: the needle has no guides; omit the friction.")
 
 
 class Model:
@@ -141,18 +135,21 @@ class Model:
         self.c = coefficients_at(injector, point, at.dt)
         wired = wiring(variant)
         state = wired.rest(self.c, at)
-        self.closed_at_start = wired.body.lifts(state.body.z).tip < 0.0 and state.valve.lift < 0.0
-        line = resolution.cells[1] if self.c.return_line.impedance > 0.0 else 0
+        self.direct = variant.actuation is Actuation.DIRECT
+        lifts = wired.body.lifts(state.body.z)
+        self.closed_at_start = lifts.tip < 0.0 and (lifts.top if self.direct else state.valve.lift) < 0.0
+        has_line = not self.direct and self.c.return_line.impedance > 0.0
+        line = resolution.cells[1] if has_line else 0
         self.cells = np.array((resolution.cells[0], line))
         self.start = start_vector(variant, state, self.cells, at)
-        self.at = make_frame(variant)(self.cells)
+        self.at, self.core = make_frame(variant)(self.cells), core_of(variant)
         self.constants = np.zeros(len(wired.coefficients.paths))
         wired.coefficients.store(self.constants, 0, 1, self.c)
         self.friction = np.zeros((9, 2)) if friction is None else np.ascontiguousarray(friction, float)
         self.rates = _compiled_rates(variant)
         self.outside = np.zeros(len(AT))
         self.variant = variant
-        self._evaluations, self._looked_at = 0, point.start
+        self._evaluations, self._checked_at = 0, point.start
         self.last = self.start
 
     @property
@@ -196,7 +193,7 @@ class Model:
 
     def _note(self, crossings: Crossings, result: Any) -> None:
         """Add what a solve has seen, with the mass injected by then [kg]."""
-        injected = self.at.core + CORE.row("nozzle.injected")
+        injected = self.at.core + self.core.row("nozzle.injected")
         for kept, times, states in zip(crossings, result.t_events, result.y_events, strict=False):
             kept.extend((float(t), float(y[injected])) for t, y in zip(times, states, strict=True))
 
@@ -211,7 +208,7 @@ class Model:
             "max_step": self.resolution.longest_step,
             "first_step": min(1e-10, stop - start),
         }
-        self._evaluations, self._looked_at = 0, start
+        self._evaluations, self._checked_at = 0, start
         try:
             result = solve_ivp(self._rhs, (start, stop), y, "LSODA", lband=self.band, uband=self.band, **common)
         except _Crawling:
@@ -255,9 +252,9 @@ class Model:
     def _rhs(self, t: float, y: Floats) -> Floats:
         self._evaluations += 1
         if self._evaluations == CRAWL[0]:
-            if t - self._looked_at < CRAWL[1]:
+            if t - self._checked_at < CRAWL[1]:
                 raise _Crawling
-            self._evaluations, self._looked_at = 0, t
+            self._evaluations, self._checked_at = 0, t
         return self.slopes(t, y)
 
     def slopes(self, t: float, y: Floats) -> Floats:
@@ -275,8 +272,8 @@ class Model:
         """Distance of the PWM's current past its limit, relative to the band; negative before it."""
         if self.variant.drive is not Drive.PWM or not self.outside[AT.on]:
             return -1.0
-        core = CORE.load(y, self.at.core, 1)
-        return float(past_limit(self.c, self.outside[AT.peak], self.outside[AT.conducting], core))
+        flux, gap = y[self.at.core + self.core.row("solenoid.flux")], make_air_gap(self.variant)(self.c, y, self.cells)
+        return float(past_limit(self.c, self.outside[AT.peak], self.outside[AT.conducting], float(flux), float(gap)))
 
     def scales(self) -> Floats:
         """Typical size of each state, for absolute tolerances."""
@@ -297,45 +294,51 @@ class Model:
         if not self.closed_at_start:
             status = Status.NOT_CLOSED_AT_START
         return Solution(
-            time,
-            np.diff(injected) / np.diff(time),
-            injected,
-            channels,
-            float(injected[-1]),
-            float(named["books.returned"][-1]),
-            *found,
-            reference_density(self.injector, self.point),
-            status,
-            "reference",
-            self._balance(states),
+            time=time,
+            mass_rate=np.diff(injected) / np.diff(time),
+            injected=injected,
+            channels=channels,
+            injected_mass=float(injected[-1]),
+            returned_mass=float(named["cumulative_flows.returned"][-1]),
+            **found._asdict(),
+            reference_density=reference_density(self.injector, self.point),
+            status=status,
+            engine="reference",
+            balance=self._balance(states),
         )
 
     def _pressures(self, time: Floats, states: Floats) -> dict[str, Floats]:
         """In the volumes, in the rail and at the feed pipe's inlet; these two differ where the rail is a volume."""
-        hydraulics, law, masses = make_hydraulics(self.variant), inlet_law(self.variant), wiring(self.variant).positions
+        hydraulics, masses, c = make_hydraulics(self.variant), wiring(self.variant).positions, self.c
+        control: list[float] = []
+        needle_side: list[tuple[float, float]] = []
         rail = np.array([value_at(self.point.rail_pressure, t) for t in time])
-        found = np.empty((len(time), 4))
+        inlet = rail.copy()
         for i, y in enumerate(states):
-            core = CORE.load(y, self.at.core, 1)
-            h = hydraulics(self.c, core.fuel, core.nozzle.lift_reached, masses.load(y, self.at.body, 2))
-            inlet = feed(self.c, law, Inlet(rail[i], core.rail_mass, y[0]), h.store.pressure, h.chamber.pressure).inlet
-            found[i] = h.chamber.pressure, h.store.pressure, h.sac.pressure, inlet
+            core = self.core.load(y, self.at.core, 1)
+            h = hydraulics(c, core.fuel, core.nozzle.lift_reached, masses.load(y, self.at.body, 2))
+            needle_side.append((h.accumulation.pressure, h.sac.pressure))
+            if self.direct:
+                continue
+            control.append(contents(c.fuel, core.fuel.control, 1.0 / h.volumes.control).pressure)
+            at = Inlet(rail[i], core.rail_mass, y[0])
+            inlet[i] = feed(c, inlet_law(self.variant), at, h.accumulation.pressure, control[i]).inlet
             if self.variant.boundary is Boundary.VOLUME:
-                rail[i] = contents(self.c.fuel, core.rail_mass, 1.0 / self.c.rail.volume).pressure
-        control, store, sac, at_inlet = found.T.copy()
+                rail[i] = contents(c.fuel, core.rail_mass, 1.0 / c.rail.volume).pressure
+        accumulation, sac = np.array(needle_side).T.copy()
         return {
-            "control_pressure": control,
-            "accumulation_pressure": store,
+            **({} if self.direct else {"control_pressure": np.array(control)}),
+            "accumulation_pressure": accumulation,
             "sac_pressure": sac,
             "rail_pressure": rail,
-            "inlet_pressure": at_inlet,
+            "inlet_pressure": inlet,
         }
 
     def _balance(self, states: Floats) -> float:
         """Balance of `relative_to_injected`."""
         gain = states[-1] - states[0]
-        core = CORE.load(gain, self.at.core, 1)
+        core = self.core.load(gain, self.at.core, 1)
         per_cell = self.c.feed_pipe.travel_time / self.cells[0] / self.c.feed_pipe.impedance
         stored = sum(core.fuel) + per_cell * float(np.sum(gain[1 : self.at.core : 2]))
-        left = core.books.supplied - core.nozzle.injected - core.books.returned - stored
+        left = core.cumulative_flows.supplied - core.nozzle.injected - core.cumulative_flows.returned - stored
         return relative_to_injected(left, core.nozzle.injected)

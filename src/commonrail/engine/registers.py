@@ -13,8 +13,6 @@ from llvmlite import ir as llvm_ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-__all__ = ["clock_reader", "row_copier", "row_gatherer"]
-
 
 def row_copier(lanes: int) -> Callable[..., None]:
     """Function (target, to, source, first) that copies `lanes` numbers as one vector."""

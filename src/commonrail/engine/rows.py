@@ -1,6 +1,6 @@
 """Working rows of a block, each as wide as its lanes, laid out by the names of what they hold.
 
-Coefficients, state, the waves that leave and that arrive, and what the loop notes of a lane, behind one pointer.
+Coefficients, state, the waves that leave and that arrive, and what the loop keeps of a lane, behind one pointer.
 """
 
 from __future__ import annotations
@@ -15,60 +15,77 @@ from commonrail.injector.model import Inputs, Waves
 from commonrail.injector.variants import MODELS, Variant, wiring
 
 
-class Notes(NamedTuple):
+class Progress(NamedTuple):
     """Numbers that the loop keeps of each lane; instants are in steps, and zero is none.
 
-    Mass injected [kg] before the step, at the end of the last sample, when the tip last left its seat and at the last
-    look: `before`, `mark`, `lifted`, `seen`. Sums of the samples' errors [m³/s], [(m³/s)²]. Density that makes a volume
-    of a sample [kg/m³]. Lift of the tip [m], the greatest and before the step. Instants of opening, last and first
-    closing. 1 while the needle counts as open (`clear`), and once the lane has ended (`done`). Looks of rest, and
-    longest touch of a bouncing needle or valve in steps. Lift that passes the stop [m] (`farthest`). First step at
-    which the injection may have ended (`quiet`), number of steps (`steps`), turns of the clocks so far.
+    Attributes
+    ----------
+    injected_before, injected_at_sample, injected_at_lift, injected_at_check : float
+        Mass injected [kg] before the step, at the end of the last sample, when the tip last left its seat, and at the
+        last check.
+    absolute, squared : float
+        Sums of the samples' errors [m³/s], [(m³/s)²].
+    density : float
+        Makes a volume of a sample [kg/m³].
+    greatest_lift, tip_before : float
+        Lift of the tip [m], the greatest and before the step.
+    opening, last_closing, first_closing : float
+        Instants.
+    is_open, has_ended : float
+        1 while the needle counts as open, and once the lane has ended.
+    checks_at_rest, longest_contact : float
+        Checks for which it has rested, and longest contact of a bouncing needle or valve in steps.
+    farthest_lift : float
+        Lift beyond the stop [m].
+    earliest_end, steps : float
+        First step at which the injection may have ended, and number of steps.
+    clock_turns : float
+        Turns of the clocks so far.
     """
 
-    before: float
-    mark: float
+    injected_before: float
+    injected_at_sample: float
     absolute: float
     squared: float
     density: float
-    greatest: float
-    opened: float
-    shut: float
-    first_shut: float
-    clear: float
-    lifted: float
+    greatest_lift: float
+    opening: float
+    last_closing: float
+    first_closing: float
+    is_open: float
+    injected_at_lift: float
     tip_before: float
-    rested: float
-    seen: float
-    done: float
-    touch: float
-    farthest: float
-    quiet: float
+    checks_at_rest: float
+    injected_at_check: float
+    has_ended: float
+    longest_contact: float
+    farthest_lift: float
+    earliest_end: float
     steps: float
-    turned: float
+    clock_turns: float
 
 
 class Working(NamedTuple):
-    """All rows: a wave arrives between two slots of its ring, after a delay of a whole number of steps and a part."""
+    """All rows: a wave arrives between two slots of its ring, after a delay of whole steps and a fraction."""
 
     coefficients: Any
     state: Any
     leaving: Waves
-    late: Waves
-    later: Waves
+    arriving: Waves
+    arriving_before: Waves
     inputs: Inputs
-    notes: Notes
-    whole: Waves
-    part: Waves
+    progress: Progress
+    delay_steps: Waves
+    delay_fraction: Waves
 
 
-# rows that the loop itself looks at: single ones of the state, first ones of groups
+# rows that the loop itself reads: single ones of the state, first ones of groups
 _BOTH = {
     "injected": "nozzle.injected",
-    "returned": "books.returned",
-    "supplied": "books.supplied",
+    "returned": "cumulative_flows.returned",
+    "supplied": "cumulative_flows.supplied",
     "sac_pressure": "sac.pressure",
-    "store_pressure": "accumulation.fuel.pressure",
+    "accumulation_pressure": "accumulation.fuel.pressure",
 }
 _STATE = {
     Actuation.SERVO: _BOTH
@@ -91,14 +108,14 @@ _DELAYS = {
     Actuation.DIRECT: {"feed_delay": "coefficients.delays.feed", "back_delay": "coefficients.delays.feed"},
 }
 _LOOP = {
-    **{name: name for name in ("state", "inputs", "leaving", "late", "later", "whole", "part")},
+    **{name: name for name in Working._fields if name not in ("coefficients", "progress")},
     **{name: f"inputs.{name}" for name in ("cylinder", "since_start", "since_end")},
-    **{name: f"notes.{name}" for name in Notes._fields},
+    **{name: f"progress.{name}" for name in Progress._fields},
 }
 
 
 def _paths(actuation: Actuation) -> dict[str, str]:
-    """Rows that the loop looks at, by the names that it uses."""
+    """Rows that the loop reads, by the names that it uses."""
     return _LOOP | {name: f"state.{path}" for name, path in _STATE[actuation].items()} | _DELAYS[actuation]
 
 

@@ -81,6 +81,7 @@ def simulate(
     time_step: Quantity = DEFAULT_STEP,
     sample_interval: Quantity | None = None,
     precision: Precision | str = Precision.F64,
+    *,
     same_bits: bool = False,
 ) -> Solution:
     """Simulate one injection.
@@ -131,7 +132,7 @@ def simulate(
         return simulate_reference(injector, point, sample_interval or 3e-6)
     stride = 1 if sample_interval is None else _stride(sample_interval, time_step)
     prepared = plan.prepare(injector, [point], time_step)
-    how = _How(prepared, injector.wired(), None, False, real, engine, True, same_bits=alike)
+    how = _How(prepared, injector.wired(), None, False, real, engine, traced=True, same_bits=alike)
     theta = how.prepared.row[None]
     outcome, trace = _run(theta, how, how.prepared.densities)
     states = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T, strict=True))
@@ -139,20 +140,20 @@ def simulate(
     injected = states["nozzle.injected"][::stride]
     reached = float(np.nan_to_num(outcome.greatest_lift[0, 0]))
     return Solution(
-        time,
-        np.diff(injected) / np.diff(time),
-        injected,
-        read_channels(injector, point, time, {name: row[::stride] for name, row in states.items()}),
-        float(states["nozzle.injected"][-1]),  # at the horizon, which a sample need not meet
-        float(states["books.returned"][-1]),
-        point.start + time_step * float(outcome.opening[0, 0]),
-        point.start + time_step * float(outcome.closing[0, 0]),
-        point.start + time_step * float(outcome.first_closing[0, 0]),
-        float(how.prepared.densities[0, 0]),
-        Status(int(statuses_of((), theta, how.prepared, outcome)[0, 0])),
-        engine.value,
-        relative_balance(injector, point, states, time_step),
-        longest_step(injector, theta[0], how.prepared.medium, reached),
+        time=time,
+        mass_rate=np.diff(injected) / np.diff(time),
+        injected=injected,
+        channels=read_channels(injector, point, time, {name: row[::stride] for name, row in states.items()}),
+        injected_mass=float(states["nozzle.injected"][-1]),  # at the horizon, which a sample need not meet
+        returned_mass=float(states["cumulative_flows.returned"][-1]),
+        opening=point.start + time_step * float(outcome.opening[0, 0]),
+        closing=point.start + time_step * float(outcome.closing[0, 0]),
+        first_closing=point.start + time_step * float(outcome.first_closing[0, 0]),
+        reference_density=float(how.prepared.densities[0, 0]),
+        status=Status(int(statuses_of((), theta, how.prepared, outcome)[0, 0])),
+        engine=engine.value,
+        balance=relative_balance(injector, point, states, time_step),
+        longest_step=longest_step(injector, theta[0], how.prepared.medium, reached),
     )
 
 
@@ -322,16 +323,16 @@ def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:
         return np.where(failed, np.nan, table) if some_failed else np.ascontiguousarray(table)
 
     return Batch(
-        figure(outcome.injected),
-        figure(outcome.returned),
-        prepared.begin + prepared.dt * figure(outcome.opening),
-        prepared.begin + prepared.dt * figure(outcome.closing),
-        prepared.begin + prepared.dt * figure(outcome.first_closing),
-        figure(outcome.greatest_lift),
-        status,
-        np.broadcast_to(densities, status.shape),
-        figure(outcome.absolute),
-        figure(outcome.squared),
+        injected_mass=figure(outcome.injected),
+        returned_mass=figure(outcome.returned),
+        opening=prepared.begin + prepared.dt * figure(outcome.opening),
+        closing=prepared.begin + prepared.dt * figure(outcome.closing),
+        first_closing=prepared.begin + prepared.dt * figure(outcome.first_closing),
+        greatest_lift=figure(outcome.greatest_lift),
+        status=status,
+        reference_density=np.broadcast_to(densities, status.shape),
+        absolute_error=figure(outcome.absolute),
+        squared_error=figure(outcome.squared),
     )
 
 
@@ -339,6 +340,3 @@ def _joined(parts: Sequence[Batch]) -> Batch:
     """One batch of several."""
     names = [f.name for f in fields(Batch)]
     return Batch(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
-
-
-__all__ = ["Engine", "simulate", "simulate_batch", "usable_threads"]

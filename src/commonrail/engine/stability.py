@@ -24,8 +24,6 @@ from commonrail.injector.definition import FUEL_TEMPERATURE, Injector, parameter
 from commonrail.injector.variants import Variant
 from commonrail.parts.chain import Seven, around
 
-__all__ = ["Medium", "bears", "longest", "longest_step", "medium_of", "stiffest_corner", "too_long"]
-
 Values = Mapping[str, Any]
 
 # Largest ω dt of the valve on its seat or stop: leapfrog's correction of fourth order needs it well below one. The

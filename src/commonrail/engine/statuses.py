@@ -1,4 +1,4 @@
-"""Statuses of simulations, from what the compiled loop has noted."""
+"""Statuses of simulations, from what the compiled loop has recorded."""
 
 from __future__ import annotations
 
@@ -11,9 +11,6 @@ from commonrail.engine.notes import Outcome
 from commonrail.engine.plan import Prepared
 from commonrail.engine.stability import Medium, medium_of, too_long
 from commonrail.engine.status import OK, STILL_INJECTING, Status
-
-__all__ = ["statuses_of"]
-
 
 BACKFLOW = 1e-7  # largest mass that a SAC takes back from the cylinder [kg]; more is an injector that has run empty
 
@@ -30,7 +27,7 @@ def statuses_of(names: Sequence[str], theta: Floats, prepared: Prepared, outcome
     prepared : Prepared
         Injector, operating points and step.
     outcome : Outcome
-        Notes of the run.
+        Figures of the run.
     """
     status = np.full((len(theta), len(prepared.points)), OK)
     status[outcome.closed_at_end == 0.0] = STILL_INJECTING

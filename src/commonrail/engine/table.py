@@ -15,8 +15,6 @@ from commonrail.arrays import Ints
 from commonrail.compile import CACHE_LINE
 from commonrail.engine.job import Courses, Job, Samples
 
-__all__ = ["GIVEN", "Array", "Given", "Scratch", "Shape", "address", "fill", "scratch_for"]
-
 
 class Array(NamedTuple):
     """Kind of an array's numbers, "float64", "int64" or "real" (those that the loop computes in), and dimensions."""
@@ -89,13 +87,13 @@ def _wholes(dimensions: int) -> Any:
 
 
 GIVEN = Given(
-    Shape(*[_NUMBER] * 4),
-    Job(
-        _floats(2),
-        Courses(
+    shape=Shape(*[_NUMBER] * 4),
+    job=Job(
+        theta=_floats(2),
+        courses=Courses(
             settings=_floats(2),
             steps=_wholes(1),
-            quiet=_wholes(1),
+            earliest_end=_wholes(1),
             times=_floats(2),
             clock=_wholes(1),
             first=_wholes(1),
@@ -104,19 +102,19 @@ GIVEN = Given(
             trace=_wholes(1),
             traces=_floats(3),
         ),
-        _wholes(2),
-        _wholes(2),
-        _REAL,
-        _NUMBER,
-        _NUMBER,
-        _NUMBER,
+        points=_wholes(2),
+        candidates=_wholes(2),
+        dt=_REAL,
+        ring=_NUMBER,
+        check_every=_NUMBER,
+        checks_at_rest=_NUMBER,
     ),
-    Samples(_wholes(1), _wholes(2), _floats(3), _floats(2)),
-    _floats(4),
-    _floats(3),
-    Scratch(Array("real", 1), Array("real", 1), _floats(1)),
-    _NUMBER,
-    _NUMBER,
+    samples=Samples(_wholes(1), _wholes(2), _floats(3), _floats(2)),
+    trace=_floats(4),
+    out=_floats(3),
+    scratch=Scratch(Array("real", 1), Array("real", 1), _floats(1)),
+    first=_NUMBER,
+    stride=_NUMBER,
 )
 
 

@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 from typing import NamedTuple
 
-__all__ = ["side_by_side"]
-
 
 class _Task(NamedTuple):
     work: Callable[[int], None]

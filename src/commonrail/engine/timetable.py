@@ -11,8 +11,6 @@ import numpy as np
 from commonrail.arrays import Floats
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 
-__all__ = ["Segment", "courses", "knots", "segments", "value_at"]
-
 
 class Segment(NamedTuple):
     """A stretch of time [s] in which the schedule does not change: energised, and in the peak phase (1 or 0)."""

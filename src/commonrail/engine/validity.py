@@ -14,8 +14,6 @@ from commonrail.injector.reads import DRIVE, RETURN, reader_of, unread_inputs
 from commonrail.notice import note
 from commonrail.parts import feed_pipe, nozzle
 
-__all__ = ["check_inputs", "check_point", "note_limits", "note_narrow_pipe"]
-
 # Largest R q/Z of a feed pipe [1]. Fast engine against reference, virtual-lino-2016 with pipes of 0.3 to 3 m, 1 to
 # 2.5 mm and f of 0.03 and 0.1, 160 MPa, 700 us: 0.03 % at 0.15, 0.08 % at 0.2, 0.16 % at 0.31, 0.66 to 0.75 % at 0.48,
 # 1.6 % at 0.97, 4.9 % at 1.6.

@@ -1,4 +1,4 @@
-"""Vector that the reference integrates: feed pipe, injector, plunger and needle, return line.
+"""Vector that the reference integrates: feed pipe, injector, moving masses, return line.
 
 Its order gives a banded Jacobian. Flows at the faces and pressures in the cells of a pipe, and position and velocity
 of a mass, stand side by side.
@@ -12,28 +12,34 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.arrays import Floats, Ints
+from commonrail.choices import Actuation
 from commonrail.compile import physics
-from commonrail.injector.layout import layout_of
-from commonrail.injector.model import Books, Setting, State
+from commonrail.injector.layout import Layout, layout_of
+from commonrail.injector.model import CumulativeFlows, Setting
 from commonrail.injector.variants import Variant, wiring
 from commonrail.parts import nozzle, solenoid, valve
 
-__all__ = ["CORE", "ROW", "Core", "Frame", "Masses", "make_frame", "start_vector", "typical_sizes", "vector_states"]
-
-
 LINE = 1e6  # typical pressure in the return line, for absolute tolerances [Pa]
+INJECTED = nozzle.State(1e-4, 1e-5), CumulativeFlows(1e-5, 1e-5)  # typical sizes of nozzle and flows
 
 
 class Masses(NamedTuple):
     """Fuel in control chamber, accumulation and SAC [kg]."""
 
     control: float
-    store: float
+    accumulation: float
+    sac: float
+
+
+class NeedleMasses(NamedTuple):
+    """Fuel in accumulation and SAC [kg]."""
+
+    accumulation: float
     sac: float
 
 
 class Core(NamedTuple):
-    """State of the injector between the pipes, all at one time, without plunger and needle; or its rates.
+    """State of the servo injector between the pipes, all at one time, without plunger and needle; or its rates.
 
     `outlet` is the pressure behind the valve [Pa] as if the liquid there could be stretched: what it lacks to the
     vapour pressure stands for the liquid missing in a cavity.
@@ -43,17 +49,30 @@ class Core(NamedTuple):
     valve: valve.State
     fuel: Masses
     nozzle: nozzle.State
-    books: Books
+    cumulative_flows: CumulativeFlows
     rail_mass: float
     outlet: float
 
 
-CORE = layout_of(Core)
-ROW: Any = CORE.load(range(len(CORE.paths)), 0, 1)  # row of each field
+class DirectCore(NamedTuple):
+    """State of the direct-acting injector behind the pipe, without armature and needle; or its rates."""
+
+    solenoid: solenoid.State
+    fuel: NeedleMasses
+    nozzle: nozzle.State
+    cumulative_flows: CumulativeFlows
+
+
+_CORES: dict[Actuation, Any] = {Actuation.SERVO: Core, Actuation.DIRECT: DirectCore}
+
+
+def core_of(variant: Variant) -> Layout:
+    """Layout of the `Core` or `DirectCore` of a variant."""
+    return layout_of(_CORES[variant.actuation])
 
 
 class Frame(NamedTuple):
-    """First places in the vector of the injector, of plunger and needle, and of the return line."""
+    """First places in the vector of the injector, of the moving masses, and of the return line."""
 
     core: int
     body: int
@@ -67,7 +86,7 @@ class Frame(NamedTuple):
 
 def make_frame(variant: Variant) -> Callable[[Any], Frame]:
     """Function (cells of feed pipe and return line) → `Frame`."""
-    core, body = len(CORE.paths), 2 * len(wiring(variant).positions.paths)
+    core, body = len(core_of(variant).paths), 2 * len(wiring(variant).positions.paths)
 
     @physics
     def frame(cells: Any) -> Frame:
@@ -77,7 +96,7 @@ def make_frame(variant: Variant) -> Callable[[Any], Frame]:
     return frame
 
 
-def start_vector(variant: Variant, s: State, cells: Ints, at: Setting) -> Floats:
+def start_vector(variant: Variant, s: Any, cells: Ints, at: Setting) -> Floats:
     """The vector at rest.
 
     Parameters
@@ -90,8 +109,19 @@ def start_vector(variant: Variant, s: State, cells: Ints, at: Setting) -> Floats
     at : Setting
         Boundary pressures.
     """
-    masses = Masses(s.control_chamber.fuel.mass, s.accumulation.fuel.mass, s.sac.mass)
-    core = Core(s.solenoid, s.valve, masses, s.nozzle, s.books, s.rail.mass, at.low)
+    fuel = NeedleMasses(s.accumulation.fuel.mass, s.sac.mass)
+    if variant.actuation is Actuation.DIRECT:
+        core: Any = DirectCore(s.solenoid, fuel, s.nozzle, s.cumulative_flows)
+    else:
+        core = Core(
+            solenoid=s.solenoid,
+            valve=s.valve,
+            fuel=Masses(s.control_chamber.fuel.mass, *fuel),
+            nozzle=s.nozzle,
+            cumulative_flows=s.cumulative_flows,
+            rail_mass=s.rail.mass,
+            outlet=at.low,
+        )
     return _joined(variant, core, (s.body.z, 0.0), cells, ((0.0, at.rail), (at.low, 0.0)))
 
 
@@ -102,23 +132,26 @@ def typical_sizes(variant: Variant, start: Floats, cells: Ints, rail: float) -> 
     ----------
     variant : Variant
     start : array
-        The vector at rest, which gives those of the masses.
+        The vector at rest, which gives those of the masses of fuel.
     cells : (2,) int
     rail : float
         Rail pressure [Pa].
     """
-    held: Core = CORE.load(np.abs(start), make_frame(variant)(cells).core, 1)
-    sizes = solenoid.TYPICAL, valve.TYPICAL, held.fuel, nozzle.State(1e-4, 1e-5), Books(1e-5, 1e-5), held.rail_mass
-    return _joined(variant, Core(*sizes, LINE), (1e-4, 1.0), cells, ((1e-1, rail), (LINE, 1e-1)))
+    core: Any = core_of(variant).load(np.abs(start), make_frame(variant)(cells).core, 1)
+    typical, flows = INJECTED
+    core = core._replace(solenoid=solenoid.TYPICAL, nozzle=typical, cumulative_flows=flows)
+    if variant.actuation is Actuation.SERVO:
+        core = core._replace(valve=valve.TYPICAL, outlet=LINE)
+    return _joined(variant, core, (1e-4, 1.0), cells, ((1e-1, rail), (LINE, 1e-1)))
 
 
-def _joined(variant: Variant, core: Core, body: Any, cells: Any, pipes: Any) -> Floats:
+def _joined(variant: Variant, core: Any, body: Any, cells: Any, pipes: Any) -> Floats:
     """Vector of a core, of positions and velocities, and of pairs that repeat along the pipes."""
     at = make_frame(variant)(cells)
     y = np.empty(at.line + 2 * cells[1])
     for first, last, pair in ((0, at.core, pipes[0]), (at.body, at.line, body), (at.line, len(y), pipes[1])):
         y[first:last:2], y[first + 1 : last : 2] = pair
-    CORE.store(y, at.core, 1, core)
+    core_of(variant).store(y, at.core, 1, core)
     return y
 
 
@@ -132,7 +165,7 @@ def vector_states(variant: Variant, y: Floats, cells: Ints) -> dict[str, Floats]
     cells : (2,) int
     """
     at, positions = make_frame(variant)(cells), wiring(variant).positions.paths
-    named = {path: y[..., at.core + row] for row, path in enumerate(CORE.paths)}
+    named = {path: y[..., at.core + row] for row, path in enumerate(core_of(variant).paths)}
     for row, path in enumerate(positions):
         named[".".join(filter(None, ("body.z", path)))] = y[..., at.body + 2 * row]
     return named

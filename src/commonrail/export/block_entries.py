@@ -17,8 +17,9 @@ from typing import Any
 
 from numba import types
 
-from commonrail.engine.block import INPUTS, Law, Memory, make_advance, make_ferry, make_own_inputs
-from commonrail.engine.notes import Outcome, report_rest
+from commonrail.engine.block import INPUTS, Law, make_advance, make_own_inputs
+from commonrail.engine.feed import Memory, make_wave_transport
+from commonrail.engine.notes import Outcome, report_remaining
 from commonrail.engine.registers import row_copier, row_gatherer
 from commonrail.engine.rows import make_rows
 from commonrail.export.entries import view
@@ -34,7 +35,7 @@ def make_block_entries(variant: Variant) -> dict[str, tuple[Law, Any]]:
     """Functions and Numba signatures of a wiring's block by the name of the entry."""
     rows, copy = make_rows(variant, LANES), row_copier(LANES)
     advance = make_advance(variant, rows, widest_vectors, make_own_inputs())
-    arrive, leave = make_ferry(rows, copy, row_gatherer(LANES))
+    arrive, leave = make_wave_transport(rows, copy, row_gatherer(LANES))
     working, first_input, given, noted = rows.end, rows.inputs, len(INPUTS.paths), len(Outcome._fields)
 
     def march(work, waves, ring, first, count, inputs, dt, alike):  # type: ignore[no-untyped-def]
@@ -52,7 +53,7 @@ def make_block_entries(variant: Variant) -> dict[str, tuple[Law, Any]]:
     def figures(work, out):  # type: ignore[no-untyped-def]
         numbers = view(work, 0, (working * LANES,))
         # every step sets the cylinder pressure of all lanes anew, and what depends on it here is not read
-        report_rest(numbers, rows, numbers[rows.cylinder * LANES], view(out, 0, (LANES, noted)))
+        report_remaining(numbers, rows, numbers[rows.cylinder * LANES], view(out, 0, (LANES, noted)))
 
     place, real, whole = types.CPointer(types.float64), types.float64, types.int64
     return {

@@ -26,8 +26,9 @@ from numba.np.arrayobj import make_array, populate_array
 
 from commonrail.choices import Actuation
 from commonrail.compile import physics
-from commonrail.engine.block import FUEL, Law, Memory, copy_number, make_advance, make_begin, make_ferry
-from commonrail.engine.notes import Outcome, report_rest
+from commonrail.engine.block import FUEL, Law, make_advance, make_begin
+from commonrail.engine.feed import Memory, copy_number, make_wave_transport
+from commonrail.engine.notes import Outcome, report_remaining
 from commonrail.engine.rows import make_rows
 from commonrail.fuel import kernel
 from commonrail.injector.model import Inputs, Setting
@@ -153,7 +154,7 @@ def _medium(coefficients, pressure, medium):  # type: ignore[no-untyped-def]
 def _loop_entries(variant: Variant) -> tuple[Law, Law]:
     rows, size = make_rows(variant, 1), sizes(variant)
     put, advance = make_begin(variant, rows), make_advance(variant, rows)
-    arrive, leave = make_ferry(rows, copy_number)
+    arrive, leave = make_wave_transport(rows, copy_number)
     columns, working, inputs_of_step, noted = size.parameters + size.fuel, size.work, size.inputs, size.figures
     candidates = (-1, 0)  # operating point, then the candidate of the lane, as in a block
 
@@ -185,14 +186,14 @@ def _read_entries(variant: Variant) -> tuple[Law, Law]:
     def observe(work, channels):  # type: ignore[no-untyped-def]
         numbers, out = view(work, 0, (working,)), view(channels, 0, (seen,))
         c, s = load_coefficients(numbers, 0, 1), load_state(numbers, state, 1)
-        out[0], out[1], out[2] = s.nozzle.injected, s.books.returned, s.books.supplied
+        out[0], out[1], out[2] = s.nozzle.injected, s.cumulative_flows.returned, s.cumulative_flows.supplied
         out[3], out[4], out[5] = numbers[tip], s.accumulation.fuel.pressure, s.sac.pressure
-        out[7] = solenoid.pull(c.solenoid, s.solenoid.pulling_flux)
+        out[7] = solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux)
         out[8], out[9] = discharge(c.nozzle, s.nozzle.lift_reached), s.feed_pipe.inlet_flow
         out[6] = solenoid.circuit(c.solenoid, s.solenoid.flux, observe_rest(c, s, numbers[top], out), 0.0).current
 
     def figures(work, cylinder, out):  # type: ignore[no-untyped-def]
-        report_rest(view(work, 0, (working,)), rows, cylinder, view(out, 0, (1, noted)))
+        report_remaining(view(work, 0, (working,)), rows, cylinder, view(out, 0, (1, noted)))
 
     return observe, figures
 

@@ -147,6 +147,10 @@ def _identifier(name: str) -> str:
     return found if found and not found[0].isdigit() else f"injector_{found}".rstrip("_")
 
 
+# Rows of the working memory that the C sources read: instants and flag of the needle, delays of the waves.
+_ROWS = ("opening", "last_closing", "first_closing", "is_open", "delay_steps")
+
+
 def _defines(injector: Injector) -> str:
     """Sizes, rows and limits of a model for the preprocessor."""
     wired, size = injector.wired(), sizes(injector.wired())
@@ -159,7 +163,7 @@ def _defines(injector: Injector) -> str:
         "COLUMNS": size.parameters + size.fuel,
         "KERNEL_FIGURES": size.figures,
         **{f"F_{name.upper()}": i for i, name in enumerate(Outcome._fields)},
-        **{f"ROW_{name.upper()}": getattr(rows, name) for name in ("opened", "shut", "first_shut", "clear", "whole")},
+        **{f"ROW_{name.upper()}": getattr(rows, name) for name in _ROWS},
         "LOWEST_PRESSURE": repr(float(low)),
         "HIGHEST_PRESSURE": repr(float(high)),
         "SHORTEST_STEP": repr(TIME_STEPS.low),

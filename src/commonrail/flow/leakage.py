@@ -6,8 +6,6 @@ from math import pi
 
 from commonrail.compile import physics
 
-__all__ = ["gap_conductance", "leakage_slope"]
-
 
 @physics
 def gap_conductance(diameter: float, gap: float, length: float) -> float:

@@ -6,8 +6,8 @@ equal at the transition flow Q_t = Re_t ν A/D_h. Solved for the mass flow q = �
 
     q = sgn(Δp) · ( sqrt(q_h² + 2 ρ (c_d A)² |Δp|) − q_h ),    q_h = ρ Q_t/2 = η Re_t (A/D_h)/2
 
-At Re ≫ Re_t it is Eq. (4) less q_h. `drive` below is (c_d A)² Δp and `gain` its derivative with
-respect to Δp, so that a cavitating orifice needs no law of its own.
+At Re ≫ Re_t it is Eq. (4) less q_h. What drives the flow is a `Restriction`: `cda2_dp` = (c_d A)² Δp and
+`cda2` = (c_d A)², its derivative with respect to a pressure, so that a cavitating orifice needs no law of its own.
 """
 
 from __future__ import annotations
@@ -15,9 +15,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from commonrail.compile import physics
+from commonrail.compile import physics, reciprocals
 
-__all__ = ["Flow", "Jet", "choked", "jet", "laminar_offset", "orifice", "series", "square"]
+
+class Restriction(NamedTuple):
+    """(c_d A)² Δp [m⁴ Pa], whose sign is that of the flow, and its derivative in a pressure, (c_d A)² or zero [m⁴]."""
+
+    cda2_dp: float
+    cda2: float
 
 
 class Flow(NamedTuple):
@@ -50,69 +55,89 @@ def laminar_offset(dynamic_viscosity: float, transition_reynolds: float, area_pe
 
 
 class Jet(NamedTuple):
-    """Mass flow [kg/s], and the root [kg/s] whose inverse makes its slope: ρ · gain/root."""
+    """Mass flow [kg/s], and the root [kg/s] whose inverse makes its slope: ρ · (c_d A)²/root."""
 
     mass_flow: float
     root: float
 
 
 @physics
-def jet(drive: float, density: float, offset: float) -> Jet:
+def jet(cda2_dp: float, density: float, offset: float) -> Jet:
     """Mass flow through an orifice, Eq. (4) with a laminar limit.
 
     Parameters
     ----------
-    drive : float
+    cda2_dp : float
         (c_d A)² Δp [m⁴ Pa]; its sign is that of the flow.
     density : float
         ρ of the upstream fluid [kg/m³], > 0.
     offset : float
         q_h of `laminar_offset` [kg/s], > 0.
     """
-    root = math.sqrt(offset * offset + 2.0 * density * abs(drive))
+    root = math.sqrt(offset * offset + 2.0 * density * abs(cda2_dp))
     magnitude = root - offset
-    return Jet(magnitude if drive >= 0.0 else -magnitude, root)
+    return Jet(magnitude if cda2_dp >= 0.0 else -magnitude, root)
 
 
 @physics
-def orifice(drive: float, gain: float, density: float, offset: float) -> Flow:
+def orifice(through: Restriction, density: float, offset: float) -> Flow:
     """Mass flow through an orifice as of `jet`, with its slope.
 
     Parameters
     ----------
-    drive : float
-        (c_d A)² Δp [m⁴ Pa]; its sign is that of the flow.
-    gain : float
-        d(drive)/dp [m⁴]: (c_d A)², or zero where the flow does not depend on that pressure.
+    through : Restriction
+        (c_d A)² Δp and its derivative.
     density : float
         ρ of the upstream fluid [kg/m³], > 0.
     offset : float
         q_h of `laminar_offset` [kg/s], > 0.
     """
-    flow = jet(drive, density, offset)
-    return Flow(flow.mass_flow, density * gain / flow.root)
+    flow = jet(through.cda2_dp, density, offset)
+    return Flow(flow.mass_flow, density * through.cda2 / flow.root)
 
 
 @physics
-def choked(drive: float, gain: float, choked_drive: float, choked_gain: float) -> tuple[float, float]:
-    """Drive [m⁴ Pa] and gain [m⁴] of an orifice, limited by cavitation in its contraction.
-
-    A cavitating orifice passes q = C_c A sqrt(2 ρ (p₁ − p_v)) whatever the pressure behind it
-    (Nurick 1976, doi:10.1115/1.3448452). Reverse flow (negative drive) is not limited.
+def orifice_pair(
+    first: Restriction,
+    second: Restriction,
+    density: tuple[float, float],
+    offset: tuple[float, float],
+) -> tuple[Flow, Flow]:
+    """Mass flows [kg/s] and slopes [kg/(s Pa)] of two orifices as of `orifice`, with one division.
 
     Parameters
     ----------
-    drive : float
-        (c_d A)² Δp without cavitation [m⁴ Pa].
-    gain : float
-        Its derivative in the pressure of interest [m⁴].
-    choked_drive : float
-        (C_c A)² (p₁ − p_v) [m⁴ Pa].
-    choked_gain : float
-        Its derivative in the same pressure [m⁴].
+    first, second : Restriction
+        (c_d A)² Δp of each and its derivative.
+    density : (float, float)
+        ρ of the fluid upstream of the first [kg/m³] and of the second [kg/m³], > 0.
+    offset : (float, float)
+        q_h of the first [kg/s] and of the second [kg/s], > 0.
     """
-    limited = drive > choked_drive
-    return (choked_drive if limited else drive), (choked_gain if limited else gain)
+    one, two = jet(first.cda2_dp, density[0], offset[0]), jet(second.cda2_dp, density[1], offset[1])
+    per_one, per_two = reciprocals(one.root, two.root)
+    return (
+        Flow(one.mass_flow, density[0] * first.cda2 * per_one),
+        Flow(two.mass_flow, density[1] * second.cda2 * per_two),
+    )
+
+
+@physics
+def choked(free: Restriction, cavitating: Restriction) -> Restriction:
+    """Restriction of an orifice, limited by cavitation in its contraction.
+
+    A cavitating orifice passes q = C_c A sqrt(2 ρ (p₁ − p_v)) whatever the pressure behind it
+    (Nurick 1976, doi:10.1115/1.3448452). Reverse flow is not limited.
+
+    Parameters
+    ----------
+    free : Restriction
+        (c_d A)² Δp without cavitation, and its derivative in the pressure of interest.
+    cavitating : Restriction
+        (C_c A)² (p₁ − p_v), and its derivative in the same pressure.
+    """
+    limited = free.cda2_dp > cavitating.cda2_dp
+    return Restriction(cavitating.cda2_dp if limited else free.cda2_dp, cavitating.cda2 if limited else free.cda2)
 
 
 @physics

@@ -15,8 +15,6 @@ from __future__ import annotations
 
 from commonrail.compile import physics
 
-__all__ = ["mean_departure", "relaxation"]
-
 
 @physics
 def relaxation(y: float) -> float:
@@ -50,6 +48,6 @@ def mean_departure(net_flow: float, slope: float, stiffness: float, volume: floa
         Step [s].
     """
     spring = dt * stiffness  # V² times numerator and denominator of φ2: one division
-    pull = spring * slope
-    numerator = spring * (net_flow - growth) * (0.5 * volume + pull * (1.0 / 6.0))
-    return numerator / (volume * volume + pull * (volume * (2.0 / 3.0) + pull * (1.0 / 6.0)))
+    yv = spring * slope  # y V
+    numerator = spring * (net_flow - growth) * (0.5 * volume + yv * (1.0 / 6.0))
+    return numerator / (volume * volume + yv * (volume * (2.0 / 3.0) + yv * (1.0 / 6.0)))

@@ -12,8 +12,6 @@ from math import pi
 
 from commonrail.compile import physics
 
-__all__ = ["friction_resistance", "impedance", "pipe_area"]
-
 
 @physics
 def pipe_area(diameter: float) -> float:

@@ -22,8 +22,6 @@ from commonrail.fuel.fuel import Fuel
 from commonrail.fuel.kernel import FuelCoefficients
 from commonrail.linear import least_squares
 
-__all__ = ["PolynomialErrors", "coefficient_rows", "fuel_coefficients", "polynomial_errors"]
-
 _POINTS = 64
 _BEYOND = 1.4  # fitted this far beyond the range, so that an overshoot meets no surprise
 _OUTSIDE_WEIGHT = 0.3  # and with this weight there
@@ -164,11 +162,11 @@ def _errors(values: _Values, p: Floats, f: FuelCoefficients) -> PolynomialErrors
     rho, modulus, viscosity, ratio = (law[0] for law in values)
     s = p * 1e-8
     x = rho / f.reference_density - 1.0
-    bend = np.array((0.0, f.p1, f.p2, f.p3, f.p4, f.p5, f.p6, f.p7))
-    slope = bend[1:] * np.arange(1, bend.size)
+    pressure = np.array((0.0, f.p1, f.p2, f.p3, f.p4, f.p5, f.p6, f.p7))
+    slope = pressure[1:] * np.arange(1, pressure.size)
     return PolynomialErrors(
         # a pressure error dp is a density error dp/K at given pressure
-        density=_largest((polyval(x, bend) - p) / modulus),
+        density=_largest((polyval(x, pressure) - p) / modulus),
         bulk_modulus=_largest(polyval(x, slope) * (1.0 + x) / modulus - 1.0),
         modulus_ratio=_largest(polyval(s, np.array((f.r0, f.r1, f.r2))) / ratio - 1.0),
         kinematic_viscosity=_largest(

@@ -17,8 +17,6 @@ from commonrail.elementary import exp
 from commonrail.errors import ConfigurationError, InputError
 from commonrail.fuel import laws
 
-__all__ = ["Fuel", "Law", "Origin", "Polynomial"]
-
 Polynomial = tuple[float, ...]
 
 _MPA = 1e6

@@ -109,8 +109,8 @@ def pressure_and_stiffness(f: FuelCoefficients, rho: float) -> PressureAndStiffn
     b2 = f.p3 + c * b3
     b1 = f.p2 + c * b2
     slope = b1 + c * (b2 + c * (b3 + c * (b4 + c * (b5 + c * f.p7))))
-    bend = c * b1
-    return PressureAndStiffness(f.p1 * x + c * bend, (f.p1 + bend + c * slope) * f.inverse_reference_density)
+    secant = c * b1  # of what is not linear
+    return PressureAndStiffness(f.p1 * x + c * secant, (f.p1 + secant + c * slope) * f.inverse_reference_density)
 
 
 @physics
@@ -186,8 +186,8 @@ def _pressure_of_strain(f: FuelCoefficients, x: float) -> float:
         Strain ρ/ρ0 − 1 [1], > −1.
     """
     c = max(x, 0.0)
-    bend = c * (f.p2 + c * (f.p3 + c * (f.p4 + c * (f.p5 + c * (f.p6 + c * f.p7)))))
-    return f.p1 * x + c * bend
+    secant = c * (f.p2 + c * (f.p3 + c * (f.p4 + c * (f.p5 + c * (f.p6 + c * f.p7)))))
+    return f.p1 * x + c * secant
 
 
 @physics

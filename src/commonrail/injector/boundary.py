@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from commonrail.compile import physics
-from commonrail.flow.orifice import orifice
+from commonrail.flow.orifice import Restriction, orifice
 from commonrail.injector.model import Coefficients, Inputs, State
 from commonrail.parts.contents import Contents, contents
 
@@ -38,9 +38,10 @@ def rail_volume(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
         Arriving at the inlet [Pa].
     """
     z = c.feed_pipe.impedance
-    z_flow = c.control_chamber.z_from_inlet * s.control_chamber.z_flow
-    drive_ = c.rail.throttle * (s.rail.pressure - wave + z * z_flow)
-    total = orifice(drive_, c.rail.throttle, s.rail.density, s.rail.density * c.rail.throttle * z)
+    z_flow = c.control_chamber.z_inlet_fraction * s.control_chamber.z_flow
+    cda2 = c.rail.throttle_cda2
+    through = Restriction(cda2 * (s.rail.pressure - wave + z * z_flow), cda2)
+    total = orifice(through, s.rail.density, s.rail.density * cda2 * z)
     flow = total.mass_flow - z_flow
     return Inlet(wave + z * flow, flow)
 

@@ -27,7 +27,7 @@ class Source(NamedTuple):
 
 @functools.cache
 def parameter_quantities(actuation: Actuation | None = None) -> dict[str, Q]:
-    """Dotted name → unit, meaning and domain of every parameter, in the order of the rooms.
+    """Dotted name → unit, meaning and domain of every parameter, in the order of the components.
 
     Parameters
     ----------
@@ -35,10 +35,10 @@ def parameter_quantities(actuation: Actuation | None = None) -> dict[str, Q]:
         Of the injector; by default the parameters of all injectors, those of the servo injector first.
     """
     kinds = tuple(Actuation) if actuation is None else (actuation,)
-    rooms: dict[str, Any] = {}
+    components: dict[str, Any] = {}
     for kind in kinds:
-        rooms = {**rooms, **get_type_hints(MODELS[kind].Parameters)}
-    named = {f"{room}.{name}": q for room, kind in rooms.items() for name, q in describe(kind).items()}
+        components = {**components, **get_type_hints(MODELS[kind].Parameters)}
+    named = {f"{component}.{name}": q for component, kind in components.items() for name, q in describe(kind).items()}
     named[FUEL_TEMPERATURE] = Q("K", "temperature of the fuel", Domain.POSITIVE)
     return named
 
@@ -119,7 +119,7 @@ class Injector:
         """Values as the NamedTuple that the physics reads."""
         kind = MODELS[self.variant.actuation].Parameters
         flat = iter([self.values[path] for path in parameter_paths(self.variant.actuation)])
-        return kind(**{room: _take(one, flat) for room, one in get_type_hints(kind).items()})
+        return kind(**{component: _take(one, flat) for component, one in get_type_hints(kind).items()})
 
     def wired(self, names: Iterable[str] = ()) -> Variant:
         """Variant that computes this injector: with the extended laws if a value or a varying name needs them.

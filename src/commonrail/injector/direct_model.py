@@ -1,7 +1,7 @@
-"""Direct-acting injector as data: parameters, coefficients and state of the rooms that it has.
+"""Direct-acting injector as data: parameters, coefficients and state of the components that it has.
 
-No control chamber, no A- and Z-hole, no control valve and no return: the armature moves the needle. Rooms that both
-injectors have bear the same names in both, so that the laws between them (`joints`, `step.fill_sac`) serve both.
+No control chamber, no A- and Z-hole, no control valve and no return: the armature moves the needle. Components that
+both injectors have bear the same names in both, so that the laws between them (`joints`, `step.fill_sac`) serve both.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from commonrail.fuel.kernel import FuelCoefficients
-from commonrail.injector.model import Ambient, Books
+from commonrail.injector.model import Ambient, CumulativeFlows
 from commonrail.parts import (
     accumulation,
     armature,
@@ -26,7 +26,7 @@ from commonrail.parts.contents import Contents
 
 
 class Parameters(NamedTuple):
-    """Every parameter of the direct-acting injector (SI), room by room."""
+    """Every parameter of the direct-acting injector (SI), component by component."""
 
     feed_pipe: feed_pipe.Parameters
     solenoid: solenoid.Parameters
@@ -46,7 +46,7 @@ class Delays(NamedTuple):
     feed: float
     rising: float
     falling: float
-    lift_lost: float
+    memory_lag_fraction: float
 
 
 class Coefficients(NamedTuple):
@@ -77,4 +77,4 @@ class State(NamedTuple):
     body: direct_needle.State
     sac: Contents
     nozzle: nozzle.State
-    books: Books
+    cumulative_flows: CumulativeFlows

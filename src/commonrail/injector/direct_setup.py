@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 from commonrail.compile import physics
 from commonrail.fuel import kernel as fuel
 from commonrail.injector.direct_model import Coefficients, Delays, Parameters, State
-from commonrail.injector.model import Books, Setting
-from commonrail.injector.setup import GIVE, ambient, made_up
+from commonrail.injector.model import CumulativeFlows, Setting
+from commonrail.injector.setup import GIVE, ambient, contact_period, lag_fraction, seat_contact
 from commonrail.parts import (
     accumulation,
     armature,
@@ -21,7 +19,6 @@ from commonrail.parts import (
     solenoid,
 )
 from commonrail.parts.contents import filled
-from commonrail.parts.plunger_needle import SeatContact
 
 
 @physics
@@ -52,18 +49,17 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         cylinder=ambient(f, at.cylinder),
         delays=Delays(
             feed.travel_time / at.dt,
-            made_up(p.solenoid.eddy_lag, at.dt),
-            made_up(p.flux_decay.lag, at.dt),
-            made_up(p.nozzle.discharge_memory, at.dt),
+            lag_fraction(p.solenoid.eddy_lag, at.dt),
+            lag_fraction(p.flux_decay.lag, at.dt),
+            lag_fraction(p.nozzle.discharge_memory, at.dt),
         ),
     )
 
 
 @physics
-def moved(c: Coefficients) -> direct_needle.Moved:
-    """Armature and needle with the seat's contact."""
-    seat = SeatContact(c.needle_seat.contact_stiffness, c.needle_seat.contact_damping)
-    return direct_needle.Moved(c.armature, c.needle, seat)
+def moving_masses(c: Coefficients) -> direct_needle.Masses:
+    """Armature and needle."""
+    return direct_needle.Masses(c.armature, c.needle)
 
 
 @physics
@@ -88,7 +84,8 @@ def rest(c: Coefficients, at: Setting) -> State:
     c : Coefficients
     at : Setting
     """
-    body = direct_needle.at_rest(moved(c), -c.needle_seat.area * (at.rail - at.cylinder))
+    load = direct_needle.Loads(0.0, -c.needle_seat.area * (at.rail - at.cylinder))
+    body = direct_needle.at_rest(moving_masses(c), seat_contact(c), load)
     return State(
         feed_pipe=feed_pipe.State(0.0, 0.0),
         solenoid=solenoid.State(0.0, 0.0),
@@ -97,15 +94,15 @@ def rest(c: Coefficients, at: Setting) -> State:
         body=body,
         sac=filled(c.fuel, at.cylinder, sac.volume(c.sac, c.needle_seat.area, body.z.needle)),
         nozzle=nozzle.State(0.0, 0.0),
-        books=Books(returned=0.0, supplied=0.0),
+        cumulative_flows=CumulativeFlows(returned=0.0, supplied=0.0),
     )
 
 
 @physics
-def longest_touch(c: Coefficients) -> float:
+def longest_contact(c: Coefficients) -> float:
     """Longest time [s] for which needle or armature may touch and yet leave again: a period on its contact."""
     needle = 1.0 / (c.needle.per_mass * c.needle_seat.contact_stiffness)
-    return 2.0 * math.pi * math.sqrt(max(needle, 1.0 / (c.armature.per_mass * c.armature.contact_stiffness)))
+    return contact_period(needle, 1.0 / (c.armature.per_mass * c.armature.contact_stiffness))
 
 
 @physics

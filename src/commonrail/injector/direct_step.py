@@ -1,54 +1,53 @@
-"""One time step of the direct-acting injector: the one place that sees all its rooms, and fixes their order.
+"""One time step of the direct-acting injector: the balances and laws are those of `step`.
 
-As in `step`: positions, pressures and flux stand at t_n, velocities at t_n − dt/2. Armature and needle move first under
+As there, positions, pressures and flux stand at t_n, velocities at t_n − dt/2. Armature and needle move first under
 the forces of t_n; then the flux follows with the gap of mid-step; then the SAC, the stiffest volume, is filled, and
-what flows through the seat is drawn from the accumulation volume, which the feed pipe replenishes. A flow is computed
-once and booked on both sides.
+what flows through the seat is drawn from the accumulation volume, which the feed pipe replenishes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from commonrail.compile import physics, reciprocals
-from commonrail.flow.volume import mean_departure
+from commonrail.flow.orifice import Flow
 from commonrail.injector.direct_model import Coefficients, State
-from commonrail.injector.direct_setup import accumulation_volume, moved
-from commonrail.injector.joints import Room, middle, remembered_lift
-from commonrail.injector.model import Books, Inputs, Waves
-from commonrail.injector.step import Moves, StoreFlows, fill_sac
+from commonrail.injector.direct_setup import accumulation_volume, moving_masses
+from commonrail.injector.joints import Volumes, middle, remembered_lift
+from commonrail.injector.model import CumulativeFlows, Inputs, Waves
+from commonrail.injector.protocols import Discharge, DriveLaw, Inlet
+from commonrail.injector.setup import seat_contact
+from commonrail.injector.step import AirGap, StepGeometry, advance_flux, fill_accumulation, fill_sac
 from commonrail.parts import accumulation, direct_needle, drive, feed_pipe, flux_decay, nozzle, sac, solenoid
 from commonrail.parts.contents import contents
+from commonrail.parts.plunger_needle import Motion
 
-Law = Callable[..., Any]
+
+@physics
+def needle_pressure(c: Coefficients, accumulation_pressure: float, sac_pressure: float) -> float:
+    """Force of the pressures [Pa] on the needle [N], positive when opening: they press it on its seat."""
+    return -c.needle_seat.area * (accumulation_pressure - sac_pressure)
 
 
 @physics
 def loads(c: Coefficients, s: State) -> direct_needle.Loads:
     """Magnetic force on the armature, and force of the pressures on the needle, at t_n."""
-    pressure = s.accumulation.fuel.pressure - s.sac.pressure
-    return direct_needle.Loads(solenoid.pull(c.solenoid, s.solenoid.pulling_flux), -c.needle_seat.area * pressure)
+    magnetic = solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux)
+    return direct_needle.Loads(magnetic, needle_pressure(c, s.accumulation.fuel.pressure, s.sac.pressure))
 
 
 @physics
-def make_room(c: Coefficients, tip: float) -> Room:
-    """Volumes that the needle leaves to the fuel; there is no control chamber.
-
-    Parameters
-    ----------
-    c : Coefficients
-    tip : float
-        Lift of the needle [m].
-    """
-    return Room(0.0, accumulation_volume(c, tip), sac.volume(c.sac, c.needle_seat.area, tip))
+def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
+    """Volumes that the needle leaves to the fuel; there is no control chamber."""
+    return Volumes(0.0, accumulation_volume(c, lifts.tip), sac.volume(c.sac, c.needle_seat.area, lifts.tip))
 
 
 @physics
 def magnetise(
-    c: Coefficients, s: State, u: Inputs, position: float, drive_law: Law, dt: float
+    c: Coefficients, s: State, u: Inputs, position: float, drive_law: DriveLaw, dt: float
 ) -> tuple[solenoid.State, float]:
-    """Flux after the step, and the PWM's transistor.
+    """Fluxes after the step, Eq. (11) and dφ_f/dt = (φ − φ_f)/τ, and the PWM's transistor.
 
     Parameters
     ----------
@@ -61,92 +60,61 @@ def magnetise(
     dt : float
         Step [s].
     """
-    closing = position - s.body.z.armature
-    now = solenoid.circuit(c.solenoid, s.solenoid.flux, c.armature.travel - position, closing)
-    supply = drive.Supply(drive.schedule(c.drive, u.since_start, u.since_end, dt), u.trace)
-    change = drive_law(c.drive, c.solenoid, s.drive, supply, now, dt)
-    flux = s.solenoid.flux + dt * change.flux_rate
+    gap = AirGap(c.armature.travel - position, position - s.body.z.armature)
+    flux, conducting = advance_flux(c, s, u, gap, drive_law, dt)
     mean = middle(s.solenoid.flux, flux)
     pulling = flux_decay.lagged(mean, s.solenoid.pulling_flux, c.delays.rising, c.delays.falling)
-    return solenoid.State(flux, pulling), change.conducting
-
-
-@physics
-def fill_accumulation(c: Coefficients, s: State, wave: float, outflow: float, moves: Moves) -> StoreFlows:
-    """Mean pressure and mean flow of the pipe over the step, and the accumulation volume's mass after it.
-
-    Parameters
-    ----------
-    c, s
-        Coefficients and state.
-    wave : float
-        Arriving in the feed pipe, its friction taken off [Pa].
-    outflow : float
-        Mean flow into the SAC [kg/s].
-    moves : Moves
-    """
-    here, admittance, dt = s.accumulation.fuel, c.feed_pipe.admittance, moves.dt
-    pipe = (wave - here.pressure) * admittance
-    departure = mean_departure(
-        pipe - outflow,
-        admittance,
-        here.stiffness,
-        middle(moves.before.store, moves.after.store),
-        here.density * (moves.after.store - moves.before.store) / dt,
-        dt,
-    )
-    pipe_flow = pipe - admittance * departure
-    return StoreFlows(here.pressure + departure, pipe_flow, 0.0, here.mass + dt * (pipe_flow - outflow))
+    return solenoid.State(flux, pulling), conducting
 
 
 class DirectLaws(NamedTuple):
     """Laws in which variants differ: flux rate of the drive, boundary at the rail, discharge of the nozzle."""
 
-    drive: Law
-    inlet: Law
-    discharge: Law
+    drive: DriveLaw
+    inlet: Inlet
+    discharge: Discharge
 
 
-def make_step(laws: DirectLaws) -> Law:
+def make_step(laws: DirectLaws) -> Callable[..., tuple[State, Waves]]:
     """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves)."""
     drive_law, inlet_law, discharge = laws
 
     @physics
     def step(c: Coefficients, s: State, u: Inputs, arriving: Waves, dt: float) -> tuple[State, Waves]:
         """State at t_n + dt, and the waves that leave."""
-        body = direct_needle.advance(moved(c), s.body, loads(c, s), dt)
+        # armature and needle (Newton's second law), and the solenoid, Eq. (11), (12)
+        body = direct_needle.advance(moving_masses(c), seat_contact(c), s.body, loads(c, s), dt)
         old, new = direct_needle.lifts(s.body.z), direct_needle.lifts(body.z)
         magnet, conducting = magnetise(c, s, u, middle(old.top, new.top), drive_law, dt)
+        geometry = StepGeometry(old, new, volumes_of(c, old), volumes_of(c, new), 0.0, dt)
 
+        # SAC: Eq. (3), (4), c_d by Eq. (9)
         store = s.accumulation.fuel
         upstream = store.pressure + 0.5 * (store.pressure - s.accumulation.pressure_before)
         reached = remembered_lift(c, s, middle(old.tip, new.tip), u.cylinder)
-        moves = Moves(old, new, make_room(c, old.tip), make_room(c, new.tip), 0.0, dt)
-        out = fill_sac(c, s, u, upstream, discharge(c.nozzle, max(reached, middle(old.tip, new.tip))), moves)
+        passing = discharge(c.nozzle, max(reached, middle(old.tip, new.tip)))
+        sac_flows = fill_sac(c, s, u, upstream, passing, geometry)
 
-        rubbed = feed_pipe.middle_loss(c.feed_pipe, s.feed_pipe, arriving.down, arriving.up)
-        wave = arriving.up + rubbed + feed_pipe.end_loss(c.feed_pipe, s.feed_pipe.inlet_flow)
-        inlet = inlet_law(c, s, u, wave)
-        wave = arriving.down - rubbed - feed_pipe.end_loss(c.feed_pipe, s.feed_pipe.end_flow)
-        filled = fill_accumulation(c, s, wave, out.seat, moves)
+        # feed pipe, Eq. (6), and accumulation volume, Eq. (3)
+        arrived = feed_pipe.arrive(c.feed_pipe, s.feed_pipe, arriving.down, arriving.up)
+        inlet = inlet_law(c, s, u, arrived.up)
+        filled = fill_accumulation(c, s, arrived.down, sac_flows.seat, Flow(0.0, 0.0), geometry)
 
-        z = c.feed_pipe.impedance
-        leaving = Waves(
-            inlet.pressure + z * inlet.flow - feed_pipe.end_loss(c.feed_pipe, inlet.flow),
-            filled.pressure - z * filled.pipe + feed_pipe.end_loss(c.feed_pipe, filled.pipe),
-            arriving.back,
-        )
-        per_store, per_sac = reciprocals(moves.after.store, moves.after.sac)
+        ends = feed_pipe.State(inlet.flow, filled.pipe)
+        away = feed_pipe.leave(c.feed_pipe, ends, inlet.pressure, filled.pressure)
+        per_store, per_sac = reciprocals(geometry.after.accumulation, geometry.after.sac)
         after = State(
-            feed_pipe=feed_pipe.State(inlet.flow, filled.pipe),
+            feed_pipe=ends,
             solenoid=magnet,
             drive=drive.State(conducting),
             accumulation=accumulation.State(contents(c.fuel, filled.mass, per_store), store.pressure),
             body=body,
-            sac=contents(c.fuel, out.mass, per_sac),
-            nozzle=nozzle.State(max(reached, new.tip), s.nozzle.injected + dt * out.nozzle),
-            books=Books(s.books.returned, s.books.supplied + dt * inlet.flow),
+            sac=contents(c.fuel, sac_flows.mass, per_sac),
+            nozzle=nozzle.State(max(reached, new.tip), s.nozzle.injected + dt * sac_flows.nozzle),
+            cumulative_flows=CumulativeFlows(
+                s.cumulative_flows.returned, s.cumulative_flows.supplied + dt * inlet.flow
+            ),
         )
-        return after, leaving
+        return after, Waves(away.down, away.up, arriving.back)
 
     return step

@@ -1,4 +1,4 @@
-"""Laws that join rooms at one instant, without any time step: both engines use them."""
+"""Laws between the components at one instant, without any time step: the fast step and the equations use them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 from commonrail.compile import physics, reciprocals
 from commonrail.flow.leakage import leakage_slope
-from commonrail.flow.orifice import Flow, choked, jet, series
+from commonrail.flow.orifice import Flow, Restriction, choked, jet, orifice, series
 from commonrail.fuel import kernel as fuel
 from commonrail.injector.model import Coefficients
 from commonrail.injector.setup import accumulation_volume, control_volume
-from commonrail.parts import sac, valve
+from commonrail.parts import needle_seat, sac, valve
 from commonrail.parts.contents import Contents
 from commonrail.parts.nozzle import RESIDUAL_LIFT
 from commonrail.parts.plunger_needle import Motion
@@ -25,20 +25,20 @@ RELAXED = 1e5
 PER_RESIDUAL, PER_RELAXED = 1.0 / RESIDUAL_LIFT, 1.0 / RELAXED  # in single precision every division is carried out
 
 
-class Room(NamedTuple):
+class Volumes(NamedTuple):
     """Volumes of control chamber, accumulation and SAC [m³]."""
 
     control: float
-    store: float
+    accumulation: float
     sac: float
 
 
 class Drain(NamedTuple):
-    """Drive of A-hole and valve, and its gains in the pressure before [m⁴] and behind it."""
+    """(c_d A)² Δp of A-hole and valve [m⁴ Pa], and its derivatives in the pressure before and behind them [m⁴]."""
 
-    drive: float
-    gain: float
-    line_gain: float
+    cda2_dp: float
+    cda2: float
+    line_cda2: float
 
 
 # A needle is open once its tip has risen this far; what stays below is ringing of the closed or just closed needle [m].
@@ -55,18 +55,27 @@ def middle(a: float, b: float) -> float:
 
 
 @physics
-def seat_pressure(c: Coefficients, gap: float, upstream: float, behind: float) -> float:
-    """Pressure [Pa] that opens the valve: what A-hole and seat, in series, leave in front of the seat."""
-    hole = c.control_chamber.a_drive
-    per_series, per_gap = reciprocals(hole + gap, max(gap, 1e-3 * hole))
-    cavitating = c.control_chamber.a_choked * (upstream - c.fuel.vapour_pressure) * per_gap
+def seat_pressure(c: Coefficients, gap_cda2: float, upstream: float, behind: float) -> float:
+    """Pressure [Pa] that opens the valve: what A-hole and seat, in series, leave in front of the seat.
+
+    Parameters
+    ----------
+    c : Coefficients
+    gap_cda2 : float
+        (c_d A)² of the valve's gap [m⁴].
+    upstream, behind : float
+        Pressures in the control chamber and behind the valve [Pa].
+    """
+    hole = c.control_chamber.a_cda2
+    per_series, per_gap = reciprocals(hole + gap_cda2, max(gap_cda2, 1e-3 * hole))
+    cavitating = c.control_chamber.a_cda2_choked * (upstream - c.fuel.vapour_pressure) * per_gap
     return min((upstream - behind) * hole * per_series, cavitating)
 
 
 @physics
-def make_room(c: Coefficients, lifts: Motion) -> Room:
+def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
     """Volumes that the plunger–needle leaves to the fuel."""
-    return Room(
+    return Volumes(
         control_volume(c, lifts),
         accumulation_volume(c, lifts),
         sac.volume(c.sac, c.needle_seat.area, lifts.tip),
@@ -74,11 +83,52 @@ def make_room(c: Coefficients, lifts: Motion) -> Room:
 
 
 @physics
-def nozzle_drive(c: Any, pressure: float, cylinder: float, discharge: float) -> tuple[float, float]:
-    """Drive and gain of the nozzle's outflow at a discharge coefficient, cavitation included; of either actuation."""
-    holes = c.nozzle.area_squared * discharge * discharge
-    vapour = c.nozzle.choked * (pressure - c.fuel.vapour_pressure)
-    return choked(holes * (pressure - cylinder), holes, vapour, c.nozzle.choked)
+def seat_cda2(c: Any, upstream: float, sac_pressure: float, tip: float) -> Restriction:
+    """Restriction of the needle seat's gap, and its derivative in either pressure; of either actuation.
+
+    Parameters
+    ----------
+    c
+        Coefficients.
+    upstream, sac_pressure : float
+        Pressures in front of the seat and in the SAC [Pa].
+    tip : float
+        Lift of the needle's tip [m].
+    """
+    cda2 = needle_seat.gap_cda2(c.needle_seat, tip)
+    return Restriction(cda2 * (upstream - sac_pressure), cda2)
+
+
+@physics
+def nozzle_cda2(c: Any, pressure: float, cylinder: float, discharge: float) -> Restriction:
+    """Restriction of the nozzle's holes, cavitation included, with its derivative in the SAC's pressure.
+
+    Parameters
+    ----------
+    c
+        Coefficients.
+    pressure, cylinder : float
+        Pressures in SAC and cylinder [Pa].
+    discharge : float
+        c_d of Eq. (9) [1].
+    """
+    cda2, cavitating = c.nozzle.area_squared * discharge * discharge, c.nozzle.cda2_choked
+    return choked(
+        Restriction(cda2 * (pressure - cylinder), cda2),
+        Restriction(cavitating * (pressure - c.fuel.vapour_pressure), cavitating),
+    )
+
+
+@physics
+def seat_flow(c: Any, upstream: Contents, sac: Contents, tip: float) -> Flow:
+    """Flow through the needle seat, Eq. (4), from the accumulation volume into the SAC at a lift of the tip [m]."""
+    return orifice(seat_cda2(c, upstream.pressure, sac.pressure, tip), upstream.density, c.needle_seat.offset)
+
+
+@physics
+def nozzle_flow(c: Any, sac: Contents, cylinder: float, discharge: float) -> Flow:
+    """Flow through the nozzle's holes, Eq. (4), into the cylinder's pressure [Pa] at a coefficient c_d [1]."""
+    return orifice(nozzle_cda2(c, sac.pressure, cylinder, discharge), sac.density, c.nozzle.offset)
 
 
 @physics
@@ -132,7 +182,7 @@ def remembered_lift(c: Any, s: Any, tip: float, cylinder: float) -> float:
     """
     # with the tip last: it comes late, and all of the injection waits for this lift
     most = s.nozzle.lift_reached
-    lost = most * (c.delays.lift_lost * relaxed_share(s.sac.pressure - cylinder))
+    lost = most * (c.delays.memory_lag_fraction * relaxed_share(s.sac.pressure - cylinder))
     least = most - lost
     return min(max(least + lost * PER_RESIDUAL * tip, least), most)
 
@@ -159,13 +209,13 @@ def memory_rate(c: Any, lift_reached: float, tip: float, rise: float, excess: fl
 
 
 @physics
-def plain_gap(c: Coefficients, chamber: Contents, behind: float, lift: float) -> float:
-    """(c_d A)² of the valve's gap, for Eq. (4) [m⁴]; signature as of `land_gap`."""
-    return valve.gap_drive(c.valve, lift)
+def plain_gap_cda2(c: Coefficients, chamber: Contents, behind: float, lift: float) -> float:
+    """(c_d A)² of the valve's gap, for Eq. (4) [m⁴]; signature as of `land_gap_cda2`."""
+    return valve.gap_cda2(c.valve, lift)
 
 
 @physics
-def land_gap(c: Coefficients, chamber: Contents, behind: float, lift: float) -> float:
+def land_gap_cda2(c: Coefficients, chamber: Contents, behind: float, lift: float) -> float:
     """(c_d A)² of the valve's gap with the film on its land [m⁴], at the present pressures.
 
     A-hole, gap and film in series pass Δp = q²/(2 ρ g) + R q, 1/g = 1/g_A + 1/g_s, at most what the cavitating A-hole
@@ -181,31 +231,48 @@ def land_gap(c: Coefficients, chamber: Contents, behind: float, lift: float) -> 
     lift : float
         Of the valve [m].
     """
-    hole, gap = c.control_chamber, valve.gap_drive(c.valve, lift)
+    hole, gap = c.control_chamber, valve.gap_cda2(c.valve, lift)
     resistance = valve.land_resistance(c.valve, lift, fuel.fluidity(c.fuel, middle(chamber.pressure, behind)))
-    total = series(hole.a_drive, gap)
+    cda2 = series(hole.a_cda2, gap)
     drop = max(abs(chamber.pressure - behind), LEAST_DROP)
-    offset = chamber.density * total * resistance
+    offset = chamber.density * cda2 * resistance
     # 2 ρ g_s/q, free and cavitating; without cancellation where friction rules
-    free = (jet(total * drop, chamber.density, offset).root + offset) * (1.0 + gap / hole.a_drive) / drop
-    vapour = hole.a_choked * max(chamber.pressure - c.fuel.vapour_pressure, LEAST_DROP)
+    free = (jet(cda2 * drop, chamber.density, offset).root + offset) * (1.0 + gap / hole.a_cda2) / drop
+    vapour = hole.a_cda2_choked * max(chamber.pressure - c.fuel.vapour_pressure, LEAST_DROP)
     cavitating = gap * math.sqrt(2.0 * chamber.density / vapour)
     return gap / (1.0 + resistance * max(free, cavitating))
 
 
 @physics
-def drain_drive(c: Coefficients, pressure: float, behind: float, gap: float) -> Drain:
-    """Drive of the flow through A-hole and the valve's gap in series, cavitation in the A-hole included."""
+def drain_cda2(c: Coefficients, pressure: float, behind: float, gap_cda2: float) -> Drain:
+    """Restriction of A-hole and valve in series, cavitation in the A-hole included.
+
+    Parameters
+    ----------
+    c : Coefficients
+    pressure, behind : float
+        In the control chamber and behind the valve [Pa].
+    gap_cda2 : float
+        (c_d A)² of the valve's gap [m⁴].
+    """
     hole = c.control_chamber
-    gain = series(hole.a_drive, gap)
-    free = gain * (pressure - behind)
-    drive_, gain_ = choked(free, gain, hole.a_choked * (pressure - c.fuel.vapour_pressure), hole.a_choked)
-    return Drain(drive_, gain_, gain if drive_ == free else 0.0)
+    cda2 = series(hole.a_cda2, gap_cda2)
+    free = Restriction(cda2 * (pressure - behind), cda2)
+    cavitating = Restriction(hole.a_cda2_choked * (pressure - c.fuel.vapour_pressure), hole.a_cda2_choked)
+    through = choked(free, cavitating)
+    return Drain(through.cda2_dp, through.cda2, cda2 if through.cda2_dp == free.cda2_dp else 0.0)
 
 
 @physics
-def z_hole_drive(c: Coefficients, feed: float, pressure: float) -> tuple[float, float]:
-    """Drive of the flow through the Z-hole and its gain in the chamber's pressure, cavitation included."""
+def z_hole_cda2(c: Coefficients, feed: float, pressure: float) -> Restriction:
+    """Restriction of the Z-hole, cavitation included; its derivative in the chamber's pressure.
+
+    Parameters
+    ----------
+    c : Coefficients
+    feed, pressure : float
+        In front of the hole and in the control chamber [Pa].
+    """
     hole = c.control_chamber
-    vapour = hole.z_choked * (feed - c.fuel.vapour_pressure)
-    return choked(hole.z_drive * (feed - pressure), hole.z_drive, vapour, 0.0)
+    free = Restriction(hole.z_cda2 * (feed - pressure), hole.z_cda2)
+    return choked(free, Restriction(hole.z_cda2_choked * (feed - c.fuel.vapour_pressure), 0.0))

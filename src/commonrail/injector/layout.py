@@ -13,8 +13,6 @@ from typing import Any, get_type_hints
 
 from commonrail.compile import physics
 
-__all__ = ["Layout", "field_paths", "layout_of"]
-
 Choices = tuple[tuple[str, type], ...]
 
 # One running index: Numba takes milliseconds for each operation of a text, and there are hundreds of rows.

@@ -1,4 +1,4 @@
-"""The whole injector as data: parameters, coefficients and state of all rooms, and what comes from outside."""
+"""The whole injector as data: parameters, coefficients and state of all components, and what comes from outside."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from commonrail.parts.contents import Contents
 
 
 class Parameters(NamedTuple):
-    """Every parameter of the injector (SI), room by room: ``p.plunger_needle.k1``."""
+    """Every parameter of the injector (SI), component by component: ``p.plunger_needle.k1``."""
 
     rail: rail.Parameters
     feed_pipe: feed_pipe.Parameters
@@ -61,8 +61,8 @@ class Delays(NamedTuple):
 
     feed: float
     back: float
-    eddy_share: float
-    lift_lost: float
+    eddy_lag_fraction: float
+    memory_lag_fraction: float
 
 
 class Coefficients(NamedTuple):
@@ -86,7 +86,7 @@ class Coefficients(NamedTuple):
     delays: Delays
 
 
-class Books(NamedTuple):
+class CumulativeFlows(NamedTuple):
     """Fuel given to the return and supplied by the rail so far [kg]."""
 
     returned: float
@@ -107,7 +107,7 @@ class State(NamedTuple):
     body: Any
     sac: Contents
     nozzle: nozzle.State
-    books: Books
+    cumulative_flows: CumulativeFlows
 
 
 class Waves(NamedTuple):

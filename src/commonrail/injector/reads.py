@@ -8,8 +8,6 @@ from commonrail.choices import Actuation, Body, Boundary, Drive
 from commonrail.injector.variants import Variant
 from commonrail.parts import drive, rail
 
-__all__ = ["COMMAND", "DRIVE", "RAIL", "RETURN", "reader_of", "unread_inputs", "unread_parameters"]
-
 # Inputs of a step; cylinder pressure is read by all variants.
 RAIL, RETURN, DRIVE, COMMAND = "rail_pressure", "return_pressure", "drive", "command"
 

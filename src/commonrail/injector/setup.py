@@ -8,7 +8,8 @@ from typing import Any
 
 from commonrail.compile import physics
 from commonrail.fuel import kernel as fuel
-from commonrail.injector.model import Ambient, Books, Coefficients, Delays, Parameters, Setting, State
+from commonrail.injector.model import Ambient, Coefficients, CumulativeFlows, Delays, Parameters, Setting, State
+from commonrail.injector.protocols import Body
 from commonrail.parts import (
     accumulation,
     control_chamber,
@@ -64,14 +65,14 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         delays=Delays(
             feed.travel_time / at.dt,
             back.round_trip / at.dt,
-            made_up(p.solenoid.eddy_lag, at.dt),
-            made_up(p.nozzle.discharge_memory, at.dt),
+            lag_fraction(p.solenoid.eddy_lag, at.dt),
+            lag_fraction(p.nozzle.discharge_memory, at.dt),
         ),
     )
 
 
 @physics
-def made_up(lag: float, dt: float) -> float:
+def lag_fraction(lag: float, dt: float) -> float:
     """Share of a first-order lag that a step makes up [1].
 
     Parameters
@@ -105,12 +106,12 @@ def static_loads(c: Coefficients, at: Setting) -> plunger_needle.Loads:
 
 
 @physics
-def seat_contact(c: Coefficients) -> plunger_needle.SeatContact:
-    """The needle seat as a contact of the plunger–needle."""
+def seat_contact(c: Any) -> plunger_needle.SeatContact:
+    """The needle seat as a contact of the needle; of either actuation."""
     return plunger_needle.SeatContact(c.needle_seat.contact_stiffness, c.needle_seat.contact_damping)
 
 
-def make_rest(body: Any) -> Callable[[Coefficients, Setting], State]:
+def make_rest(body: Body) -> Callable[[Coefficients, Setting], State]:
     """Function (coefficients, setting) → state before energising, `body` being `plunger_needle` or `rigid_body`."""
     at_rest, lifts_of = body.at_rest, body.lifts
 
@@ -131,7 +132,7 @@ def make_rest(body: Any) -> Callable[[Coefficients, Setting], State]:
             body=body,
             sac=filled(c.fuel, at.cylinder, sac.volume(c.sac, c.needle_seat.area, lifts.tip)),
             nozzle=nozzle.State(0.0, 0.0),
-            books=Books(returned=0.0, supplied=0.0),
+            cumulative_flows=CumulativeFlows(returned=0.0, supplied=0.0),
         )
 
     return rest
@@ -145,18 +146,23 @@ def control_volume(c: Coefficients, lifts: plunger_needle.Motion) -> float:
 
 @physics
 def accumulation_volume(c: Coefficients, lifts: plunger_needle.Motion) -> float:
-    """Accumulation volume [m³]: the needle's shoulder and tip that rise leave it room."""
+    """Accumulation volume [m³]: a rising shoulder and tip of the needle enlarge it."""
     guides = c.plunger_needle.guides
     shoulder = (guides.guide_area - guides.stem_area) * lifts.shoulder
     return c.accumulation.volume + shoulder + (guides.stem_area - c.needle_seat.area) * lifts.tip
 
 
 @physics
-def longest_touch(c: Coefficients) -> float:
+def longest_contact(c: Coefficients) -> float:
     """Longest time [s] for which needle or valve may touch its seat and yet leave it again: a period on its contact."""
     needle = c.plunger_needle.total_mass / c.needle_seat.contact_stiffness
-    shutter = 1.0 / (c.valve.per_mass * c.valve.contact_stiffness)
-    return 2.0 * math.pi * math.sqrt(max(needle, shutter))
+    return contact_period(needle, 1.0 / (c.valve.per_mass * c.valve.contact_stiffness))
+
+
+@physics
+def contact_period(first: float, second: float) -> float:
+    """Period of the slower of two masses on their contacts, 2π sqrt(m/k) [s], from m/k of each [s²]."""
+    return 2.0 * math.pi * math.sqrt(max(first, second))
 
 
 @physics

@@ -1,4 +1,4 @@
-"""Variants of the injector: the same rooms, wired differently."""
+"""Variants of the injector: the same components, connected differently."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from commonrail.arguments import chosen
 from commonrail.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.errors import ConfigurationError
-from commonrail.injector import boundary, direct_model, direct_setup, direct_step, joints, model, setup
+from commonrail.injector import boundary, direct_model, direct_setup, direct_step, joints, model, protocols, setup
 from commonrail.injector.layout import Layout, layout_of
 from commonrail.injector.step import StepLaws, make_step
 from commonrail.parts import direct_needle, drive, guide_friction, nozzle, plunger_needle, rigid_body
@@ -92,20 +92,23 @@ class Wiring(NamedTuple):
         Right-hand side of the body's motion.
     setup, rest, step : law
         Coefficients from parameters, state at rest, and one time step.
-    touch : law
+    volumes : law
+        Volumes that moving masses leave to the fuel, from their lifts.
+    longest_contact : law
         Longest time for which what has closed may touch and yet leave its seat again.
     farthest : law
         Lift beyond which the body has passed its stop.
     parameters, state, coefficients, positions : Layout
     """
 
-    body: Any
+    body: protocols.Body
     laws: Any
-    accelerations: Callable[..., Any]
+    accelerations: protocols.Accelerations
     setup: Callable[..., Any]
     rest: Callable[..., Any]
     step: Callable[..., Any]
-    touch: Callable[..., Any]
+    volumes: Callable[..., Any]
+    longest_contact: Callable[..., Any]
     farthest: Callable[..., Any]
     parameters: Layout
     state: Layout
@@ -113,24 +116,23 @@ class Wiring(NamedTuple):
     positions: Layout
 
 
-_BODIES = {Body.FLEXIBLE: plunger_needle, Body.RIGID: rigid_body}
-_DRIVES = {
+_BODIES: dict[Body, protocols.Body] = {Body.FLEXIBLE: plunger_needle, Body.RIGID: rigid_body}
+_DRIVES: dict[Drive, protocols.DriveLaw] = {
     Drive.REGULATED: drive.regulated,
     Drive.PWM: drive.pwm,
     Drive.VOLTAGE: drive.voltage_trace,
     Drive.CURRENT: drive.current_trace,
     Drive.FREE_WHEEL: drive.free_wheel,
 }
-_Law = Callable[..., Any]
-_MOTIONS: dict[tuple[Body, Laws], tuple[_Law, _Law]] = {
+_MOTIONS: dict[tuple[Body, Laws], tuple[protocols.Advance, protocols.Accelerations]] = {
     (Body.FLEXIBLE, Laws.PAPER): (plunger_needle.advance, plunger_needle.accelerations),
     (Body.FLEXIBLE, Laws.EXTENDED): (guide_friction.advance_chain, guide_friction.accelerate_chain),
     (Body.RIGID, Laws.PAPER): (rigid_body.advance, rigid_body.accelerations),
     (Body.RIGID, Laws.EXTENDED): (guide_friction.advance_body, guide_friction.accelerate_body),
 }
-_FLOWS: dict[Laws, tuple[_Law, _Law]] = {
-    Laws.PAPER: (nozzle.discharge, joints.plain_gap),
-    Laws.EXTENDED: (nozzle.shaped_discharge, joints.land_gap),
+_FLOWS: dict[Laws, tuple[protocols.Discharge, protocols.ValveGap]] = {
+    Laws.PAPER: (nozzle.discharge, joints.plain_gap_cda2),
+    Laws.EXTENDED: (nozzle.shaped_discharge, joints.land_gap_cda2),
 }
 
 # Parameters that only the extended laws know: at zero the laws are the paper's.
@@ -164,18 +166,19 @@ def _servo(variant: Variant) -> Wiring:
         *_FLOWS[variant.laws],
     )
     return Wiring(
-        body,
-        laws,
-        accelerations,
-        setup.coefficients,
-        setup.make_rest(body),
-        make_step(laws),
-        setup.longest_touch,
-        setup.farthest_lift,
-        layout_of(model.Parameters),
-        layout_of(model.State, (("body", body.State),)),
-        layout_of(model.Coefficients),
-        layout_of(body.Positions),
+        body=body,
+        laws=laws,
+        accelerations=accelerations,
+        setup=setup.coefficients,
+        rest=setup.make_rest(body),
+        step=make_step(laws),
+        volumes=joints.volumes_of,
+        longest_contact=setup.longest_contact,
+        farthest=setup.farthest_lift,
+        parameters=layout_of(model.Parameters),
+        state=layout_of(model.State, (("body", body.State),)),
+        coefficients=layout_of(model.Coefficients),
+        positions=layout_of(body.Positions),
     )
 
 
@@ -183,16 +186,17 @@ def _direct(variant: Variant) -> Wiring:
     discharge, _ = _FLOWS[variant.laws]
     laws = direct_step.DirectLaws(_DRIVES[variant.drive], boundary.ideal_rail, discharge)
     return Wiring(
-        direct_needle,
-        laws,
-        direct_needle.accelerations,
-        direct_setup.coefficients,
-        direct_setup.rest,
-        direct_step.make_step(laws),
-        direct_setup.longest_touch,
-        direct_setup.farthest_lift,
-        layout_of(direct_model.Parameters),
-        layout_of(direct_model.State),
-        layout_of(direct_model.Coefficients),
-        layout_of(direct_needle.Positions),
+        body=direct_needle,
+        laws=laws,
+        accelerations=direct_needle.accelerations,
+        setup=direct_setup.coefficients,
+        rest=direct_setup.rest,
+        step=direct_step.make_step(laws),
+        volumes=direct_step.volumes_of,
+        longest_contact=direct_setup.longest_contact,
+        farthest=direct_setup.farthest_lift,
+        parameters=layout_of(direct_model.Parameters),
+        state=layout_of(direct_model.State),
+        coefficients=layout_of(direct_model.Coefficients),
+        positions=layout_of(direct_needle.Positions),
     )

@@ -129,7 +129,7 @@ def _spread(few: Courses, by_pressure: Ints, by_energising: Ints) -> Courses:
     return few._replace(
         settings=few.settings[by_pressure],
         steps=few.steps[by_energising],
-        quiet=few.quiet[by_energising],
+        earliest_end=few.earliest_end[by_energising],
         clock=few.clock[by_energising],
         first=few.first[by_energising],
         trace=few.trace[by_energising],

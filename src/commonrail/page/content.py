@@ -12,6 +12,8 @@ import numpy as np
 from commonrail.arrays import Floats
 from commonrail.calibration.space import Space
 from commonrail.display.text import number
+from commonrail.engine import plan
+from commonrail.engine.courses import CHECK_AFTER
 from commonrail.engine.notes import Outcome
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.population import candidate_matrix, columns
@@ -37,7 +39,7 @@ __all__ = ["content"]
 
 
 TAIL = 2.5e-3  # simulated after the end of the last energising, unless needle and valve rest before [s]
-QUIET, RESTING = 100e-6, 300e-6  # an end is looked for so long after energising, and found after so long a rest [s]
+RESTING = 3.0 * plan.RESTING  # an end is found after such a rest [s]: it sees needle and valve alone
 SAMPLE = 3e-6  # between the channels that are kept [s]
 KELVIN = 1.0  # between the nodes of the fuel's temperature
 CYLINDERS = 41  # nodes of the density over the cylinder's pressure
@@ -71,7 +73,7 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "dt": subject.time_step,
         "every": max(round(SAMPLE / subject.time_step), 1),
         "tail": TAIL,
-        "quiet": QUIET,
+        "quiet": CHECK_AFTER,
         "resting": RESTING,
         "columns": size.parameters + size.fuel,
         "parameters": size.parameters,

@@ -48,19 +48,19 @@ class Coefficients(NamedTuple):
 def coefficients(p: Parameters) -> Coefficients:
     """Coefficients of the armature."""
     return Coefficients(
-        1.0 / p.mass,
-        p.idle_stroke,
-        p.idle_stroke + p.lift,
-        p.spring_preload,
-        p.spring_stiffness,
-        p.damping,
-        p.contact_stiffness,
-        p.contact_damping,
+        per_mass=1.0 / p.mass,
+        idle_stroke=p.idle_stroke,
+        travel=p.idle_stroke + p.lift,
+        spring_preload=p.spring_preload,
+        spring_stiffness=p.spring_stiffness,
+        damping=p.damping,
+        contact_stiffness=p.contact_stiffness,
+        contact_damping=p.contact_damping,
     )
 
 
 @physics
-def free_force(c: Coefficients, position: float, pull: float) -> float:
+def free_force(c: Coefficients, position: float, magnetic_force: float) -> float:
     """Force of magnet and spring [N], positive when opening.
 
     Parameters
@@ -69,7 +69,7 @@ def free_force(c: Coefficients, position: float, pull: float) -> float:
         Of this armature.
     position : float
         Travel from the rest [m].
-    pull : float
+    magnetic_force : float
         Magnetic force [N], ≥ 0.
     """
-    return pull - c.spring_preload - c.spring_stiffness * position
+    return magnetic_force - c.spring_preload - c.spring_stiffness * position

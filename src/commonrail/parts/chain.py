@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 
 from commonrail.compile import physics
 
-__all__ = ["Nine", "Seven", "across", "around", "each", "pull"]
-
 
 class Nine(NamedTuple):
     """One value for each of the nine masses: positions [m], velocities [m/s] or forces [N]."""
@@ -70,7 +68,15 @@ def across(z: Nine) -> Seven:
     z : Nine
         Positions [m] or velocities [m/s].
     """
-    return Seven(z.i1 - z.i2, z.i2 - z.i3, z.i3 - z.i4, z.i4 - z.i5, z.i5 - z.i6, z.i7 - z.i8, z.i8 - z.i9)
+    return Seven(
+        i1=z.i1 - z.i2,
+        i2=z.i2 - z.i3,
+        i3=z.i3 - z.i4,
+        i4=z.i4 - z.i5,
+        i5=z.i5 - z.i6,
+        i6=z.i7 - z.i8,
+        i7=z.i8 - z.i9,
+    )
 
 
 @physics
@@ -82,11 +88,21 @@ def around(m: Seven) -> Nine:
     m : Seven
         Masses [kg].
     """
-    return Nine(m.i1, m.i1 + m.i2, m.i2 + m.i3, m.i3 + m.i4, m.i4 + m.i5, m.i5, m.i6, m.i6 + m.i7, m.i7)
+    return Nine(
+        i1=m.i1,
+        i2=m.i1 + m.i2,
+        i3=m.i2 + m.i3,
+        i4=m.i3 + m.i4,
+        i5=m.i4 + m.i5,
+        i6=m.i5,
+        i7=m.i6,
+        i8=m.i6 + m.i7,
+        i9=m.i7,
+    )
 
 
 @physics
-def pull(s: Seven, joint: float) -> Nine:
+def nodal_forces(s: Seven, joint: float) -> Nine:
     """Forces on the masses [N], positive when opening, from those in the cylinders and in the joint.
 
     Parameters
@@ -97,5 +113,13 @@ def pull(s: Seven, joint: float) -> Nine:
         Force between plunger and needle [N], positive in tension; masses that touch give zero or less.
     """
     return Nine(
-        -s.i1, s.i1 - s.i2, s.i2 - s.i3, s.i3 - s.i4, s.i4 - s.i5, s.i5 - joint, joint - s.i6, s.i6 - s.i7, s.i7
+        i1=-s.i1,
+        i2=s.i1 - s.i2,
+        i3=s.i2 - s.i3,
+        i4=s.i3 - s.i4,
+        i5=s.i4 - s.i5,
+        i6=s.i5 - joint,
+        i7=joint - s.i6,
+        i8=s.i6 - s.i7,
+        i9=s.i7,
     )

@@ -45,15 +45,15 @@ class Parameters(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """(c_d A)² and (C_c A)² of the holes [m⁴], their laminar offsets [kg/s], volume [m³], Z-hole's tap."""
+    """Volume [m³], (c_d A)² and (C_c A)² of the holes [m⁴], laminar offsets [kg/s], share of Z-hole from inlet [1]."""
 
     volume: float
-    z_drive: float
-    z_choked: float
+    z_cda2: float
+    z_cda2_choked: float
     z_offset: float
-    z_from_inlet: float
-    a_drive: float
-    a_choked: float
+    z_inlet_fraction: float
+    a_cda2: float
+    a_cda2_choked: float
     a_offset: float
 
 
@@ -79,12 +79,12 @@ def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
     a_area = pipe_area(p.a_hole_diameter)
     reynolds = p.transition_reynolds
     return Coefficients(
-        p.volume,
-        square(p.z_hole_discharge * z_area),
-        square(p.z_hole_contraction * z_area),
-        laminar_offset(dynamic_viscosity, reynolds, 0.25 * pi * p.z_hole_diameter),
-        p.z_hole_from_inlet,
-        square(p.a_hole_discharge * a_area),
-        square(p.a_hole_contraction * a_area),
-        laminar_offset(dynamic_viscosity, reynolds, 0.25 * pi * p.a_hole_diameter),
+        volume=p.volume,
+        z_cda2=square(p.z_hole_discharge * z_area),
+        z_cda2_choked=square(p.z_hole_contraction * z_area),
+        z_offset=laminar_offset(dynamic_viscosity, reynolds, 0.25 * pi * p.z_hole_diameter),
+        z_inlet_fraction=p.z_hole_from_inlet,
+        a_cda2=square(p.a_hole_discharge * a_area),
+        a_cda2_choked=square(p.a_hole_contraction * a_area),
+        a_offset=laminar_offset(dynamic_viscosity, reynolds, 0.25 * pi * p.a_hole_diameter),
     )

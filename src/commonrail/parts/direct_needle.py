@@ -52,22 +52,21 @@ class State(NamedTuple):
     v: Pair
 
 
-class Moved(NamedTuple):
-    """Coefficients of the two masses, and the contact of the needle's seat."""
+class Masses(NamedTuple):
+    """Coefficients of the two masses."""
 
     armature: armature.Coefficients
     needle: Coefficients
-    seat: SeatContact
 
 
 class Loads(NamedTuple):
     """Magnetic force on the armature and force of the pressures on the needle, both positive when opening [N]."""
 
-    pull: float
+    magnetic: float
     pressure: float
 
 
-class Touch(NamedTuple):
+class Contacts(NamedTuple):
     """Contacts of the armature with rest, stop and needle, and of the needle with its seat."""
 
     rest: Contact
@@ -99,7 +98,7 @@ def lifts(z: Pair) -> Motion:
 
 
 @physics
-def averaged(depth: float, move: float, stiffness: float, factor: float) -> Contact:
+def contact_along_path(depth: float, move: float, stiffness: float, factor: float) -> Contact:
     """Contact force and damping with the overlap averaged along the path of a leapfrog step.
 
     Parameters
@@ -118,13 +117,15 @@ def averaged(depth: float, move: float, stiffness: float, factor: float) -> Cont
 
 
 @physics
-def touch(m: Moved, z: Pair, path: Pair) -> Touch:
+def contacts(m: Masses, seat: SeatContact, z: Pair, path: Pair) -> Contacts:
     """All four contacts.
 
     Parameters
     ----------
-    m : Moved
+    m : Masses
         The two masses.
+    seat : SeatContact
+        Contact of the needle seat.
     z : Pair
         Positions [m].
     path : Pair
@@ -132,44 +133,46 @@ def touch(m: Moved, z: Pair, path: Pair) -> Touch:
     """
     a = m.armature
     k, factor = a.contact_stiffness, a.contact_damping
-    return Touch(
-        averaged(-z.armature, path.armature, k, factor),
-        averaged(z.armature - a.travel, path.armature, k, factor),
-        averaged(z.armature - a.idle_stroke - z.needle, path.armature - path.needle, k, factor),
-        averaged(-z.needle, path.needle, m.seat.stiffness, m.seat.damping),
+    return Contacts(
+        contact_along_path(-z.armature, path.armature, k, factor),
+        contact_along_path(z.armature - a.travel, path.armature, k, factor),
+        contact_along_path(z.armature - a.idle_stroke - z.needle, path.armature - path.needle, k, factor),
+        contact_along_path(-z.needle, path.needle, seat.stiffness, seat.damping),
     )
 
 
 @physics
-def forces(m: Moved, z: Pair, load: Loads, at: Touch) -> Pair:
+def forces(m: Masses, z: Pair, load: Loads, at: Contacts) -> Pair:
     """Forces on both masses without damping [N], positive when opening.
 
     Parameters
     ----------
-    m : Moved
+    m : Masses
         The two masses.
     z : Pair
         Positions [m].
     load : Loads
         Of magnet and pressures.
-    at : Touch
+    at : Contacts
         Their contacts.
     """
     spring = m.needle.spring_preload + m.needle.spring_stiffness * z.needle
     return Pair(
-        armature.free_force(m.armature, z.armature, load.pull) + at.rest.force - at.stop.force - at.push.force,
+        armature.free_force(m.armature, z.armature, load.magnetic) + at.rest.force - at.stop.force - at.push.force,
         load.pressure - spring + at.push.force + at.seat.force,
     )
 
 
 @physics
-def advance(m: Moved, s: State, load: Loads, dt: float) -> State:
+def advance(m: Masses, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
     """State after one leapfrog step; dampers and the contacts' damping are implicit at mid-step.
 
     Parameters
     ----------
-    m : Moved
+    m : Masses
         The two masses.
+    seat : SeatContact
+        Contact of the needle seat.
     s : State
         State before.
     load : Loads
@@ -177,7 +180,7 @@ def advance(m: Moved, s: State, load: Loads, dt: float) -> State:
     dt : float
         Step [s].
     """
-    at = touch(m, s.z, Pair(dt * s.v.armature, dt * s.v.needle))
+    at = contacts(m, seat, s.z, Pair(dt * s.v.armature, dt * s.v.needle))
     force = forces(m, s.z, load, at)
     a, n = dt * m.armature.per_mass, dt * m.needle.per_mass
     own_a = 0.5 * a * (m.armature.damping + at.rest.damping + at.stop.damping + at.push.damping)
@@ -194,19 +197,19 @@ def advance(m: Moved, s: State, load: Loads, dt: float) -> State:
 
 
 @physics
-def accelerations(m: Moved, z: Pair, v: Pair, load: Loads) -> Pair:
+def accelerations(m: Masses, seat: SeatContact, z: Pair, v: Pair, load: Loads) -> Pair:
     """Accelerations [m/s²], for a solver that has positions and velocities at one time.
 
     Parameters
     ----------
-    m, load
+    m, seat, load
         As in `advance`.
     z : Pair
         Positions [m].
     v : Pair
         Velocities [m/s].
     """
-    at = touch(m, z, Pair(0.0, 0.0))
+    at = contacts(m, seat, z, Pair(0.0, 0.0))
     force = forces(m, z, load, at)
     approach = at.push.damping * (v.armature - v.needle)
     held_a = (m.armature.damping + at.rest.damping + at.stop.damping) * v.armature + approach
@@ -215,17 +218,19 @@ def accelerations(m: Moved, z: Pair, v: Pair, load: Loads) -> Pair:
 
 
 @physics
-def at_rest(m: Moved, pressure: float) -> State:
+def at_rest(m: Masses, seat: SeatContact, load: Loads) -> State:
     """Both masses at rest, armature on its rest and needle on its seat, in closed form.
 
     Parameters
     ----------
-    m : Moved
+    m : Masses
         The two masses; the idle stroke keeps them apart.
-    pressure : float
-        Force of the pressures on the needle [N], positive when opening.
+    seat : SeatContact
+        Contact of the needle seat.
+    load : Loads
+        Of the pressures; no magnetic force.
     """
     a, n = m.armature, m.needle
     held_a = a.spring_preload / (a.contact_stiffness + a.spring_stiffness)
-    held_n = (n.spring_preload - pressure) / (m.seat.stiffness + n.spring_stiffness)
+    held_n = (n.spring_preload - load.pressure) / (seat.stiffness + n.spring_stiffness)
     return State(Pair(-held_a, -held_n), Pair(0.0, 0.0))

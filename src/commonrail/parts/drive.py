@@ -376,8 +376,8 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     left = limit - first if conducting else first - limit
     before = clamp(left / max(abs(change), TINY_CURRENT), 0.0, 1.0) if crossed else 1.0
     other = pwm_voltage(p, 0.0 if conducting else 1.0)
-    hold, room = c.resistance * limit, 2.0 * half_band * per_gain
-    swing = clamp((1.0 - before) * (other - hold), -room, room)
+    hold, band = c.resistance * limit, 2.0 * half_band * per_gain  # voltages at the limit, and across the band
+    swing = clamp((1.0 - before) * (other - hold), -band, band)
     live = during(plan.on, applied(c, before * voltage + (1.0 - before) * hold + swing, now))
     off = during(1.0 - plan.on, switched_off(p, c, now))
     flag = (turned(s.conducting) if crossed else s.conducting) if plan.on > 0.0 else 2.0

@@ -35,6 +35,13 @@ class State(NamedTuple):
     end_flow: float
 
 
+class Travelling(NamedTuple):
+    """Waves p + Z q down the pipe, towards the accumulation volume, and p − Z q up it [Pa]."""
+
+    down: float
+    up: float
+
+
 @physics
 def coefficients(p: Parameters, density: float, sound_speed: float) -> Coefficients:
     """Coefficients of the pipe, Eq. (6), constant during a simulation.
@@ -91,3 +98,42 @@ def middle_loss(c: Coefficients, ends: State, down: float, up: float) -> float:
     near = end_loss(c, ends.inlet_flow) + end_loss(c, ends.end_flow)
     flow = 0.5 * c.admittance * (down - up - 2.0 * near)
     return 4.0 * end_loss(c, flow)
+
+
+@physics
+def arrive(c: Coefficients, ends: State, down: float, up: float) -> Travelling:
+    """Waves at the ends that they reach, the friction of Eq. (6) taken off but for that of the flow there now.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this pipe.
+    ends : State
+        Flows at both ends [kg/s].
+    down, up : float
+        Waves p + Z q and p − Z q [Pa] that arrive, as they left.
+    """
+    mid_pipe_loss = middle_loss(c, ends, down, up)
+    return Travelling(
+        down - mid_pipe_loss - end_loss(c, ends.end_flow), up + mid_pipe_loss + end_loss(c, ends.inlet_flow)
+    )
+
+
+@physics
+def leave(c: Coefficients, ends: State, inlet: float, end: float) -> Travelling:
+    """Waves that leave both ends, the friction of the flow there taken off.
+
+    Parameters
+    ----------
+    c : Coefficients
+        Of this pipe.
+    ends : State
+        Mean flows at both ends over the step [kg/s].
+    inlet, end : float
+        Mean pressures at both ends over the step [Pa].
+    """
+    z = c.impedance
+    return Travelling(
+        inlet + z * ends.inlet_flow - end_loss(c, ends.inlet_flow),
+        end - z * ends.end_flow + end_loss(c, ends.end_flow),
+    )

@@ -1,6 +1,6 @@
 """Decay of the flux that pulls the armature: eddy currents hold a falling flux for another time than a rising one.
 
-dφ_f/dt = (φ − φ_f)/τ, with τ the solenoid's `eddy_lag` while φ_f rises and the lag of this room while it falls. A
+dφ_f/dt = (φ − φ_f)/τ, with τ the solenoid's `eddy_lag` while φ_f rises and the `lag` below while it falls. A
 saturated iron that is magnetised and one that is released differ in their permeability, hence in their eddy currents;
 the two constants are lumped ones. Not in the paper.
 """

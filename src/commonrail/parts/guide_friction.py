@@ -1,10 +1,13 @@
 """Friction of plunger and needle in their guides: F = −v (c_v + F_c/(|v| + v_0)), on mass 1 and on mass 7.
 
 The viscous part stands for the oil film, the dry part for lateral forces; v_0 rounds the dry part at standstill, so
-that a needle at rest is not held. The rigid body carries both. The paper neglects it.
+that a needle at rest is not held. The rigid body carries both. The paper neglects it. The virtual test bench, whose
+truth no fitted model holds, rounds otherwise (`bench_friction`).
 """
 
 from __future__ import annotations
+
+import math
 
 from commonrail.compile import physics, reciprocals
 from commonrail.parts import plunger_needle, rigid_body
@@ -12,6 +15,22 @@ from commonrail.parts.chain import Nine
 from commonrail.parts.plunger_needle import Coefficients, Guides, Loads, SeatContact
 
 ROUNDED = 0.01  # v_0: half of the dry friction acts at this speed [m/s]
+
+
+@physics
+def bench_friction(dry: float, viscous: float, v: float) -> float:
+    """Friction of the virtual test bench on one mass, against the motion [N]: F_c tanh(v/v_0) + c_v v.
+
+    Parameters
+    ----------
+    dry : float
+        F_c [N].
+    viscous : float
+        c_v [N s/m].
+    v : float
+        Velocity [m/s].
+    """
+    return dry * math.tanh(v / ROUNDED) + viscous * v
 
 
 @physics
@@ -79,7 +98,7 @@ def with_guided(x: Nine, top: float, head: float) -> Nine:
     top, head : float
         Of mass 1 and of mass 7 [m/s].
     """
-    return Nine(top, x.i2, x.i3, x.i4, x.i5, x.i6, head, x.i8, x.i9)
+    return Nine(i1=top, i2=x.i2, i3=x.i3, i4=x.i4, i5=x.i5, i6=x.i6, i7=head, i8=x.i8, i9=x.i9)
 
 
 @physics

@@ -61,7 +61,7 @@ def coefficients(p: Parameters, dynamic_viscosity: float) -> Coefficients:
 
 
 @physics
-def gap_drive(c: Coefficients, lift: float) -> float:
+def gap_cda2(c: Coefficients, lift: float) -> float:
     """(c_d A)² of the seat gap, for Eq. (4) [m⁴]: frustum A = π z sin(α/2) (d − z sin(α/2) cos(α/2)).
 
     Parameters

@@ -83,14 +83,14 @@ class Shape(NamedTuple):
 
     first: float
     knots: Eight
-    bends: Eight
+    slope_changes: Eight
 
 
 class Coefficients(NamedTuple):
     """Hole area A² [m⁴], (C_c A)² [m⁴], laminar offset [kg/s], memory [s], Eq. (9) with z0, zM, and its shape."""
 
     area_squared: float
-    choked: float
+    cda2_choked: float
     offset: float
     memory: float
     discharge_transition: float
@@ -127,16 +127,16 @@ def coefficients(p: Parameters, rail_pressure: float, dynamic_viscosity: float) 
     top = max(p.lift_maximum_slope * rail_pressure + p.lift_maximum_offset, knee + RESIDUAL_LIFT)
     greatest = min(max(grown_discharge(p, rail_pressure), 0.0), 1.0)
     return Coefficients(
-        area * area,
-        square(p.contraction * area),
-        laminar_offset(dynamic_viscosity, p.transition_reynolds, p.holes * 0.25 * pi * p.hole_diameter),
-        p.discharge_memory,
-        p.discharge_transition,
-        knee,
-        top,
-        1.0 / knee,
-        (greatest - p.discharge_transition) / (top - knee),
-        shape(p),
+        area_squared=area * area,
+        cda2_choked=square(p.contraction * area),
+        offset=laminar_offset(dynamic_viscosity, p.transition_reynolds, p.holes * 0.25 * pi * p.hole_diameter),
+        memory=p.discharge_memory,
+        discharge_transition=p.discharge_transition,
+        lift_transition=knee,
+        lift_maximum=top,
+        per_lift_transition=1.0 / knee,
+        discharge_slope=(greatest - p.discharge_transition) / (top - knee),
+        shape=shape(p),
     )
 
 
@@ -156,7 +156,7 @@ def grown_discharge(p: Parameters, rail_pressure: float) -> float:
 
 @physics
 def shape(p: Parameters) -> Shape:
-    """Piecewise linear change of c_d(z): value before the first knot [1], knots [m], bends [1/m].
+    """Piecewise linear change of c_d(z): value before the first knot [1], knots [m], changes of slope [1/m].
 
     A knot of lift zero behind the first is none: the value of the knot before it holds on. Knots that do not rise are
     moved apart, whatever a search proposes.
@@ -186,8 +186,8 @@ def shape(p: Parameters) -> Shape:
     m4, m5, m6, m7 = (s5 - s4) / (z5 - z4), (s6 - s5) / (z6 - z5), (s7 - s6) / (z7 - z6), (s8 - s7) / (z8 - z7)
     return Shape(
         s1,
-        Eight(z1, z2, z3, z4, z5, z6, z7, z8),
-        Eight(m1, m2 - m1, m3 - m2, m4 - m3, m5 - m4, m6 - m5, m7 - m6, -m7),
+        Eight(i1=z1, i2=z2, i3=z3, i4=z4, i5=z5, i6=z6, i7=z7, i8=z8),
+        Eight(i1=m1, i2=m2 - m1, i3=m3 - m2, i4=m4 - m3, i5=m5 - m4, i6=m6 - m5, i7=m7 - m6, i8=-m7),
     )
 
 
@@ -237,11 +237,11 @@ def change(s: Shape, lift_reached: float) -> float:
     lift_reached : float
         As in `discharge` [m].
     """
-    z, at, bend = lift_reached, s.knots, s.bends
-    low = bend.i1 * max(z - at.i1, 0.0) + bend.i2 * max(z - at.i2, 0.0)
-    low = low + bend.i3 * max(z - at.i3, 0.0) + bend.i4 * max(z - at.i4, 0.0)
-    high = bend.i5 * max(z - at.i5, 0.0) + bend.i6 * max(z - at.i6, 0.0)
-    high = high + bend.i7 * max(z - at.i7, 0.0) + bend.i8 * max(z - at.i8, 0.0)
+    z, at, turn = lift_reached, s.knots, s.slope_changes
+    low = turn.i1 * max(z - at.i1, 0.0) + turn.i2 * max(z - at.i2, 0.0)
+    low = low + turn.i3 * max(z - at.i3, 0.0) + turn.i4 * max(z - at.i4, 0.0)
+    high = turn.i5 * max(z - at.i5, 0.0) + turn.i6 * max(z - at.i6, 0.0)
+    high = high + turn.i7 * max(z - at.i7, 0.0) + turn.i8 * max(z - at.i8, 0.0)
     return s.first + low + high
 
 

@@ -16,7 +16,7 @@ from commonrail.compile import physics, reciprocals
 from commonrail.flow.contact import Contact, contact, next_velocity
 from commonrail.flow.leakage import gap_conductance
 from commonrail.flow.wave import pipe_area
-from commonrail.parts.chain import Nine, Seven, across, around, each, pull
+from commonrail.parts.chain import Nine, Seven, across, around, each, nodal_forces
 from commonrail.parts.furniture import Annotated, Domain, Q
 
 _MASS = "mass of cylinder"
@@ -203,7 +203,8 @@ def coefficients(p: Parameters, dt: float) -> Coefficients:
     dt : float
         Step of the leapfrog [s].
     """
-    k, m = Seven(p.k1, p.k2, p.k3, p.k4, p.k5, p.k6, p.k7), Seven(p.m1, p.m2, p.m3, p.m4, p.m5, p.m6, p.m7)
+    k = Seven(i1=p.k1, i2=p.k2, i3=p.k3, i4=p.k4, i5=p.k5, i6=p.k6, i7=p.k7)
+    m = Seven(i1=p.m1, i2=p.m2, i3=p.m3, i4=p.m4, i5=p.m5, i6=p.m6, i7=p.m7)
     per_mass = _inverse(around(m))
     guides = Guides(
         plunger_area=pipe_area(p.plunger_diameter),
@@ -277,9 +278,19 @@ def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
         Pressure forces.
     """
     joint = c.joint_stiffness * min(z.i6 - z.i7, 0.0)
-    f = pull(_in_cylinders(c.k, c.c, across(z), across(v)), joint)
+    f = nodal_forces(_in_cylinders(c.k, c.c, across(z), across(v)), joint)
     head = f.i7 + load.head - c.guides.spring_stiffness * z.i7
-    return Nine(f.i1 + load.top, f.i2, f.i3, f.i4, f.i5, f.i6 + load.foot, head, f.i8 + load.shoulder, f.i9 + load.tip)
+    return Nine(
+        i1=f.i1 + load.top,
+        i2=f.i2,
+        i3=f.i3,
+        i4=f.i4,
+        i5=f.i5,
+        i6=f.i6 + load.foot,
+        i7=head,
+        i8=f.i8 + load.shoulder,
+        i9=f.i9 + load.tip,
+    )
 
 
 @physics
@@ -295,7 +306,7 @@ def with_ends(f: Nine, top: float, tip: float) -> Nine:
     tip : float
         Force on mass 9 [N].
     """
-    return Nine(top, f.i2, f.i3, f.i4, f.i5, f.i6, f.i7, f.i8, tip)
+    return Nine(i1=top, i2=f.i2, i3=f.i3, i4=f.i4, i5=f.i5, i6=f.i6, i7=f.i7, i8=f.i8, i9=tip)
 
 
 class Needle(NamedTuple):
@@ -308,7 +319,7 @@ class Needle(NamedTuple):
 
 
 @physics
-def bends(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, dt: float) -> Needle:
+def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, dt: float) -> Needle:
     """dt²/12 d²F/dt² of the springs from the joint to the seat [N].
 
     Numerov's correction: with it leapfrog is of fourth order in these springs. The plunger's own springs go without,
@@ -393,18 +404,18 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
     half1, half9 = 0.5 * m.i1 * stop.damping, 0.5 * m.i9 * rest.damping
     per1, per9 = reciprocals(1.0 + half1, 1.0 + half9)
     gain = _product(m, with_ends(f, f.i1 - stop.force, f.i9 + rest.force))
-    bent = bends(c, seat, s.z, gain, dt)
+    correction = numerov_correction(c, seat, s.z, gain, dt)
     v = _sum(s.v, gain)
     u = Nine(
-        next_velocity(s.v.i1, gain.i1, half1, per1),
-        v.i2,
-        v.i3,
-        v.i4,
-        v.i5,
-        v.i6 + m.i6 * bent.foot,
-        v.i7 + m.i7 * bent.head,
-        v.i8 + m.i8 * bent.shoulder,
-        next_velocity(s.v.i9, gain.i9 + m.i9 * bent.tip, half9, per9),
+        i1=next_velocity(s.v.i1, gain.i1, half1, per1),
+        i2=v.i2,
+        i3=v.i3,
+        i4=v.i4,
+        i5=v.i5,
+        i6=v.i6 + m.i6 * correction.foot,
+        i7=v.i7 + m.i7 * correction.head,
+        i8=v.i8 + m.i8 * correction.shoulder,
+        i9=next_velocity(s.v.i9, gain.i9 + m.i9 * correction.tip, half9, per9),
     )
     return State(_advanced(s.z, dt, u), u, s.v)
 
@@ -470,5 +481,5 @@ def at_rest(c: Coefficients, seat: SeatContact, load: Loads) -> State:
     z3 = z4 - push / k.i3
     z2 = z3 - push / k.i2
     z1 = z2 - push / k.i1
-    still = Nine(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return State(Nine(z1, z2, z3, z4, z5, z6, z7, z8, z9), still, still)
+    still = Nine(i1=0.0, i2=0.0, i3=0.0, i4=0.0, i5=0.0, i6=0.0, i7=0.0, i8=0.0, i9=0.0)
+    return State(Nine(i1=z1, i2=z2, i3=z3, i4=z4, i5=z5, i6=z6, i7=z7, i8=z8, i9=z9), still, still)

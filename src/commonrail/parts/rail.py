@@ -23,7 +23,7 @@ class Coefficients(NamedTuple):
     """Volume [m³] and (c_d A)² of the throttle [m⁴]."""
 
     volume: float
-    throttle: float
+    throttle_cda2: float
 
 
 @physics

@@ -76,14 +76,14 @@ def coefficients(p: Parameters) -> Coefficients:
     per_gap = 1.0 / (MU0 * p.pole_area)
     knee_flux = p.knee_flux_density * p.pole_area
     return Coefficients(
-        p.air_gaps * per_gap,
-        p.iron_length * per_gap / p.permeability,
-        1.0 / (knee_flux * knee_flux),
-        0.5 * p.air_gaps * per_gap,
-        p.residual_gap,
-        p.resistance,
-        1.0 / p.turns,
-        p.eddy_lag,
+        gap_reluctance=p.air_gaps * per_gap,
+        iron_reluctance=p.iron_length * per_gap / p.permeability,
+        per_knee_squared=1.0 / (knee_flux * knee_flux),
+        force=0.5 * p.air_gaps * per_gap,
+        residual_gap=p.residual_gap,
+        resistance=p.resistance,
+        per_turn=1.0 / p.turns,
+        eddy_lag=p.eddy_lag,
     )
 
 
@@ -113,7 +113,7 @@ def circuit(c: Coefficients, flux: float, armature_gap: float, closing: float = 
 
 
 @physics
-def pull(c: Coefficients, pulling_flux: float) -> float:
+def magnetic_force(c: Coefficients, pulling_flux: float) -> float:
     """Magnetic force on the armature F_ev of Eq. (12) [N], never negative: it opens the valve.
 
     Parameters

@@ -117,7 +117,7 @@ def air_gap(c: Coefficients, s: State) -> float:
 
 
 @physics
-def advance(c: Coefficients, s: State, pull: float, seat_pressure: float, dt: float) -> State:
+def advance(c: Coefficients, s: State, magnetic_force: float, seat_pressure: float, dt: float) -> State:
     """State after one leapfrog step.
 
     Parameters
@@ -126,14 +126,14 @@ def advance(c: Coefficients, s: State, pull: float, seat_pressure: float, dt: fl
         Of this valve.
     s : State
         Lift at t_n, velocity half a step before.
-    pull : float
+    magnetic_force : float
         Magnetic force F_ev at t_n [N].
     seat_pressure : float
         Excess over the return pressure on the seat area [Pa].
     dt : float
         Step [s].
     """
-    force, damping = forces_over_step(c, s, pull, seat_pressure, dt)
+    force, damping = forces_over_step(c, s, magnetic_force, seat_pressure, dt)
     per_mass = dt * c.per_mass
     half = 0.5 * per_mass * damping
     velocity = next_velocity(s.velocity, per_mass * force, half, 1.0 / (1.0 + half))
@@ -141,22 +141,22 @@ def advance(c: Coefficients, s: State, pull: float, seat_pressure: float, dt: fl
 
 
 @physics
-def rates(c: Coefficients, s: State, pull: float, seat_pressure: float) -> State:
+def rates(c: Coefficients, s: State, magnetic_force: float, seat_pressure: float) -> State:
     """Rates of lift and velocity [m/s], [m/s²], for a solver that has both at one time.
 
     Parameters
     ----------
-    c, pull, seat_pressure
+    c, magnetic_force, seat_pressure
         As in `forces`.
     s : State
         Lift and velocity at one time.
     """
-    force, damping = forces(c, s.lift, pull, seat_pressure)
+    force, damping = forces(c, s.lift, magnetic_force, seat_pressure)
     return State(s.velocity, c.per_mass * (force - damping * s.velocity))
 
 
 @physics
-def forces(c: Coefficients, lift: float, pull: float, seat_pressure: float) -> tuple[float, float]:
+def forces(c: Coefficients, lift: float, magnetic_force: float, seat_pressure: float) -> tuple[float, float]:
     """Force [N], positive when opening, without the damping, and damping coefficient [N s/m].
 
     Parameters
@@ -165,24 +165,26 @@ def forces(c: Coefficients, lift: float, pull: float, seat_pressure: float) -> t
         Of this valve.
     lift : float
         Lift [m], negative where it is pressed into its seat.
-    pull : float
+    magnetic_force : float
         Magnetic force F_ev [N].
     seat_pressure : float
         Excess over the return pressure on the seat area [Pa].
     """
     seat = contact(-lift, c.contact_stiffness, c.contact_damping)
     stop = contact(lift - c.lift, c.contact_stiffness, c.contact_damping)
-    force = free_force(c, lift, pull, seat_pressure) + seat.force - stop.force
+    force = free_force(c, lift, magnetic_force, seat_pressure) + seat.force - stop.force
     return force, c.damping + seat.damping + stop.damping
 
 
 @physics
-def forces_over_step(c: Coefficients, s: State, pull: float, seat_pressure: float, dt: float) -> tuple[float, float]:
+def forces_over_step(
+    c: Coefficients, s: State, magnetic_force: float, seat_pressure: float, dt: float
+) -> tuple[float, float]:
     """Force [N] and damping coefficient [N s/m] over a leapfrog step: `forces` with the nearer contact averaged.
 
     Parameters
     ----------
-    c, pull, seat_pressure
+    c, magnetic_force, seat_pressure
         As in `forces`.
     s : State
         Lift at the start of the step, velocity half a step before.
@@ -192,7 +194,7 @@ def forces_over_step(c: Coefficients, s: State, pull: float, seat_pressure: floa
     middle = 0.5 * c.lift
     side = s.lift - middle
     sign = 1.0 if side > 0.0 else -1.0  # to the stop, or to the seat
-    free = free_force(c, s.lift, pull, seat_pressure)
+    free = free_force(c, s.lift, magnetic_force, seat_pressure)
     near = contact_over_step(
         abs(side) - middle, sign * s.velocity, sign * free, c.per_mass, (c.contact_stiffness, c.contact_damping), dt
     )
@@ -200,19 +202,19 @@ def forces_over_step(c: Coefficients, s: State, pull: float, seat_pressure: floa
 
 
 @physics
-def free_force(c: Coefficients, lift: float, pull: float, seat_pressure: float) -> float:
+def free_force(c: Coefficients, lift: float, magnetic_force: float, seat_pressure: float) -> float:
     """Force of magnet, spring and pressure [N], positive when opening.
 
     Parameters
     ----------
-    c, lift, pull, seat_pressure
+    c, lift, magnetic_force, seat_pressure
         As in `forces`.
     """
-    return pull - (c.spring_preload + c.spring_stiffness * lift) + c.seat_area * seat_pressure
+    return magnetic_force - (c.spring_preload + c.spring_stiffness * lift) + c.seat_area * seat_pressure
 
 
 @physics
-def gap_drive(c: Coefficients, lift: float) -> float:
+def gap_cda2(c: Coefficients, lift: float) -> float:
     """(c_d A)² of the seat gap, for Eq. (4) [m⁴].
 
     Parameters

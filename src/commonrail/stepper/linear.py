@@ -21,7 +21,7 @@ __all__ = ["LinearModel", "Operation", "linearise"]
 
 # Rows that are no state of the linear model: sums that nothing reads, the PWM's transistor, which jumps, and what
 # follows from the density in a volume. The density is one beside the mass, because the volume moves with its walls.
-_SUMS = ("nozzle.injected", "books.returned", "books.supplied", "drive.conducting")
+_SUMS = ("nozzle.injected", "cumulative_flows.returned", "cumulative_flows.supplied", "drive.conducting")
 _OF_DENSITY = ("pressure", "stiffness")
 # Differences by the end of a name: absolute [SI], and relative to the value.
 _STEPS = {
@@ -199,7 +199,7 @@ def _states(o: Operation, steps: int) -> list[_Coordinate]:
             found.append(_Coordinate(path, first + i, _difference(path, o.memory[first + i])))
     for wave, name in enumerate(Waves._fields[: 2 if o.variant.actuation is Actuation.DIRECT else 3]):
         start = o.loop.rows.end + wave * o.ring
-        for ago in range(1, int(o.memory[o.loop.rows.whole + wave]) + 2):
+        for ago in range(1, int(o.memory[o.loop.rows.delay_steps + wave]) + 2):
             at = start + ((steps - ago) & (o.ring - 1))
             found.append(_Coordinate(f"waves.{name}[-{ago}]", at, _difference("waves", 0.0)))
     return found

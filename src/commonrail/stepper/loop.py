@@ -9,15 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.compile import FLUSH_TINY, KEEP_ALL, KEEP_NONE
-from commonrail.engine.block import (
-    FUEL,
-    Memory,
-    any_vectors,
-    copy_number,
-    make_advance,
-    make_begin,
-    make_ferry,
-)
+from commonrail.engine.block import FUEL, any_vectors, make_advance, make_begin
+from commonrail.engine.feed import Memory, copy_number, make_wave_transport
 from commonrail.engine.rows import make_rows
 from commonrail.injector.model import Inputs, Setting
 from commonrail.injector.variants import Variant, wiring
@@ -72,7 +65,7 @@ def make_march(variant: Variant, rows: Any) -> Callable[..., None]:
     from commonrail.jit import exchange_rounding
 
     begin, advance = make_begin(variant, rows), make_advance(variant, rows, any_vectors)
-    arrive, leave = make_ferry(rows, copy_number)
+    arrive, leave = make_wave_transport(rows, copy_number)
     size, order = rows.end, (0, 0)  # point and candidate of the one lane
 
     def march(memory, ring, first, theta, settings, inputs):  # type: ignore[no-untyped-def]

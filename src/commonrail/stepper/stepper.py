@@ -305,7 +305,7 @@ class Stepper:
         state = memory[rows.state : rows.leaving]
         if not np.isfinite(state).all():
             raise SimulationError(f"{self.injector.name}: {Status.NOT_FINITE.sentence}")
-        if max(abs(memory[rows.tip]), abs(memory[rows.top])) > memory[rows.farthest]:
+        if max(abs(memory[rows.tip]), abs(memory[rows.top])) > memory[rows.farthest_lift]:
             raise SimulationError(f"{self.injector.name}: {Status.RAN_AWAY.sentence}")
 
     def _channels(self, memory: Floats, u: Floats) -> dict[str, float]:

@@ -190,7 +190,7 @@ int cr_block_begin(void *block, size_t size, const double *parameters, const cr_
                                    parameters + own * CR_PARAMETERS, at_rest + own, time_step, start, b->ring);
         if (together) put(b, lane, scratch, scratch + CR_WORK);
         for (int wave = 0; wave < 3; wave++) {
-            int row = (CR_ROW_WHOLE + wave) * lane.stride;
+            int row = (CR_ROW_DELAY_STEPS + wave) * lane.stride;
             b->alike &= lane.work[row] == zeroth.work[row];
         }
         if (!first) first = status;

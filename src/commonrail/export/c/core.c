@@ -204,9 +204,9 @@ int cr_core_switch(cr_head *h, double *work, int stride, double time, int on) {
         }
         h->from[h->energisings] = time;
         h->until[h->energisings++] = HUGE_VAL;
-        if (work[CR_ROW_CLEAR * stride] == 0.0) { /* the needle is closed: the instants will be those of this injection */
-            work[CR_ROW_OPENED * stride] = work[CR_ROW_SHUT * stride] = 0.0;
-            work[CR_ROW_FIRST_SHUT * stride] = 0.0;
+        if (work[CR_ROW_IS_OPEN * stride] == 0.0) { /* the needle is closed: the instants will be those of this injection */
+            work[CR_ROW_OPENING * stride] = work[CR_ROW_LAST_CLOSING * stride] = 0.0;
+            work[CR_ROW_FIRST_CLOSING * stride] = 0.0;
         }
     }
     h->on = on != 0;
