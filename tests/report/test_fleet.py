@@ -24,6 +24,8 @@ def parameter(name: str, at_bound: int) -> dict[str, Any]:
         "name": name,
         "unit": "N",
         "meaning": "preload",
+        "lower": 50.0,
+        "upper": 120.0,
         "best": spread(50.0, 60.0, 80.0, 100.0, 120.0),
         "position": spread(0.0, 0.25, 0.5, 0.75, 1.0),
         "at_bound": at_bound,
@@ -59,6 +61,7 @@ def record() -> dict[str, Any]:
                 }
             ],
             "parameters": [parameter("valve.spring_preload", 0), parameter("plunger_needle.spring_preload", 2)],
+            "estimator": "curvature",
             "worst": [
                 {"injector": "<W>", "J": {"start": 120.0, "best": 30.0}, "at_bound": ["valve.lift"], "seed": 1},
                 {"injector": "V", "J": {"start": 100.0, "best": 10.0}, "at_bound": [], "seed": 2},

@@ -55,7 +55,7 @@ def test_small_figures_of_many_captions_have_their_own() -> None:
 
 def test_an_fmu_that_failed_with_the_start_values_is_told() -> None:
     data = {"name": "decay", "role": "fit", "values": 20, "rms": {"best": 0.5, "start": None}}
-    record = {"data": [data], "convergence": None, "evaluations": {"failed": 0}, "parameters": []}
+    record = {"data": [data], "convergence": None, "evaluations": {"failed": 0}, "notes": [], "parameters": []}
     assert fmu_lines(record) == [
         "decay (fit): the errors of 20 values have a root mean square of 0.5 tolerances.",
         "decay: the FMU failed with the start values.",
