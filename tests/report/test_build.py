@@ -101,12 +101,6 @@ def test_each_search_is_told_in_its_own_words(write_run: WriteRun, settings: Any
     assert words in page_of(write_run(map_record() | {"optimiser": record})).text
 
 
-def test_a_staged_search_is_told_by_its_candidates_and_steps(write_run: WriteRun) -> None:
-    staged = {"method": "staged least squares", "members": 400, "generations": 52, "starts": 3, "polish": 0}
-    text = page_of(write_run(map_record() | {"optimiser": staged})).text
-    assert "staged least squares, 400 screened candidates, 52 steps" in text
-
-
 def test_synthetic_data_are_announced(rate_run: Path) -> None:
     page = page_of(rate_run)
     assert page.count("div", **{"class": "banner"}) == 1

@@ -1,30 +1,21 @@
 """Names, command lines and captions in a page."""
 
 import functools
-import re
-from itertools import combinations
 from pathlib import Path
 
 import pytest
 from jinja2 import DictLoader, Environment
 
-from commonrail.display.table import tabulated
 from commonrail.report import html
 from commonrail.report.build import MANY, report_html
 from commonrail.report.foreign import fmu_figures, fmu_lines
-from commonrail.report.html import breakable, print_size, unbroken
-from tests.report.samples import map_record, rate_record, rate_traces
+from commonrail.report.html import breakable
+from tests.report.samples import rate_record, rate_traces
 
 
 def test_a_long_name_may_be_broken_at_its_joints_and_stays_escaped() -> None:
     assert breakable("seat.cone_angle") == "seat.<wbr>cone_<wbr>angle"
     assert breakable("<b>.x") == "&lt;b&gt;.<wbr>x"
-
-
-def test_options_in_a_command_line_are_not_broken_at_their_hyphens() -> None:
-    page = report_html(map_record(), {}, "runs/a & b")
-    assert '<pre>commonrail map &#39;runs/a &amp; b&#39; <span class="word">--time-step</span> 1us ' in page
-    assert ".word { white-space: nowrap; }" in page
 
 
 def test_small_figures_say_their_energising_times_and_share_a_caption() -> None:
@@ -36,12 +27,6 @@ def test_small_figures_say_their_energising_times_and_share_a_caption() -> None:
     for i in range(MANY + 1):
         assert f"<h3>curve {i} (fit), 160 MPa, {300 + i} µs</h3>" in page
     assert page.count("Rate of injection; below") == 1
-
-
-def test_a_title_does_not_repeat_what_the_name_says() -> None:
-    record = rate_record()
-    record["data"] = [record["data"][0] | {"name": "rates, 160 MPa 700 us"}]
-    assert "<h3>rates, 160 MPa 700 us (fit)</h3>" in report_html(record, rate_traces(record))
 
 
 def test_small_figures_of_many_captions_have_their_own() -> None:
@@ -114,31 +99,3 @@ def test_a_damaged_template_is_compiled_again(kept: Path, damage: bytes) -> None
     for path in kept.glob("*.template"):
         path.write_bytes(damage)
     assert page() == first
-
-
-def test_a_number_stays_on_a_line_with_its_unit_and_a_range_is_broken_at_its_to() -> None:
-    assert unbroken("+13.8 ○") == "+13.8 ○"
-    assert unbroken("-137.76 N/µm to 281.33 N/µm") == (
-        '<span class="word">-137.76 N/µm</span> to <span class="word">281.33 N/µm</span>'
-    )
-    assert unbroken("a reason <b> of many words and no number") == "a reason &lt;b&gt; of many words and no number"
-
-
-def test_letters_in_print_are_small_enough_for_what_is_not_broken() -> None:
-    cells = [("parameter", "name"), *((f"c{i}", "range") for i in range(12))]
-    wide = tabulated("", [{"name": "a", "range": "-137.76 N/µm to 281.33 N/µm"}], cells)
-    narrow = tabulated("", [{"name": "a", "range": "1 to 2"}], cells)
-    assert float(print_size(wide)[:-2]) < float(print_size(narrow)[:-2])
-
-
-def test_no_two_templates_style_the_same_class() -> None:
-    """All styles of a page are one sheet: a class that two templates style gets both, whatever each means by it."""
-    styles = {}
-    for path in Path(html.__file__).with_name("templates").glob("*.html"):
-        found = re.findall(r"<style>.*?</style>|{% block style %}.*?{% endblock %}", path.read_text("utf-8"), re.S)
-        # selectors stand before braces; a number such as .8rem is no class
-        selectors = [before for sheet in found for before in re.findall(r"([^{}]+){", sheet)]
-        styles[path.name] = {name for text in selectors for name in re.findall(r"\.([a-z][\w-]*)", text)}
-    assert {"base.html", "reproduction.html"} <= {name for name, classes in styles.items() if classes}
-    shared = {(a, b): styles[a] & styles[b] for a, b in combinations(sorted(styles), 2)}
-    assert {pair: names for pair, names in shared.items() if names} == {}
