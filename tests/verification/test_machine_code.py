@@ -149,6 +149,8 @@ def test_the_step_is_vectorised_in_its_own_precision(compiled: tuple[Target, str
     print(target, "packed:", own, "of the other precision:", other, "scalar:", single)
     # Apart from the step: clocks of the lanes, which are doubles in f32 too, and the volume of a sample, once a lane.
     assert other + single < 0.05 * own
+    if target is WIDE:  # what is allowed in the function around the loop over lanes does not reach it
+        assert not re.search(r"\bv(div|sqrt)pd\b.*ymm", loop)
 
 
 @pytest.mark.slow
