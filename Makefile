@@ -13,12 +13,17 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-generic test-busy test-lowest line-coverage coverage lint style format verify fuzz soak attack fleet disk kernels bench clean
+.PHONY: help demo quick test test-generic test-busy test-lowest line-coverage coverage lint style format verify fuzz soak attack fleet disk kernels bench clean
 
 # Two processes; one that has nothing left to do takes over tests of the other, so that fixtures are seldom made twice.
 TESTS := -m pytest -q -n 2 --dist worksteal tests
 # On a fresh machine the tests' kernels are compiled while pip waits for network and disk, which leaves a processor idle.
 test: BESIDE := for p in f64 f32; do PYTHONPATH=src $(BIN)/python -m tools.compile_ahead $$p > $(VENV)/$$p.txt 2>&1 & done;
+# Within a minute on two processors once kernels are compiled: no tests of processes, none of whole calibrations.
+QUICK := $(addprefix tests/,flow fuel parts observation display signals stepper maps kinds report verification workers \
+    foreign files/test_study_file.py cli/test_simulate.py cli/test_calibrate.py calibration/test_objective.py \
+    calibration/test_differential_evolution.py store/test_run.py) \
+    $(addprefix --ignore=tests/,verification/test_direct_acting.py report/test_plates.py signals/test_standard_errors.py)
 REQUIRED := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")
 # Without whole simulations: as plain Python they take minutes.
 PHYSICS_TESTS := tests/fuel tests/flow tests/parts tests/injector tests/test_dimensions.py --ignore=tests/parts/test_feed_pipe.py
@@ -30,6 +35,9 @@ help: ## show this list
 
 demo: $(VENV)/.runtime ## calibrate the cases paper and cri2-16, repeat the paper's study, write three reports to demo/
 	$(BIN)/python -m commonrail.cli.demo --out demo
+
+quick: lint ## lint, check types and imports, run tests for a minute, a fifth of all
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "not slow and not process and not gpu" $(QUICK)
 
 # The types are checked beside the tests: alone it would leave a processor idle. What it finds is told after them. The
 # direction of imports is one of the tests.

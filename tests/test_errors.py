@@ -1,6 +1,5 @@
 """The error classes keep what the command line and library users rely on."""
 
-import doctest
 import pickle
 
 import pytest
@@ -113,10 +112,6 @@ def test_nearest_says_nothing_when_nothing_is_close(options: list[str]) -> None:
 
 def test_nearest_takes_any_iterable_once() -> None:
     assert nearest("presure", (name for name in ("pressure", "voltage"))).endswith('"pressure"?)')
-
-
-def test_examples_in_docstrings() -> None:
-    assert doctest.testmod(errors).failed == 0
 
 
 def test_a_message_is_one_line_without_what_moves_a_cursor() -> None:

@@ -263,17 +263,6 @@ def test_every_link_leads_to_a_file_and_its_heading(page: Path) -> None:
         assert not anchor or anchor in anchors(leads_to), f"{target}#{anchor}"
 
 
-def test_the_rooms_of_the_first_decision_are_those_of_the_contract() -> None:
-    """The list of rooms in 0001-layout.md is that of pyproject.toml, less rooms that do not exist yet."""
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
-    layers = next(each["layers"] for each in settings["contracts"] if each["id"] == "direction")
-    page = (ROOT / "docs" / "decisions" / "0001-layout.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"^```\n(.*?)^```", page, re.S | re.M)
-    exist = {path.stem for path in SRC.iterdir()}
-    wanted = [[room for room in re.findall(r"\w+", layer) if room in exist] for layer in layers]
-    assert [re.findall(r"\w+", line) for line in block.splitlines()] == [rooms for rooms in wanted if rooms]
-
-
 @pytest.mark.parametrize(
     "token",
     [

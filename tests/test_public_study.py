@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 from pathlib import Path
 
 import numpy as np
@@ -61,13 +60,6 @@ def test_searches_for_many_seeds_are_those_of_each_alone(study: cr.Study) -> Non
     both = cr.for_seeds(search, [3, 4], generations=3, threads=2, progress=told.append)
     assert both == (search(3, lambda: None), search(4, lambda: None))
     assert told[-1][:4] == (6, 6, 2, 2)
-
-
-def test_nothing_else_is_imported_here() -> None:
-    tree = ast.parse(Path(__file__).read_text(encoding="utf-8"))
-    modules = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    modules |= {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
-    assert {module for module in modules if module and module.startswith("commonrail")} == {"commonrail"}
 
 
 def objective(study: cr.Study) -> cr.Objective:

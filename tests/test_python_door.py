@@ -454,26 +454,3 @@ def test_a_text_with_an_everyday_unit_does_not_load_pint() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False"]
-
-
-def test_examples_in_docstrings() -> None:
-    import doctest
-
-    from commonrail.engine import operating_point
-
-    assert doctest.testmod(arguments).failed == 0
-    assert doctest.testmod(operating_point).failed == 0
-
-
-def test_examples_of_the_page_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    root = Path(__file__).resolve().parents[1]
-    page = (root / "docs" / "howto" / "python.md").read_text(encoding="utf-8")
-    monkeypatch.chdir(root)
-    names: dict[str, Any] = {}
-    for example in re.findall(r"```python\n(.*?)```", page, re.S):
-        exec(example, names)
-    assert names["pilot_main"] == cr.OperatingPoint(80e6, [(0.0, 250e-6), (900e-6, 600e-6)], horizon=4e-3)
-    assert names["softer"].values["valve.spring_preload"] == 60.0
-    with pytest.raises(CommonrailError) as found:
-        cr.OperatingPoint(160, 700)
-    assert str(found.value) in page

@@ -1,6 +1,5 @@
 """Text with units to SI floats and back, and the sentences for what cannot be read."""
 
-import doctest
 import math
 import re
 import subprocess
@@ -12,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from commonrail import units
 from commonrail.errors import InputError
 from commonrail.unit_table import FACTORS, FAST, NAMES, SHOWN
 from commonrail.units import compatible, convert, parse, parse_difference, to_text
@@ -277,7 +275,3 @@ def test_ordinary_units_never_load_pint() -> None:
         "sys.exit('pint' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_examples_in_docstrings() -> None:
-    assert doctest.testmod(units).failed == 0

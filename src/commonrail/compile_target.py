@@ -258,16 +258,16 @@ def differences(before: Mapping[str, str], now: Mapping[str, str]) -> str:
     Parameters
     ----------
     before, now : mapping of str to str
-        `CompileTarget.record`; what either lacks, as records of earlier versions do, is not compared.
+        `CompileTarget.record`.
 
     Returns
     -------
     str
         "" where they are equal.
     """
-    differing = [name for name in now if name in before and before[name] != now[name]]
+    differing = [name for name in now if before.get(name) != now[name]]
     return "; ".join(
-        _features(before[name], now[name]) if name == "features" else f"{name} {before[name]}, now {now[name]}"
+        _features(before[name], now[name]) if name == "features" else f"{name} {before.get(name)}, now {now[name]}"
         for name in differing
     )
 

@@ -21,51 +21,6 @@ STEP = """
 LINES = [line.split("#")[0].strip() for line in STEP.splitlines() if line.strip()]
 
 
-def test_instructions_are_counted_by_kind() -> None:
-    found = roofline.counts(LINES)
-    assert found["divisions"] == 1
-    assert found["roots"] == 1
-    assert found["multiply, add"] == 2
-
-
-def test_loads_and_stores_are_counted_where_they_are_operands() -> None:
-    found = roofline.counts(LINES)
-    assert found["loads"] == 2
-    assert found["stores"] == 1
-    assert found["on the stack"] == 2
-    assert found["compare, select, min, max"] == 1
-
-
-def test_only_long_pieces_of_vector_arithmetic_are_the_step() -> None:
-    wide, narrow = "\tvaddpd\t%zmm1, %zmm2, %zmm3\n", "\tvaddpd\t%xmm1, %xmm2, %xmm3\n"
-    text = 50 * narrow + ".LBB0_1:\n" + 50 * wide + "\tjne\t.LBB0_1\n" + 30 * wide
-    assert len(roofline.step_block(text)) == 50
-
-
-# What `llvm-mca -mtriple=x86_64 -mcpu=skylake-avx512 -iterations=10 -all-stats=false` prints first of two divisions.
-REPORT = """
-Iterations:        10
-Instructions:      20
-Total Cycles:      330
-Total uOps:        60
-
-Dispatch Width:    6
-uOps Per Cycle:    0.18
-IPC:               0.06
-Block RThroughput: 32.0
-"""
-
-
-def test_the_bound_of_the_ports_is_read_from_the_report() -> None:
-    assert roofline.reciprocal_throughput(REPORT) == 32.0
-    assert roofline.reciprocal_throughput("error: unable to find instruction\n") is None
-
-
-def test_without_llvm_mca_there_is_no_bound_of_the_ports(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(roofline.shutil, "which", lambda name: None)
-    assert roofline.port_bound(LINES) is None
-
-
 def test_nothing_waits_in_the_measured_bound() -> None:
     made = roofline.without_waiting(LINES)
     assert made[0] == "vdivpd %zmm31, %zmm30, %zmm0"
@@ -103,8 +58,3 @@ def test_what_was_not_measured_is_left_out() -> None:
     found = roofline.figures(LINES, 1000, roofline.Times(2e-6, None, 4e9), None)
     missing = {"bound_cycles", "share_of_bound", "cycles_without_waiting", "share_of_measured_bound"}
     assert {name for name, value in found.items() if value is None} == missing
-
-
-def test_the_clock_is_cycles_of_a_chain_by_its_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(roofline, "_best", lambda action, runs: 0.04)
-    assert roofline.clock() == pytest.approx(20_000_000 * 6 / 0.04)

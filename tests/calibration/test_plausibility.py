@@ -414,5 +414,5 @@ def test_the_page_tells_every_code() -> None:
     sources = (root / "src/commonrail/calibration/plausibility").glob("*.py")
     codes = {code for path in sources for code in re.findall(r'found\(\s*"(\w+)"', path.read_text(encoding="utf-8"))}
     told = set(re.findall(r"(?m)^\| `(\w+)` \| ", (root / "docs/howto/plausibility.md").read_text(encoding="utf-8")))
-    assert len(codes) == 18
+    assert codes
     assert codes | {TARGET} == told - {"validate", "fleet"}

@@ -66,7 +66,9 @@ def fleet_folder(path: Path, *preloads: float) -> Path:
     rows.append(["SN", "failed", "", "", ""])
     with summed(path, "fleet.json", "results.csv"):
         write_csv(path / "results.csv", ["SYNTHETIC: made up"], head, rows)
-        write_record(path / "fleet.json", {"kind": "fleet", "title": "line 4", "synthetic": "made up"})
+        parameter = {"name": PRELOAD, "lower": 40.0, "upper": 100.0, "prior": None}
+        record = {"kind": "fleet", "title": "line 4", "synthetic": "made up", "parameters": [parameter], "fixed": []}
+        write_record(path / "fleet.json", record)
     return path
 
 
@@ -75,7 +77,7 @@ def test_a_fleet_has_the_spread_over_its_members_beyond_their_errors(tmp_path: P
     preload = found.by_name[PRELOAD]
     assert preload.value == pytest.approx(64.0)
     assert preload.spread == pytest.approx(math.sqrt(16.0 - 1.0 + 16.0 / 3.0))
-    assert preload.lower < 60.0 < 68.0 < preload.upper
+    assert (preload.lower, preload.upper) == (40.0, 100.0)
     assert (found.parts[0].name, found.parts[0].injectors, found.synthetic) == ("line 4", 3, "made up")
 
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import commonrail as cr
 from commonrail.errors import OutputError
-from commonrail.fleet.begun import check_entries
 from commonrail.fleet.fleet_file import load_fleet
 from commonrail.fleet.journal import FAILED, Entry
 from commonrail.fleet.results import result_columns, write_results
@@ -132,14 +130,6 @@ def test_an_injector_whose_data_are_upside_down_is_counted_and_told(fleet_file: 
     assert "the rate is mostly negative" in told["sentence"]
     line = fleet_warnings(run.record)[[w["code"] for w in run.record["warnings"]].index("sign")]
     assert line.startswith(f"1 of {COUNT} injectors: sign. The first, SN000002: 160 MPa: the rate")
-
-
-def test_a_journal_of_an_early_version_has_no_warnings(fleet_file: Path, whole: FleetRun) -> None:
-    early = [replace(e, record={k: v for k, v in e.record.items() if k != "warnings"}) for e in whole.entries]
-    fleet = load_fleet(fleet_file)
-    check_entries(fleet, {e.name: e for e in early}, whole.folder)
-    assert fleet_record(fleet, early, "finished", CLOCK)["warnings"] == []
-    assert result_columns(fleet, early)["warnings"] == [0] * COUNT
 
 
 def test_a_type_of_a_fleet_has_the_fixed_values_of_its_template(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ LABELS = {
     "paper": "paper's optimal k",
     "optimised": "optimised",
 }
-FORMER_LABELS = {key: text for key, text in LABELS.items() if key != "rigid_fitted"}
 DATA = ("160 MPa", "120 MPa", "80 MPa")
 SEEDS = [4, 7]
 CONFIGURATIONS = ((50, 30), (50, 70), (70, 50))
@@ -50,7 +49,7 @@ def record() -> dict[str, Any]:
     """As `reproduction_record` makes it."""
     box = {"minimum": 0.5, "q1": 0.8, "median": 1.0, "q3": 1.2, "maximum": 1.9}
     return {
-        "schema": 3,
+        "schema": 1,
         "kind": "reproduction",
         "software": {"commonrail": "0.1.0", "python": "3.11"},
         "title": "A sample of a reproduction",
@@ -184,19 +183,6 @@ def record() -> dict[str, Any]:
         "seconds": 12.5,
         "simulations": 123456,
     }
-
-
-def former_record() -> dict[str, Any]:
-    """As the first version made it: no rigid body that is fitted, no share of random points beside a claim."""
-    found = record() | {"schema": 1, "labels": FORMER_LABELS}
-    del found["rigid_fit"]
-    del found["meter"]
-    for each in found["claims"]:
-        del each["chance"]
-    for row in found["table1"]:
-        for key in ("truth", "covered", "intervals"):
-            del row[key]
-    return found
 
 
 def traces() -> dict[int, dict[str, dict[str, np.ndarray]]]:

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.kinds.records import LABELS
+
 TABLE_1 = {  # theoretical and optimal stiffness [N/m], Table 1 of the paper
     "k1": (1.22e8, 3.03e8),
     "k2": (8.08e7, 8.26e7),
@@ -82,6 +84,11 @@ def _record(title: str) -> dict[str, Any]:
         "synthetic": "",
         "seed": 7,
         "time_step": 1e-6,
+        "precision": "f64",
+        "same_bits": False,
+        "optimiser": {"method": "differential evolution", "generations": 70, "members": 50, "polish": 0},
+        "labels": dict(LABELS),
+        "warnings": [],
         "status": "finished",
         "reason": "the last generation was reached",
         "injector": {
@@ -100,7 +107,7 @@ def _record(title: str) -> dict[str, Any]:
             }
             for g in steps
         ],
-        "clock": {"seconds": 83.2, "simulations_per_second": 38.6},
+        "clock": {"seconds": 83.2, "simulations_per_second": 38.6, "ended": "2024-05-06T07:08:09+00:00"},
     }
 
 

@@ -76,10 +76,10 @@ def test_how_it_came_about_is_there(rate_run: Path) -> None:
     assert "plunger_needle.k7 < plunger_needle.k2" in text  # the constraint
 
 
-OPTIMISER = {"members": 24, "generations": 30, "initial": "reference", "polish": 2}
+OPTIMISER = {"method": "differential evolution", "members": 24, "generations": 30, "initial": "reference", "polish": 2}
 
 
-def test_the_search_and_where_it_started_are_said_if_they_are_known(write_run: WriteRun) -> None:
+def test_the_search_and_where_it_started_are_said(write_run: WriteRun) -> None:
     text = page_of(write_run(map_record() | {"optimiser": OPTIMISER})).text
     assert "30 generations of 24 members; first population the start values, the rest drawn" in text
     assert "; 2 least-squares refinements" in text
@@ -99,12 +99,6 @@ def test_each_search_is_told_in_its_own_words(write_run: WriteRun, settings: Any
     assert entry is not None
     record = {"method": entry.name, **vars(settings), "polish": 0}
     assert words in page_of(write_run(map_record() | {"optimiser": record})).text
-
-
-def test_a_staged_search_is_told_by_its_candidates_and_steps(write_run: WriteRun) -> None:
-    staged = {"method": "staged least squares", "members": 400, "generations": 52, "starts": 3, "polish": 0}
-    text = page_of(write_run(map_record() | {"optimiser": staged})).text
-    assert "staged least squares, 400 screened candidates, 52 steps" in text
 
 
 def test_synthetic_data_are_announced(rate_run: Path) -> None:
@@ -156,27 +150,6 @@ def test_a_report_is_small_enough_to_be_mailed(rate_run: Path) -> None:
     assert len(write_report(rate_run).read_bytes()) < 200_000  # the curves are 3 × 520 samples
 
 
-EVIL = "<script>alert(1)</script>"
-
-
-def poison(value: Any) -> Any:
-    """The record with every free text replaced."""
-    kept = ("kind", "role", "status", "mark", "unit", "dead_time")
-    if isinstance(value, dict):
-        return {k: v if k in kept else poison(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [poison(v) for v in value]
-    return EVIL + value if isinstance(value, str) else value
-
-
-def test_no_text_of_the_record_becomes_markup(write_run: WriteRun) -> None:
-    record = poison(rate_record() | {"warnings": [{"code": "sign", "subject": "EVI", "sentence": "Negative."}]})
-    folder = write_run(record, rate_traces(record))
-    text = write_report(folder).read_text(encoding="utf-8")
-    assert EVIL not in text
-    assert EVIL in Page(text).text  # shown as what it is
-
-
 def test_a_failed_start_still_has_a_report(write_run: WriteRun) -> None:
     record = rate_record()
     record["objective"]["start"] = None
@@ -196,7 +169,7 @@ def test_without_generations_there_is_no_convergence(write_run: WriteRun) -> Non
     ("change", "words"),
     [
         ({"kind": "other"}, "is not the result of commonrail calibrate"),
-        ({"schema": 2}, "has schema 2 and this version reads 1"),
+        ({"schema": 2}, "was left by another version of commonrail"),
         ({"injector": {}}, "is incomplete"),
         ({"data": [{"kind": "rate", "role": "fit"}]}, "is incomplete"),
         ({"data": []}, r"is incomplete \(IndexError"),

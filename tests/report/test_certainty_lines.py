@@ -15,6 +15,10 @@ def record(found: bool) -> dict[str, Any]:
     certainty = {
         "starts": 1,
         "adopted": 0,
+        "gain": None,
+        "noise": [],
+        "fitted_as_stated": [],
+        "visible_delay": None,
         "withdrawn": "friction in the guides explains the curves better" if found else "",
         "parameters": [{"name": "k7", "moved_by": [], "cure": ""}],
         "sensitivity": [],
@@ -37,7 +41,7 @@ def test_one_estimator_of_all_is_told_once_and_several_with_each_parameter() -> 
     one = {"name": "k1", "sentence": "pinned", "value": 1.0, "lower": 0.5, "upper": 1.5, "estimator": "curvature"}
     for estimators in (("curvature",) * 2, ("curvature", "profile")):
         parameters = [one | {"name": f"k{i}", "estimator": text} for i, text in enumerate(estimators)]
-        found = {"level": 0.95, "parameters": parameters, "noise": []}
+        found = {"level": 0.95, "parameters": parameters, "combinations": [], "noise": []}
         table = certainty_tables(
             {"certainty": found, "parameters": [{"name": p["name"], "unit": "m"} for p in parameters]}
         )[0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 
 from commonrail.display.chart import Figure
@@ -63,15 +62,6 @@ def test_a_map_has_a_gap_between_rail_pressures() -> None:
     assert new.y[-1] == pytest.approx(148.31 * (1.0 + 0.15 / 7) + 0.1)  # as samples.py makes it
 
 
-def test_map_errors_are_relative_above_the_limit_and_absolute_below() -> None:
-    record = compared_maps()
-    large, small = of_map(record)[1].panels
-    assert (large.y_title, small.y_title) == ("error, %", "error, mm³")
-    assert small.series[1].y[0] == pytest.approx(0.24 * 0.15 + 0.1)
-    assert large.series[1].y[0] == pytest.approx(100.0 * (-0.15 / 4 + 0.1 / 4.20))
-    assert [s.label for s in small.series] == ["", ""]  # the upper panel has the legend
-
-
 def test_a_model_without_any_number_is_not_in_the_legend() -> None:
     record = compared_maps()
     for row in record["data"][0]["rows"]:
@@ -96,18 +86,3 @@ def test_a_map_of_large_quantities_only_has_one_panel_of_errors() -> None:
     data["rows"] = [row for row in data["rows"] if row["measured"] > 3e-9 and not row["dead_time"]]
     (panel,) = of_map(record)[1].panels
     assert panel.y_title == "error, %"
-
-
-def test_a_map_of_dead_times_only_has_no_figure_of_quantities() -> None:
-    record = compared_maps()
-    for d in record["data"]:
-        d["rows"] = [row for row in d["rows"] if row["dead_time"]]
-    assert [figure.title for figure in comparison_figures(record, {})] == ["Dead times of map"]
-
-
-def test_dead_times_stand_against_rail_pressure() -> None:
-    record = compared_maps()
-    (panel,) = of_map(record)[2].panels
-    assert panel.series[-1].x == pytest.approx((40.0, 160.0))
-    assert panel.series[0].y == pytest.approx((313.0, 259.0))
-    assert np.all(np.array(panel.series[1].y) < np.array(panel.series[0].y))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.display.table import LARGE, MEDIUM, SMALL, Table
+from commonrail.display.table import Table
 from commonrail.report.comparison_tables import comparison_tables, difference_table
 from tests.report.comparison_samples import NEW, OLD, STIFF, compared_maps, compared_rates, fail
 
@@ -75,14 +75,6 @@ def test_few_models_show_quantities_and_errors_many_only_errors() -> None:
     assert texts(many) == ["80", "250", "0.67", "−30.0", "+29.9", "–", "–"]
 
 
-def test_the_size_of_every_error_is_told() -> None:
-    record = compared_maps()
-    record["data"][1]["rows"][0] |= {"measured": 50e-9, OLD: 47e-9, NEW: 52e-9}  # −6 %, +4 %
-    record["data"][1]["rows"][1] |= {"measured": 0.5e-9, OLD: 0.9e-9, NEW: 0.59e-9}  # 0.4 mm³, 0.09 mm³
-    found = table(comparison_tables(record), "Quantities, mm³: map at 80 MPa")
-    assert [[row[4].size, row[6].size] for row in found.rows[:2]] == [[MEDIUM, SMALL], [LARGE, SMALL]]
-
-
 def test_dead_times_are_errors_in_microseconds() -> None:
     found = table(comparison_tables(compared_maps()), "Errors of the dead times, µs: map at")
     assert texts(found) == ["80", "0.5", "240", "+31.0", "−4.0"]
@@ -105,18 +97,3 @@ def test_parameters_that_differ_have_a_column_for_each_model() -> None:
     found = difference_table(compared_maps())
     assert found.columns == ("parameter", "meaning", OLD, NEW)
     assert texts(found) == ["needle_seat.diameter", "diameter of the seat", "2 mm", "3 mm"]
-
-
-def test_synthetic_values_are_not_called_measured() -> None:
-    record = compared_maps()
-    for d in record["data"]:
-        d["synthetic"] = "Interpolated."
-    for found in [*comparison_tables(record), *comparison_tables(compared_rates())]:
-        assert not any("measured" in text for text in (*found.columns, found.note))
-
-
-def test_every_row_is_as_long_as_the_head() -> None:
-    record = compared_maps()
-    fail(record, OLD, "No.")
-    for found in [*comparison_tables(record), *comparison_tables(compared_rates())]:
-        assert all(len(row) == len(found.columns) for row in found.rows)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from commonrail.display.chart import Figure
+from commonrail.kinds.records import LABELS
 from commonrail.report.draw import figure_svg
 from commonrail.report.figures import convergence_figure, figures_of
 from tests.report.samples import map_record, rate_record, rate_traces
@@ -23,13 +24,13 @@ TRACE = {
 
 def rate_figure(data: dict[str, Any]) -> Figure:
     """The figure of one curve."""
-    (figure,) = figures_of({"data": [data]}, {data["name"]: TRACE})
+    (figure,) = figures_of({"labels": LABELS, "data": [data]}, {data["name"]: TRACE})
     return figure
 
 
 def map_figures() -> list[Figure]:
     """Figures of a map: quantities, errors, dead times."""
-    return figures_of({"data": map_record()["data"][:1]}, {})
+    return figures_of({"labels": LABELS, "data": map_record()["data"][:1]}, {})
 
 
 def test_the_error_of_the_calibrated_model_fills_its_panel() -> None:

@@ -27,7 +27,20 @@ TEXTS = {
     "line separators": "a\u2028b\u2029c",
     "entities": "&lt;b&gt;&#60;&amp;",
 }
-NAMES = ("title", "name", "source", "synthetic", "note", "meaning", "variant", "fuel", "reason", "claim", "comment")
+NAMES = (
+    "title",
+    "name",
+    "source",
+    "synthetic",
+    "note",
+    "meaning",
+    "variant",
+    "fuel",
+    "reason",
+    "claim",
+    "comment",
+    "sentence",
+)
 
 
 def poisoned(value: Any, text: str, key: str = "") -> Any:
@@ -39,10 +52,15 @@ def poisoned(value: Any, text: str, key: str = "") -> Any:
     return value + text if value and isinstance(value, str) and key in NAMES else value
 
 
+def warned() -> dict[str, Any]:
+    """Record of a calibration with a warning."""
+    return rate_record() | {"warnings": [{"code": "sign", "subject": "EVI", "sentence": "Negative."}]}
+
+
 @functools.cache
 def calibration() -> Page:
     """The page without a hostile text, made once; so are the next two."""
-    record = rate_record()
+    record = warned()
     return Page(report_html(record, rate_traces(record)))
 
 
@@ -72,7 +90,7 @@ def plotted(page: str) -> list[str]:
 
 @pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS)
 def test_page_of_a_calibration(text: str) -> None:
-    record = rate_record()
+    record = warned()
     traces = rate_traces(record)
     spoilt = {name + text: trace for name, trace in traces.items()}
     check(report_html(poisoned(record, text), spoilt), calibration(), text)

@@ -9,18 +9,12 @@ from commonrail.report import html
 from commonrail.report.build import MANY, report_html
 from commonrail.report.foreign import fmu_figures, fmu_lines
 from commonrail.report.html import breakable, print_size, unbroken
-from tests.report.samples import map_record, rate_record, rate_traces
+from tests.report.samples import rate_record, rate_traces
 
 
 def test_a_long_name_may_be_broken_at_its_joints_and_stays_escaped() -> None:
     assert breakable("seat.cone_angle") == "seat.<wbr>cone_<wbr>angle"
     assert breakable("<b>.x") == "&lt;b&gt;.<wbr>x"
-
-
-def test_options_in_a_command_line_are_not_broken_at_their_hyphens() -> None:
-    page = report_html(map_record(), {}, "runs/a & b")
-    assert '<pre>commonrail map &#39;runs/a &amp; b&#39; <span class="word">--time-step</span> 1us ' in page
-    assert ".word { white-space: nowrap; }" in page
 
 
 def test_small_figures_say_their_energising_times_and_share_a_caption() -> None:
@@ -34,12 +28,6 @@ def test_small_figures_say_their_energising_times_and_share_a_caption() -> None:
     assert page.count("Rate of injection; below") == 1
 
 
-def test_a_title_does_not_repeat_what_the_name_says() -> None:
-    record = rate_record()
-    record["data"] = [record["data"][0] | {"name": "rates, 160 MPa 700 us"}]
-    assert "<h3>rates, 160 MPa 700 us (fit)</h3>" in report_html(record, rate_traces(record))
-
-
 def test_small_figures_of_many_captions_have_their_own() -> None:
     record = rate_record()
     first = record["data"][0]
@@ -51,11 +39,11 @@ def test_small_figures_of_many_captions_have_their_own() -> None:
 
 def test_an_fmu_that_failed_with_the_start_values_is_told() -> None:
     data = {"name": "decay", "role": "fit", "values": 20, "rms": {"best": 0.5, "start": None}}
-    record = {"data": [data], "convergence": None, "evaluations": {"failed": 0}, "parameters": []}
-    assert fmu_lines(record) == [
-        "decay (fit): the errors of 20 values have a root mean square of 0.5 tolerances.",
-        "decay: the FMU failed with the start values.",
-    ]
+    record = {"data": [data], "convergence": None, "evaluations": {"failed": 0}, "notes": [], "parameters": []}
+    errors, failed = fmu_lines(record)
+    assert "20 values" in errors
+    assert "0.5 tolerances" in errors
+    assert "the FMU failed with the start values" in failed
 
 
 def test_figures_of_an_fmu_call_synthetic_data_so_and_leave_out_what_failed() -> None:

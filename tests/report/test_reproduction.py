@@ -15,7 +15,7 @@ from commonrail.report import reproduction_figures as figures
 from commonrail.report import reproduction_tables as tables
 from commonrail.report.paper import RESULT
 from commonrail.report.reproduction import FEWEST, reproduction_html, verdicts
-from tests.report.reproduction_sample import former_record, record, traces
+from tests.report.reproduction_sample import record, traces
 
 
 def rows(table: tables.Table) -> list[list[str]]:
@@ -39,20 +39,6 @@ def test_with_too_few_seeds_it_is_said_what_they_show() -> None:
 def test_six_seeds_are_the_fewest_that_can_tell_a_claim_from_chance() -> None:
     lows = {n: float(binomtest(n, n).proportion_ci(0.95).low) for n in (FEWEST - 1, FEWEST)}
     assert lows[FEWEST - 1] < 0.5 < lows[FEWEST]
-
-
-def test_a_record_of_the_first_version_is_still_read() -> None:
-    found = former_record()
-    assert found["schema"] in RESULT.schemas
-    page = reproduction_html(found, traces())
-    assert "rigid body, fitted" not in page
-    assert tables.rigid_tables(found) == []
-    assert [s.label for s in figures.rates(found, traces())[0].panels[0].series] == [
-        "synthetic experiment",
-        "rigid body",
-        "theoretical",
-        "optimised",
-    ]
 
 
 def test_the_page_says_what_the_record_says() -> None:
@@ -84,12 +70,11 @@ def test_an_interrupted_run_says_how_far_it_came() -> None:
 
 
 def test_what_the_meter_changes_stands_beside_the_fit_without_it() -> None:
-    (table,) = tables.meter_tables(record())
+    table = tables.meter_table(record())
     found = rows(table)
     assert [row[0] for row in found] == ["no meter", "a known meter", "a fitted delay"]
     assert found[0][1:4] == ["200 (180–220)", "201 (180.9–221.1)", "202 (181.8–222.2)"]
     assert [row[5:] for row in found[1:]] == [["60.5 (54.4–66.6)", ""], ["60.5 (54.4–66.6)", "5.3 (4.77–5.83)"]]
-    assert tables.meter_tables(former_record()) == []
 
 
 def test_table_1_is_in_newtons_per_micrometre() -> None:
@@ -98,12 +83,6 @@ def test_table_1_is_in_newtons_per_micrometre() -> None:
     assert found[6][4:6] == ["840", "0 of 2"]
     assert found[6][9] == "only in combination: 1; withdrawn: 1"
     assert found[6][8] == MISSING  # no standard error
-
-
-def test_table_1_of_a_former_record_says_that_its_verdicts_cannot_be_relied_on() -> None:
-    table = tables.table1(former_record())
-    assert "covers truth" not in table.columns
-    assert "neither can be relied on" in table.note
 
 
 def test_table_3_marks_the_least_of_a_column() -> None:
@@ -122,7 +101,7 @@ def test_edges_are_microseconds_with_their_sign() -> None:
 
 
 def test_the_fitted_rigid_body_is_in_the_drawings_units() -> None:
-    (table,) = tables.rigid_tables(record())
+    table = tables.rigid_table(record())
     assert rows(table) == [
         ["lift of the stop, µm", "100", "10 to 1000", "212 (191–233)"],
         ["volume of the control chamber, mm³", "18", "1.8 to 180", "50 (45–55)"],

@@ -123,14 +123,14 @@ def test_a_gain_that_noise_explains_is_no_reason() -> None:
 
 
 def test_profiled_intervals_lead_to_a_measuring_plan() -> None:
-    record = sound() | {"certainty": {"starts": 5, "level": 0.95, "parameters": []}}
+    record = sound() | {"certainty": {"starts": 5, "level": 0.95, "gain": None, "parameters": []}}
     record["parameters"][1]["verdict"] = "only in combination"
     assert verdict(record, "runs/a").steps[0].command == "commonrail next runs/a --points 3 --out plan.csv"
 
 
 def test_the_plan_of_one_operating_point_asks_for_the_range_of_the_bench() -> None:
     """Without a range `commonrail next` refuses such a run; the validation data play no part in it."""
-    record = rate_record() | {"certainty": {"starts": 5, "level": 0.95, "parameters": []}}
+    record = rate_record() | {"certainty": {"starts": 5, "level": 0.95, "gain": None, "parameters": []}}
     record["parameters"][1]["verdict"] = "only in combination"
     step = next(step for step in verdict(record, "r").steps if step.text.startswith("Plan"))
     assert step.command == ""

@@ -94,22 +94,6 @@ def test_the_folder_is_read_back(done: Reproduction, folder: Path) -> None:
     np.testing.assert_allclose(traces[1]["160 MPa"]["experiment"], first.data[0].rate, rtol=1e-14, atol=1e-20)
 
 
-def test_a_folder_with_fewer_models_is_read_by_its_own_labels(folder: Path, tmp_path: Path) -> None:
-    record = json.loads((folder / "reproduce.json").read_text())
-    del record["labels"]["rigid_fitted"]  # as the first version wrote it
-    (tmp_path / "reproduce.json").write_text(json.dumps(record | {"schema": 1}))
-    with (folder / "traces.csv").open() as stream:
-        lines = [line for line in stream if not line.startswith("#")]
-    left_out = lines[0].split(",").index("rigid_fitted [mm3/ms]")
-    kept = [",".join(cell for i, cell in enumerate(line.split(",")) if i != left_out) for line in lines]
-    (tmp_path / "traces.csv").write_text("".join(kept))
-    _, traces = read_reproduction(tmp_path)
-    _, whole = read_reproduction(folder)
-    for label in ("experiment", "rigid", "theoretical", "optimised"):
-        np.testing.assert_array_equal(traces[2]["80 MPa"][label], whole[2]["80 MPa"][label])
-    assert "rigid_fitted" not in traces[2]["80 MPa"]
-
-
 @pytest.mark.parametrize("labels", [None, 3, ["rigid"]])
 def test_labels_that_do_not_fit_the_curves_are_a_sentence(folder: Path, tmp_path: Path, labels: object) -> None:
     record = json.loads((folder / "reproduce.json").read_text()) | {"labels": labels}

@@ -1,4 +1,4 @@
-"""The journal: whole after every step, read by others and by later versions, refused where it is not to be trusted."""
+"""The journal: whole after every step, read by others, refused where it is not to be trusted."""
 
 from __future__ import annotations
 
@@ -16,11 +16,7 @@ from commonrail.files.study_file import load_study
 from commonrail.store.journal import JOURNAL, Journal, read_about
 from commonrail.store.listing import list_runs
 from commonrail.store.run import Listener, calibrate_into, resume
-from commonrail.store.run_schema import RUN
 from tests.store.conftest import GENERATIONS, REFINEMENTS, Stop, Whole, timeless
-
-OLD = Path(__file__).parent / "data"
-SCHEMA = RUN.version
 
 
 def rows(run: Path, text: str) -> list[tuple[object, ...]]:
@@ -83,58 +79,13 @@ def test_a_read_only_folder_can_be_read(stopped: Stop, monkeypatch: pytest.Monke
     assert len(opened) == 2
 
 
-@pytest.mark.parametrize("schema", range(1, SCHEMA + 1))
-def test_a_journal_of_every_schema_still_opens(whole: Whole, tmp_path: Path, schema: int) -> None:
-    run = tmp_path / "run"
-    shutil.copytree(OLD / f"schema-{schema}", run)
-    (found,) = list_runs(tmp_path)
-    assert (found.state, found.generation, found.generations) == ("stopped", 3, 1 + GENERATIONS)
-    with Journal(run) as journal:
-        checkpoint = journal.checkpoint()
-        assert journal.inputs[0].name == "study.toml"
-        assert journal.about["title"] == "My first calibration"
-    assert checkpoint is not None
-    assert [g.generation for g in checkpoint.history] == [0, 1, 2]
-    assert np.isfinite(checkpoint.stages[0].state["costs"]).any()
-    assert rows(run, "PRAGMA user_version") == [(SCHEMA,)]
-
-
-def test_refinements_of_schema_1_become_a_state_of_their_own(tmp_path: Path) -> None:
-    """Killed after the second of three refinements, of which the first was the better one."""
-    run = Path(shutil.copytree(OLD / "schema-1-refined", tmp_path / "run"))
-    before = rows(run, "SELECT stop, cost, simulations FROM refinement ORDER BY number")
-    (found,) = list_runs(tmp_path)
-    assert (found.state, found.generation, found.refinements) == ("stopped", 1 + GENERATIONS, 2)
-    assert found.best == min(cost for _, cost, _ in before)  # type: ignore[type-var]
-    assert rows(run, "PRAGMA user_version") == [(1,)]  # who only looks changes nothing
-    with Journal(run) as journal:
-        checkpoint = journal.checkpoint()
-    assert checkpoint is not None
-    evolution, refinement = checkpoint.stages
-    assert evolution.simulations < refinement.simulations == before[-1][2]
-    state = refinement.state
-    assert (state["steps"], state["cost"]) == (2, found.best)
-    assert state["best"].tobytes() == before[0][0]
-    assert state["rng"]["bit_generator"] == "PCG64"
-    assert rows(run, "SELECT trials FROM refinement ORDER BY number") == [(stop,) for stop, *_ in before]
-
-
-def test_a_flipped_bit_of_an_old_journal_is_noticed(tmp_path: Path) -> None:
-    run = Path(shutil.copytree(OLD / "schema-1-refined", tmp_path / "run"))
-    for table, column in (("refinement", "stop"), ("population", "members")):
-        with closing(sqlite3.connect(run / JOURNAL)) as connection, connection:
-            (numbers,) = connection.execute(f"SELECT {column} FROM {table}").fetchone()
-            connection.execute(f"UPDATE {table} SET {column} = ?", (bytes([numbers[0] ^ 1]) + numbers[1:],))
-        with pytest.raises(StudyError, match="the journal is damaged"):
-            Journal(run)
-
-
-def test_a_newer_schema_is_refused(whole: Whole, tmp_path: Path) -> None:
+@pytest.mark.parametrize("other", [2, 3])
+def test_a_journal_of_another_version_is_refused(whole: Whole, tmp_path: Path, other: int) -> None:
     run = tmp_path / "run"
     shutil.copytree(whole.run, run)
-    rows(run, f"PRAGMA user_version = {SCHEMA + 1}")
+    rows(run, f"PRAGMA user_version = {other}")
     for use in (resume, read_about):
-        with pytest.raises(StudyError, match=rf"has schema {SCHEMA + 1} and this version reads {SCHEMA}"):
+        with pytest.raises(StudyError, match=r"was left by another version of commonrail; calibrate again\."):
             use(run)
 
 

@@ -40,7 +40,8 @@ def test_its_settings_are_read_and_reported(guessed: Path, tmp_path: Path) -> No
     calibrate_into(tmp_path / "run", study, threads=1)
     result = json.loads((tmp_path / "run" / "result.json").read_text(encoding="utf-8"))
     own = {"method": "guessing", "members": 6, "generations": STEPS, "middle": 0.25}
-    assert result["optimiser"] == own | {"polish": REFINEMENTS, "polish_iterations": 2}
+    more = {"polish": REFINEMENTS, "polish_iterations": 2, "stop_when_converged": False}
+    assert result["optimiser"] == own | more
     assert len(result["generations"]) == 1 + STEPS
     assert result["reason"] == "all guesses are made"
     page = write_report(tmp_path / "run").read_text(encoding="utf-8")

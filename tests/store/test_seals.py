@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sqlite3
 from collections.abc import Iterator
@@ -19,9 +18,9 @@ from commonrail.store.listing import list_runs
 from commonrail.store.run import Listener, calibrate_into, resume
 from commonrail.store.run_schema import RUN
 from commonrail.store.seals import seal
-from tests.store.conftest import Stop, Stopped, Whole, stop_after, timeless
+from tests.store.conftest import Stop, Stopped, Whole, timeless
 
-TABLES = sorted(RUN.versions[-1].tables)
+TABLES = sorted(RUN.tables)
 LOG = f"{JOURNAL}-wal"
 
 
@@ -146,36 +145,9 @@ def test_a_long_log_is_taken_into_the_journal(whole: Whole, tmp_path: Path, monk
         resume(left)
 
 
-def as_schema_2(run: Path) -> None:
-    """Make a journal one of the schema before there were seals."""
-    with opened(run) as connection:
-        for table in TABLES:
-            connection.execute(f"ALTER TABLE {table} DROP COLUMN seal")
-        old = '{"commonrail": "0.1.0", "processor": "x86_64 of old"}'
-        connection.execute("UPDATE session SET software = ?", (old,))
-        connection.execute("DELETE FROM about WHERE name = 'log'")
-        connection.execute("PRAGMA user_version = 2")
-
-
-def test_a_journal_without_seals_gets_them_and_ends_in_the_same_bits(whole: Whole, stopped: Stop) -> None:
-    run = stopped(4)
-    as_schema_2(run)
-    told: list[str] = []
-    with pytest.raises(Stopped):
-        resume(run, threads=1, listener=Listener(stop_after(1).progress, told.append))
-    assert any("begun with processor x86_64 of old, now" in text for text in told)
-    resume(run, threads=1)
-    mine, other = (json.loads(timeless(r)) for r in (run, whole.run))
-    assert [w["code"] for w in mine["warnings"]] == ["target", *(w["code"] for w in other["warnings"])]
-    assert {**mine, "warnings": other["warnings"]} == other
-    with opened(run) as connection:
-        assert connection.execute("SELECT COUNT(*) FROM generation WHERE LENGTH(seal) = 64").fetchone() == (6,)
-
-
-def test_a_changed_number_of_generations_is_found_without_seals(stopped: Stop) -> None:
+def test_a_number_of_generations_other_than_the_study_s_is_damage(stopped: Stop) -> None:
     run = stopped(2)
-    as_schema_2(run)
-    with opened(run) as connection:
-        connection.execute("UPDATE about SET text = '9' WHERE name = 'generations'")
+    with Journal(run) as journal:
+        journal.describe({"generations": "9"})
     with pytest.raises(StudyError, match=r"the journal is damaged: it asks for 9 generations and study\.toml for 5"):
         resume(run)

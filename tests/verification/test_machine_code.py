@@ -113,10 +113,6 @@ def for_each(*targets: Target) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("compiled", cases, indirect=True, scope="module")
 
 
-def count(assembly: str, instruction: str, registers: str) -> int:
-    return len(re.findall(rf"\b{instruction}\b[^\n]*%?[{registers}]mm\d", assembly))
-
-
 def innermost_loop(assembly: str) -> str:
     """The shortest stretch between a label and a jump back to it that holds a packed root."""
     lines = assembly.splitlines()
@@ -141,54 +137,20 @@ def scalar(loop: str) -> int:
     return len(re.findall(r"\bv(div|sqrt|rsqrt14|rcp14)s[sd]\b", loop))
 
 
-@for_each(WIDE, NARROW)
-def test_divisions_and_roots_are_packed(compiled: tuple[Target, str]) -> None:
-    """A branch or an alias in any law stops the vectoriser silently: five times slower, same figures."""
-    _, assembly = compiled
-    divisions, roots = count(assembly, "vdivpd", "yz"), count(assembly, "vsqrtpd", "yz")
-    print("packed divisions:", divisions, "roots:", roots)
-    # the step has 4 roots and about a dozen divisions
-    assert divisions >= 8
-    assert roots >= 4
-
-
-@for_each(WIDE, NARROW)
-def test_hardly_any_scalar_root_is_left(compiled: tuple[Target, str]) -> None:
-    # outside the loop over lanes: sound speed and dampers when a candidate is set up, some twenty with unrolling
-    _, assembly = compiled
-    found = count(assembly, "vsqrtsd", "x")
-    print("scalar roots:", found)
-    assert found < 8 * 8
-
-
-@for_each(WIDE)
-def test_the_widest_registers_are_used(compiled: tuple[Target, str]) -> None:
-    """The loop over lanes is optimised in its own function: what is allowed in the one around it does not reach it."""
-    _, assembly = compiled
-    half = [line for line in assembly.splitlines() if re.search(r"\bv(div|sqrt)pd\b.*ymm", line)]
-    assert count(assembly, "vdivpd", "z") >= 8
-    assert count(assembly, "vsqrtpd", "z") >= 4
-    assert not half
-
-
 @for_each(WIDE, SINGLE, NARROW)
-def test_the_stack_is_aligned_to_cache_lines(compiled: tuple[Target, str]) -> None:
-    """Unaligned, half of the vectors that are kept on the stack straddle two lines, as the caller's stack has it."""
-    _, assembly = compiled
-    assert re.search(r"\band[lq]?\s+\$(-64|0xf+c0), ?%rsp", assembly)
+def test_the_step_is_vectorised_in_its_own_precision(compiled: tuple[Target, str]) -> None:
+    """A branch or an alias in any law stops the vectoriser silently: five times slower, same figures.
 
-
-@for_each(WIDE, SINGLE, NARROW)
-def test_the_step_is_packed_in_its_own_precision(compiled: tuple[Target, str]) -> None:
-    """One constant or law left in double would draw its neighbours along: right figures at half the speed."""
+    One constant or law left in double would draw its neighbours along: right figures at half the speed.
+    """
     target, assembly = compiled
     loop = innermost_loop(assembly)
-    print(target, "packed:", packed(loop, target.own), "of the other precision:", packed(loop, target.other))
-    assert packed(loop, target.own) > 300  # some 400 products and sums make a step
-    # The two clocks of each lane are differences of doubles, in f32 too: 16 lanes are four registers of 8. One product
-    # more is of the look at rest, which is not taken in every step.
-    assert packed(loop, target.other) <= (5 if target.precision is Precision.F32 else 0)
-    assert scalar(loop) <= 8  # the volume of a sample, once for each lane; the step itself has none
+    own, other, single = packed(loop, target.own), packed(loop, target.other), scalar(loop)
+    print(target, "packed:", own, "of the other precision:", other, "scalar:", single)
+    # Apart from the step: clocks of the lanes, which are doubles in f32 too, and the volume of a sample, once a lane.
+    assert other + single < 0.05 * own
+    if target is WIDE:  # what is allowed in the function around the loop over lanes does not reach it
+        assert not re.search(r"\bv(div|sqrt)pd\b.*ymm", loop)
 
 
 @pytest.mark.slow
@@ -201,4 +163,4 @@ def test_nothing_is_fused_or_estimated_in_an_exact_kernel(tmp_path: Path, target
     assert not re.search(r"\bv(rsqrt|rcp)", text)
     assert not re.findall(r"\bcallq?\s+(\S+)", text)
     assert re.findall(r"\bj\w+\s+(\S+)", text)  # the pattern finds where the code goes
-    assert count(text, "vsqrtpd", "z" if target is WIDE else "y") >= 4
+    assert re.search(rf"\bvsqrtpd\b[^\n]*%?{'z' if target is WIDE else 'y'}mm", text)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from math import isfinite
 from typing import Literal
 
@@ -99,8 +99,8 @@ class Parameter:
     mark: Mark
     source: str
     scale: Scale = "linear"
-    prior: Prior | None = field(default=None, metadata={"later": True})
-    signed: bool = field(default=False, metadata={"later": True})
+    prior: Prior | None = None
+    signed: bool = False
 
     def __post_init__(self) -> None:
         if not all(map(isfinite, (self.reference, self.lower, self.upper))):

@@ -8,7 +8,7 @@ from typing import Any
 
 from commonrail.arguments import instance, instances, thread_count
 from commonrail.calibration.goal import Loss
-from commonrail.calibration.optimisers.registry import REGISTERED, registered
+from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.plausibility import Finding
 from commonrail.calibration.run import Calibration, score_all
@@ -187,9 +187,9 @@ def _prior(parameter: Parameter, best: float) -> dict[str, Any]:
 
 
 def _optimiser(method: Method) -> dict[str, Any]:
-    """Settings of the search, by the keys of a study file; `method` only where that must name it."""
+    """Settings of the search, by the keys of a study file."""
     entry = registered(method.evolution)
-    named = {"method": entry.name} if entry and entry is not REGISTERED[0] else {}
+    assert entry is not None  # Method has checked it
     settings = {name: list(v) if isinstance(v, tuple) else v for name, v in vars(method.evolution).items()}
     polish = {"polish": method.polish, "polish_iterations": method.polish_iterations}
-    return {**named, **settings, **polish, **({"stop_when_converged": True} if method.stop_when_converged else {})}
+    return {"method": entry.name, **settings, **polish, "stop_when_converged": method.stop_when_converged}

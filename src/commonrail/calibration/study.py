@@ -19,7 +19,6 @@ from commonrail.engine.time_step import check_step
 from commonrail.errors import ConfigurationError, nearest
 from commonrail.injector.definition import Injector
 from commonrail.kinds import ANY_KIND, DataSet, QuantityData, Role, of_role
-from commonrail.kinds.base import LATER
 from commonrail.kinds.maps.folds import levels
 from commonrail.kinds.metering import check_meters, meters_of
 from commonrail.observation.meter import Meter
@@ -50,7 +49,7 @@ class Method:
     evolution: Settings = field(default_factory=EvolutionSettings)
     polish: int = 0
     polish_iterations: int = 30
-    stop_when_converged: bool = field(default=False, metadata=LATER)
+    stop_when_converged: bool = False
 
     def __post_init__(self) -> None:
         if registered(self.evolution) is None:

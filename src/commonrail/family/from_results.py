@@ -203,8 +203,7 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
     -------
     InjectorType
         Mean and spread of every free parameter over the injectors that were calibrated, see `over_parts`, with the
-        bounds of their study. Tables of earlier versions do not tell those: then the smallest and largest value found,
-        and a range to both sides.
+        bounds of their study.
 
     Raises
     ------
@@ -218,21 +217,13 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
     check_sum(folder / TABLE)
     columns, count = _columns(folder / TABLE)
     source = f"fleet: {record['title']}"
-    stated = {own["name"]: own for own in record.get("parameters", ())}
     found = []
-    for parameter in columns:
-        if parameter.endswith(ERROR) or parameter not in parameter_quantities():
-            continue
-        values = columns[parameter]
-        errors = columns.get(parameter + ERROR, np.full(len(values), np.nan))
-        there = np.isfinite(values)
-        own = stated.get(parameter, {})
-        prior = _prior_of(own)
-        bounds = (own["lower"], own["upper"]) if "lower" in own else _around(parameter, values[there])
+    for own in (p for p in record["parameters"] if p["name"] in columns):  # those of meters are no injector's
+        values, errors = columns[own["name"]], columns[own["name"] + ERROR]
+        there, prior = np.isfinite(values), _prior_of(own)
         otherwise = float(np.mean(values[there])), prior[1] if prior else math.inf
         of_data = np.array(without_prior(values[there], errors[there], prior))
-        if bounds[0] < bounds[1]:  # else all are alike, and nothing tells how far the next may be off
-            found.append(_estimated(parameter, of_data, bounds, source, otherwise))
+        found.append(_estimated(own["name"], of_data, (own["lower"], own["upper"]), source, otherwise))
     files = {FLEET: fingerprint(folder / FLEET), TABLE: fingerprint(folder / TABLE)}
     part = TypePart(record["title"], source, files, count)
     return InjectorType(
@@ -241,15 +232,8 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
         tuple(found),
         (part,),
         synthetic=record["synthetic"],
-        fixed=tuple(FixedValue(**one) for one in record.get("fixed", ())),
+        fixed=tuple(FixedValue(**one) for one in record["fixed"]),
     )
-
-
-def _around(name: str, values: Floats) -> tuple[float, float]:
-    """Bounds that lie a range beyond all values, where the parameter's domain admits it."""
-    domain, low, high = parameter_quantities()[name].domain, float(np.min(values)), float(np.max(values))
-    below, above = 2.0 * low - high, 2.0 * high - low
-    return below if domain.admits(below) else low, above if domain.admits(above) else high
 
 
 def _columns(path: Path) -> tuple[dict[str, Floats], int]:

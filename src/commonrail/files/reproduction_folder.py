@@ -52,7 +52,6 @@ def read_reproduction(folder: Path) -> tuple[dict[str, Any], Traces]:
     """
     try:
         record = read_record(folder / RECORD, "commonrail reproduce")
-        # the record's own labels: a folder of a former version has fewer models
         columns = ("time_s", EXPERIMENT, *map(str, record["labels"]))
         traces: Traces = {}
         for (seed, data), trace in read_curves(folder / TRACES, EXPERIMENT, BEFORE).items():

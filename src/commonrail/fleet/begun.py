@@ -23,8 +23,6 @@ __all__ = ["check_entries", "entries_of"]
 
 _CURE = "bring it back as it was, or take another folder."
 
-_LATER = ("version of llvmlite", "file ")  # names, or how they begin, that early journals do not tell
-
 Count = Annotated[int, Field(ge=0)]
 
 
@@ -57,8 +55,8 @@ class _Parameter(_Part):
     verdict: str
     position: float
     at_bound: bool
-    lower: float | None = None  # early journals have none of these
-    upper: float | None = None
+    lower: float
+    upper: float
     prior: _Prior | None = None
 
 
@@ -83,9 +81,9 @@ class _Record(_Part):
     simulated: Count
     failed: Count
     data: list[_Data]
-    fixed: list[_Fixed] = []  # early journals have none of these
+    fixed: list[_Fixed]
     parameters: dict[str, _Parameter]
-    warnings: list[_Warning] = []
+    warnings: list[_Warning]
 
 
 def check_entries(fleet: Fleet, entries: Mapping[str, Entry], folder: Path) -> None:
@@ -158,8 +156,7 @@ def entries_of(
 
 def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> str:
     """Name of an input that is another now, "" if there is none."""
-    names = [name for name in {**before, **now} if name in before or not name.startswith(_LATER)]
-    return next((name for name in names if before.get(name) != now.get(name)), "")
+    return next((name for name in {**before, **now} if before.get(name) != now.get(name)), "")
 
 
 def _common(fleet: Fleet, shared: Mapping[Path, str]) -> dict[str, str]:

@@ -10,17 +10,18 @@ from typing import Any
 
 from commonrail.store.faults import trusted
 from commonrail.store.journal_file import JournalFile, facts, now
-from commonrail.store.schema import Schema, Version
-from commonrail.store.seals import add_seals, put
+from commonrail.store.schema import Schema
+from commonrail.store.seals import put
 
 __all__ = ["FAILED", "FINISHED", "JOURNAL", "Entry", "Journal"]
 
 JOURNAL, LOCK = "fleet.sqlite", "fleet.lock"
 FINISHED, FAILED = "finished", "failed"
 
-_TABLES = """
-CREATE TABLE about (name TEXT PRIMARY KEY, text TEXT NOT NULL);
-CREATE TABLE input (name TEXT PRIMARY KEY, fingerprint TEXT NOT NULL);
+FLEET = Schema(
+    """
+CREATE TABLE about (name TEXT PRIMARY KEY, text TEXT NOT NULL, seal TEXT NOT NULL);
+CREATE TABLE input (name TEXT PRIMARY KEY, fingerprint TEXT NOT NULL, seal TEXT NOT NULL);
 CREATE TABLE injector (
     name TEXT PRIMARY KEY,
     status TEXT NOT NULL,       -- finished or failed
@@ -29,14 +30,9 @@ CREATE TABLE injector (
     inputs TEXT NOT NULL,       -- JSON: fingerprint of each of its data files
     record TEXT NOT NULL,       -- JSON: see task.calibrate_file
     seconds REAL NOT NULL,      -- processor time
-    ended TEXT NOT NULL         -- UTC
-);
-"""
-_NAMES = frozenset({"about", "input", "injector"})
-FLEET = Schema(
-    (Version(_NAMES, _TABLES), Version(_NAMES, lambda journal: add_seals(journal, _NAMES))),
-    "{path}: the journal has schema {found} and this version reads {known}; go on with the version of commonrail that "
-    "began it.",
+    ended TEXT NOT NULL,        -- UTC
+    seal TEXT NOT NULL          -- in every table: see store/seals.py
+);""",
     "{path} is not the journal of a fleet: it holds other tables; name the fleet's own folder.",
 )
 

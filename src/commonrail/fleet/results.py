@@ -100,7 +100,7 @@ def result_columns(fleet: Fleet, entries: Sequence[Entry], why: str = "") -> dic
         columns[name + head] = [p.get("best") for p in own]
         columns[f"{name} standard error{head}"] = [p.get("standard_error") for p in own]
         columns[f"{name} verdict"] = [p.get("verdict", "") for p in own]
-    columns["warnings"] = [len(r.get("warnings", ())) if r else None for r in records]
+    columns["warnings"] = [len(r["warnings"]) if r else None for r in records]
     columns["seed"] = [r.get("seed") for r in records]
     columns["processor time [s]"] = [None if entry is None else entry.seconds for entry in rows]
     return columns

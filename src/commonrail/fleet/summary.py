@@ -68,7 +68,7 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
         "J": {key: spread_of([e.record["J"][key] for e in finished]) for key in ("start", "best")},
         "curve": {key: _sorted([e.record["J"][key] for e in finished]) for key in ("start", "best")},
         "data": _data(fleet, finished),
-        "fixed": finished[0].record.get("fixed", []) if finished else [],
+        "fixed": finished[0].record["fixed"] if finished else [],
         "parameters": [_parameter(name, unit, finished) for name, unit in units_of(fleet).items()] if finished else [],
         **({"population": population_record(finished, list(units_of(fleet)))} if finished else {}),
         "estimator": ESTIMATOR,
@@ -118,7 +118,8 @@ def _parameter(name: str, unit: str, finished: Sequence[Entry]) -> Record:
         "position": spread_of([p["position"] for p in own]),
         "at_bound": sum(p["at_bound"] for p in own),
         "verdicts": dict(sorted(Counter(p["verdict"] for p in own).items())),
-    } | {key: own[0][key] for key in ("lower", "upper", "prior") if key in own[0]}
+        **{key: own[0][key] for key in ("lower", "upper", "prior")},
+    }
 
 
 def _by_cost(finished: Sequence[Entry]) -> list[Entry]:
@@ -135,7 +136,7 @@ def _warnings(finished: Sequence[Entry]) -> list[Record]:
     """For each kind of warning how many injectors have it, and the first of them with its sentence."""
     found: dict[str, list[tuple[str, str]]] = {}
     for entry in finished:
-        first = {w["code"]: w["sentence"] for w in reversed(entry.record.get("warnings", ()))}
+        first = {w["code"]: w["sentence"] for w in reversed(entry.record["warnings"])}
         for code, sentence in first.items():
             found.setdefault(code, []).append((entry.name, sentence))
     rows = [{"code": code, "injectors": len(f), "first": f[0][0], "sentence": f[0][1]} for code, f in found.items()]

@@ -29,12 +29,7 @@ from commonrail.kinds.simulator import Candidates, Simulator
 from commonrail.observation.meter import Meter
 from commonrail.reading.place import Place
 
-__all__ = ["LATER", "DataSet", "Missing", "Role", "Score", "Term", "View", "share_of"]
-
-
-# Marks a field that the fingerprint of a study leaves out: studies of earlier versions did not have it, or it follows
-# from the others.
-LATER: Mapping[str, bool] = {"later": True}
+__all__ = ["DataSet", "Missing", "Role", "Score", "Term", "View", "share_of"]
 
 
 class Role(Enum):

@@ -25,7 +25,6 @@ from commonrail.report.headline import headline, parameter_lines, synthetic_note
 from commonrail.report.html import render
 from commonrail.report.judgement import combination_table, judgement_lines, judgement_tables
 from commonrail.report.parameters import parameter_rows
-from commonrail.report.record import texts_of
 from commonrail.report.rerun import rerun_lines
 from commonrail.report.result_kind import ResultKind, kind_of
 from commonrail.report.tables import tables_of
@@ -110,7 +109,7 @@ def report_html(
         contents=_contents(record, figures) if many else [],
         heats=[(heat, heat_map_html(heat, f"error-{i}")) for i, heat in enumerate(error_maps(record))],
         lines=headline(record),
-        tables=tables_of(record["data"], texts_of(record)),
+        tables=tables_of(record["data"], record["labels"]),
         figures=[(f, small_html(f, f"figure-{i}")) for i, f in enumerate(figures)] if many else drawings(figures),
         convergence=_convergence(record),
         judgement_lines=judgement_lines(record),
@@ -133,8 +132,8 @@ def _effect(parameter: Record) -> float:
 
 
 def _dated(record: Record) -> str:
-    """Day and time at which the search ended; empty in a record without them."""
-    return str(record.get("clock", {}).get("ended", "")).replace("T", " ").replace("+00:00", " UTC")
+    """Day and time at which the search ended."""
+    return str(record["clock"]["ended"]).replace("T", " ").replace("+00:00", " UTC")
 
 
 def _contents(record: Record, figures: Sequence[Figure]) -> list[tuple[str, str]]:
@@ -149,14 +148,12 @@ def _convergence(record: Record) -> tuple[Figure, str] | None:
     return figure, figure_html(figure, "convergence")
 
 
-def _search(settings: Mapping[str, Any] | None) -> list[tuple[str, str]]:
-    """Settings of the search; none in a record of before they were kept."""
-    if settings is None:
-        return []
+def _search(settings: Mapping[str, Any]) -> str:
+    """Settings of the search."""
     polish = f"; {settings['polish']} least-squares refinements" if settings["polish"] else ""
     initial = settings.get("initial", "")
     first = f"; first population {_FIRST.get(initial, initial)}" if initial else ""
-    return [("Search", f"{settings.get('method', 'differential evolution')}, {size_in_words(settings)}{first}{polish}")]
+    return f"{settings['method']}, {size_in_words(settings)}{first}{polish}"
 
 
 _FIRST = {
@@ -168,25 +165,21 @@ _FIRST = {
 
 def _facts(record: Record) -> list[tuple[str, str]]:
     """Numbers that say how the result came about."""
-    counts: Mapping[str, Any] = record.get("evaluations", {})
-    software = record.get("software", {})
+    counts, clock = record["evaluations"], record["clock"]
     names = {"slots": "candidates proposed", "simulated": "simulated", "failed": "failed"}
-    evaluations = [f"{counts[key]:,} {words}" for key, words in names.items() if key in counts]
-    clock = record.get("clock", record)  # its keys stood in the record itself once
-    speed = f"{significant(clock.get('simulations_per_second'), 3)} injections/s"
-    if "injections" in counts:
-        speed = f"{counts['injections']:,} injections; {speed}"
-    bits = ", the same bits on every x86-64 processor" if record.get("same_bits") else ""
+    evaluations = [f"{counts[key]:,} {words}" for key, words in names.items()]
+    speed = f"{counts['injections']:,} injections; {significant(clock['simulations_per_second'], 3)} injections/s"
+    bits = ", the same bits on every x86-64 processor" if record["same_bits"] else ""
     scale = record.get("loss_scale")
     robust = [("Loss", f"soft L1 of scale {significant(scale, 4)}")] if scale else []
     return [
-        *_search(record.get("optimiser")),
+        ("Search", _search(record["optimiser"])),
         *robust,
         ("Evaluations", "; ".join(evaluations)),
         ("Simulations", speed),
-        ("Time of the search", duration(clock.get("seconds"))),
-        ("Ended", f"{record['status']}: {record.get('reason') or 'the optimiser was done'}"),
+        ("Time of the search", duration(clock["seconds"])),
+        ("Ended", f"{record['status']}: {record['reason'] or 'the optimiser was done'}"),
         ("Seed", str(record["seed"])),
-        ("Time step", f"{significant(record.get('time_step'), 4, 1e6)} µs, {record.get('precision', 'f64')}{bits}"),
-        ("Software", ", ".join(f"{name} {number}" for name, number in software.items())),
+        ("Time step", f"{significant(record['time_step'], 4, 1e6)} µs, {record['precision']}{bits}"),
+        ("Software", ", ".join(f"{name} {number}" for name, number in record["software"].items())),
     ]

@@ -27,7 +27,7 @@ def certainty_tables(record: Record) -> list[Table]:
     known = {p["name"]: p for p in record["parameters"]}
     units = {name: p["unit"] for name, p in known.items()}
     tables = [_parameters(found, known)]
-    if found.get("combinations"):
+    if found["combinations"]:
         tables.append(_combinations(found))
     if found.get("posterior"):
         tables.append(posterior_table(found["posterior"], units))
@@ -61,7 +61,7 @@ def difference(record: Record) -> Difference | None:
 
     best = {p["name"]: number(p.get("best")) for p in record["parameters"]}
     excluded = [p["name"] for p in found["parameters"] if _excludes(p, best[p["name"]])]
-    gain = number(found.get("gain"))
+    gain = number(found["gain"])
     matters = bool(excluded) or (gain is not None and gain > chdtri(len(best), JOINT))
     if gain is None and not excluded:
         return None
@@ -121,7 +121,7 @@ def certainty_lines(record: Record) -> list[str]:
         *([differs.sentence] if differs else []),
         *_search(found),
         *([f"No parameter is called pinned, because {found['withdrawn']}."] if found["withdrawn"] else []),
-        *_grown(found.get("noise", [])),
+        *_grown(found["noise"]),
         *_stated(found["parameters"]),
         *_fitted(found),
         *_sensitivity(found),
@@ -212,7 +212,7 @@ def _noise(noise: Sequence[Record]) -> Table:
 
 def _deviation(n: Record) -> str:
     """Standard deviation of a value, with the share of the rate that it grows by."""
-    relative = n.get("relative") or 0.0
+    relative = n["relative"]
     grown = f" + {significant(100.0 * relative, 3)} % of the rate" if relative else ""
     return f"{significant(n['sigma'], 3)} {n['unit']}{grown}"
 
@@ -221,7 +221,7 @@ def _grown(noise: Sequence[Record]) -> list[str]:
     return [
         f"The residuals of {n['name']} grow with the rate; their standard deviation was taken as {_deviation(n)}."
         for n in noise
-        if n.get("relative") and not n["stated"]
+        if n["relative"] and not n["stated"]
     ]
 
 
@@ -274,13 +274,13 @@ def _sensitivity(found: Record) -> list[str]:
 
 def _fitted(found: Record) -> list[str]:
     """Sentence on the quantities that were fitted within what the study states."""
-    values = [f"{one['name']} {to_text(one['value'], one['unit'], 2)}" for one in found.get("fitted_as_stated", [])]
+    values = [f"{one['name']} {to_text(one['value'], one['unit'], 2)}" for one in found["fitted_as_stated"]]
     return [f"Fitted within what the study states, and integrated out: {listed(values)}."] if values else []
 
 
 def _visible(found: Record) -> list[str]:
     """Sentence on the smallest delay of the meter that the tests find."""
-    delay = number(found.get("visible_delay"))
+    delay = number(found["visible_delay"])
     if delay is None:
         return []
     words = "beyond what the study states" if _is_stated(found, "delay") else "which the study lacks"
@@ -292,7 +292,7 @@ def _visible(found: Record) -> list[str]:
 
 def _friction(found: Record) -> list[str]:
     """Sentence on a test of friction that found none; what it finds withdraws the verdicts, which is said elsewhere."""
-    done = next((test for test in found.get("tests", []) if test["suspect"] == FRICTION and not test["found"]), None)
+    done = next((test for test in found["tests"] if test["suspect"] == FRICTION and not test["found"]), None)
     if done is None:
         return []
     return [

@@ -16,7 +16,7 @@ from commonrail.report.draw import figure_html
 from commonrail.report.figures import comparison_figures
 from commonrail.report.headline import synthetic_notes
 from commonrail.report.html import render
-from commonrail.report.record import by_kind, texts_of
+from commonrail.report.record import by_kind
 from commonrail.report.result_kind import ResultKind
 
 __all__ = ["comparison_commands", "comparison_html", "comparison_lines"]
@@ -49,7 +49,7 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
 
 def comparison_lines(record: Record) -> list[str]:
     """Sentences on models and data, the nearest model to each data set, and points without a number."""
-    labels, data = list(texts_of(record)), record["data"]
+    labels, data = list(record["labels"]), record["data"]
     counts = (_counted(len(labels), "model"), _counted(len(data), "data set"))
     lines = [f"{counts[0]} on {counts[1]}; nothing was fitted."]
     if len(labels) > 1:

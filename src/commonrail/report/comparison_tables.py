@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from commonrail.display.table import Part, Table, table_of
 from commonrail.display.text import fixed, pressure, quantity
 from commonrail.kinds.records import MICROSECOND, Record
-from commonrail.report.record import by_kind, texts_of
+from commonrail.report.record import by_kind
 
 __all__ = ["comparison_tables", "difference_table", "failure_table"]
 
 
 def comparison_tables(record: Record) -> list[Table]:
     """Every table that the data sets of a comparison have something for."""
-    labels = list(texts_of(record))
+    labels = list(record["labels"])
     tables = [table for view, own in by_kind(record["data"]) for table in view.compared_tables(own, labels)]
     failed = failure_table(record["data"])
     return [*tables, failed] if failed.rows else tables
@@ -22,7 +22,7 @@ def comparison_tables(record: Record) -> list[Table]:
 
 def difference_table(record: Record) -> Table:
     """Parameters that are not the same in all the models, with prefixes that suit them."""
-    labels = list(texts_of(record))
+    labels = list(record["labels"])
     parts = (
         Part(("parameter", "meaning"), lambda d: (d["name"], d["meaning"])),
         Part(labels, lambda d: [quantity(d["values"].get(label), d["unit"]) for label in labels]),

@@ -116,7 +116,7 @@ def fleet_warnings(record: Record) -> list[str]:
     total = record["counts"]["finished"]
     return [
         f"{w['injectors']:,} of {_injectors(total)}: {w['code']}. The first, {w['first']}: {w['sentence']}"
-        for w in record.get("warnings", [])
+        for w in record["warnings"]
     ]
 
 
@@ -176,9 +176,10 @@ def _verdict_table(record: Record) -> Table:
         ("parameter", "name"),
         *((v, lambda p, v=v: str(p["verdicts"].get(v, 0))) for v, _ in total.most_common()),
     ]
-    note = "Number of injectors. What is not pinned must not be read as a measurement of the part."
-    if "estimator" in record:  # records of earlier versions have none
-        note += f" Intervals: {record['estimator']}."
+    note = (
+        "Number of injectors. What is not pinned must not be read as a measurement of the part. Intervals: "
+        f"{record['estimator']}."
+    )
     return tabulated("What the data pin down", record["parameters"], columns, note)
 
 

@@ -80,7 +80,7 @@ def fmu_lines(record: Record) -> list[str]:
             f"{counts['failed']} of {counts['simulated']} candidates failed and could not win; the table of failures "
             "has the reasons."
         )
-    lines += record.get("notes", [])
+    lines += record["notes"]
     lines += _step_lines(record)
     bounds = [p["name"] for p in record["parameters"] if p["at_bound"]]
     if bounds:
@@ -89,7 +89,7 @@ def fmu_lines(record: Record) -> list[str]:
 
 
 def _step_lines(record: Record) -> list[str]:
-    """Sentence for each data set whose values depend on the communication step; records of before lack it."""
+    """Sentence for each data set whose values depend on the communication step; none of an interrupted search."""
     lines = []
     for data in (one for one in record["data"] if "half_step" in one):
         moved = data["half_step"]

@@ -88,8 +88,8 @@ def synthetic_notes(record: Record) -> list[str]:
 
 
 def warning_lines(record: Record) -> list[str]:
-    """Sentences of the warnings; records of early versions have none."""
-    return [str(warning["sentence"]) for warning in record.get("warnings", [])]
+    """Sentences of the warnings."""
+    return [str(warning["sentence"]) for warning in record["warnings"]]
 
 
 def _task(record: Record) -> str:

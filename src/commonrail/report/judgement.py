@@ -21,7 +21,7 @@ def judgement_lines(record: Record) -> list[str]:
     """Sentences on bands, effective parameters, spread of seeds and predictions of what was held out."""
     lines = [band_sentence(d) for d in record["data"] if "band" in d]
     known = (record.get("certainty") or {}).get("parameters", [])
-    if known and not lines and all(None in (one.get("lower"), one.get("upper")) for one in known):
+    if known and not lines and all(None in (one["lower"], one["upper"]) for one in known):
         lines.append("There are no bands: no parameter has an interval, so nothing bounds what the model predicts.")
     if found := record.get("identifiability"):
         lines.append(_effective(found, len(record["parameters"]), _unit(record)))
@@ -74,10 +74,9 @@ def _unit(record: Record) -> str:
 
 
 def _effective(found: Record, parameters: int, unit: str) -> str:
-    data = f"{found['residuals']} residuals" if "residuals" in found else "The data"
     return (
-        f"{data} determine {fixed(found['effective_parameters'], 1)} effective parameters of {parameters}; their "
-        f"scatter about the fit is {significant(found['scatter'], 3)} {unit}."
+        f"{found['residuals']} residuals determine {fixed(found['effective_parameters'], 1)} effective parameters of "
+        f"{parameters}; their scatter about the fit is {significant(found['scatter'], 3)} {unit}."
     )
 
 
@@ -123,7 +122,7 @@ def _left_out_lines(one: Record) -> list[str]:
     ]
     if "mean" in one:
         lines.append(f"The mean of the members of each search gives {_metrics(one['mean'])}.")
-    if one.get("failed"):
+    if one["failed"]:
         lines.append(f"The search without {listed(one['failed'])} could simulate no candidate.")
     for baseline in one["baselines"]:
         beyond = baseline.get("extrapolated")

@@ -13,13 +13,12 @@ _MARKS = {"F": "fitted", "M": "measured", "C": "from the ECU", "E": "estimate"}
 
 def meter_lines(record: Record) -> list[str]:
     """One sentence for each meter through which the simulated curves and quantities are seen; often none."""
-    data = record.get("data", [])
     lines = []
     for meter in record.get("meters", []):
         parts = [_quantity(quantity) for quantity in meter["quantities"]]
         if any(quantity["name"].endswith("cutoff") for quantity in meter["quantities"]):
             parts.append(f"low-pass {meter['law']} of order {meter['order']}")
-        sets = [d["name"] for d in data if d.get("meter") == meter["name"]]
+        sets = [d["name"] for d in record["data"] if d.get("meter") == meter["name"]]
         of = f" ({listed(sets)})" if sets else ""
         lines.append(
             f"Simulated values are shown as the meter “{meter['name']}”{of} sees them: {listed(parts) or 'unchanged'}."

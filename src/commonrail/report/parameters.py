@@ -31,7 +31,7 @@ class ParameterRow:
     start, best, error, lower, upper : str
         Values with units; `error` is the standard error of the best, empty where there is a most likely value.
     likely : str
-        Most likely value and its interval, which is not about the best one; empty in a record without them.
+        Most likely value and its interval, which is not about the best one; empty where the certainty was not computed.
     change : str
         Of the best against the start [%].
     mark : str

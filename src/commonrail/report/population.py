@@ -91,7 +91,7 @@ def outlier_table(record: Record) -> Table:
 
 
 def each_injector(record: Record) -> dict[str, Any]:
-    """Names, units and values that the page shows of an injector on demand; empty in a record without them."""
+    """Names, units and values that the page shows of an injector on demand; empty if none is calibrated."""
     found = record.get("population")
     if not found or not found["each"]:
         return {}
@@ -100,8 +100,8 @@ def each_injector(record: Record) -> dict[str, Any]:
             "name": p["name"],
             "unit": p["unit"].removesuffix("1"),
             "median": p["best"]["median"],
-            "lower": p.get("lower"),
-            "upper": p.get("upper"),
+            "lower": p["lower"],
+            "upper": p["upper"],
         }
         for p in record["parameters"]
     ]

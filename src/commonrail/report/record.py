@@ -12,21 +12,14 @@ __all__ = [
     "by_kind",
     "of_role",
     "shown_of",
-    "texts_of",
 ]
 
 _DASHES = ("solid", "dash", "dot", "dashdot")
 
 
-def texts_of(record: Record) -> Mapping[str, str]:
-    """Text of every label, in order; records of early versions carry none and mean `LABELS`."""
-    found: Mapping[str, str] = record.get("labels", LABELS)
-    return found
-
-
 def shown_of(record: Record) -> dict[str, Shown]:
     """Looks of the models: the fixed ones of a calibration, or a colour, marker and dash for each of a comparison."""
-    texts = texts_of(record)
+    texts: Mapping[str, str] = record["labels"]
     if set(texts) <= set(LABELS) and record.get("kind") != "comparison":
         return {label: Shown(text, label) for label, text in texts.items()}
     return {label: Shown(text, _DASHES[i % len(_DASHES)], i) for i, (label, text) in enumerate(texts.items())}

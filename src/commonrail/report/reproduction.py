@@ -51,8 +51,8 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
         table3=tables.table3(record),
         models=[
             tables.j_table(record),
-            *tables.rigid_tables(record),
-            *tables.meter_tables(record),
+            tables.rigid_table(record),
+            tables.meter_table(record),
             tables.phases_table(record),
             tables.edges_table(record),
             tables.overfitting_table(record),
@@ -95,7 +95,7 @@ def _claim(claim: Record) -> dict[str, str]:
         "sign": tables.SIGNS[claim["verdict"]],
         "share": f"{claim['true_in']} of {claim['of']} seeds",
         "interval": f"{percent(low, 0)}–{percent(high, 0)} %",
-        "chance": "" if claim.get("chance") is None else f"{percent(claim['chance'], 0)} %",
+        "chance": "" if claim["chance"] is None else f"{percent(claim['chance'], 0)} %",
     }
 
 

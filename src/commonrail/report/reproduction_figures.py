@@ -74,9 +74,8 @@ def _rate(record: Record, data: Record, trace: Mapping[str, Floats]) -> Figure:
     experiment = trace["experiment"]
     texts = record["labels"]
     curves = [Series("synthetic experiment", "measured", time, points(experiment * MM3_PER_MS))]
-    shown = [(k, look) for k, look in SHOWN.items() if k in texts]  # a former version fitted no rigid body
-    curves += [Series(texts[k], look, time, points(trace[k] * MM3_PER_MS)) for k, look in shown]
-    errors = [Series("", look, time, points((trace[k] - experiment) * MM3_PER_MS)) for k, look in shown]
+    curves += [Series(texts[k], look, time, points(trace[k] * MM3_PER_MS)) for k, look in SHOWN.items()]
+    errors = [Series("", look, time, points((trace[k] - experiment) * MM3_PER_MS)) for k, look in SHOWN.items()]
     return Figure(
         f"Rate of injection at {data['name']} ({data['role']}) (Fig. 6)",
         f"Energising time {data['energising_time'] * MICROSECOND:.0f} µs, seed {record['shown_seed']}; below, "

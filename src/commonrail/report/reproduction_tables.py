@@ -14,10 +14,10 @@ __all__ = [
     "SIGNS",
     "edges_table",
     "j_table",
-    "meter_tables",
+    "meter_table",
     "overfitting_table",
     "phases_table",
-    "rigid_tables",
+    "rigid_table",
     "table1",
     "table3",
     "treatments_table",
@@ -36,6 +36,8 @@ def table1(record: Record) -> Table:
         ("theoretical", lambda k: significant(k["theoretical"], 4, PER_MICRON)),
         ("paper's optimal", lambda k: significant(k["paper"], 4, PER_MICRON)),
         ("ours: median (quartiles)", lambda k: _spread(k, 3, PER_MICRON)),
+        ("truth", lambda k: significant(k["truth"], 4, PER_MICRON)),
+        ("covers truth", lambda k: f"{k['covered']} of {k['intervals']}"),
         ("paper's change, %", lambda k: _signed_percent(k["paper_change"])),
         ("our change, %", lambda k: _signed_percent(k["change"]["median"])),
         ("standard error", lambda k: fixed(k["standard_error"], 1, PER_MICRON)),
@@ -44,24 +46,12 @@ def table1(record: Record) -> Table:
             lambda k: "; ".join(f"{verdict}: {count}" for verdict, count in k["verdicts"].items()),
         ),
     ]
-    rows = record["table1"]
-    if all("truth" in k for k in rows):
-        columns[4:4] = [
-            ("truth", lambda k: significant(k["truth"], 4, PER_MICRON)),
-            ("covers truth", lambda k: f"{k['covered']} of {k['intervals']}"),
-        ]
-        note = (
-            "Verdicts, standard errors (median over the seeds) and 95 % intervals are those that a run would report: "
-            "about the most likely values near ours. Beside the bench's true stiffness stands in how many seeds "
-            "the interval holds it; a law that the model lacks, such as the meter's delay, is not in an interval."
-        )
-    else:  # made by a version that took the residuals for white noise
-        note = (
-            "The stiffnesses of the bench's truth are given below. The standard error (median over the seeds) is that "
-            "of the linearised fit, and so is the verdict: they take the residuals for white noise and the model for "
-            "right, so that neither can be relied on. Reproduce again for those of a run."
-        )
-    return tabulated("Table 1: stiffness, N/µm", rows, columns, note)
+    note = (
+        "Verdicts, standard errors (median over the seeds) and 95 % intervals are those that a run would report: "
+        "about the most likely values near ours. Beside the bench's true stiffness stands in how many seeds "
+        "the interval holds it; a law that the model lacks, such as the meter's delay, is not in an interval."
+    )
+    return tabulated("Table 1: stiffness, N/µm", record["table1"], columns, note)
 
 
 def table3(record: Record) -> Table:
@@ -105,8 +95,8 @@ def j_table(record: Record) -> Table:
     return tabulated("J of the models, mm³/ms", record["data"], columns, note, 2)
 
 
-def rigid_tables(record: Record) -> list[Table]:
-    """Stop and control volume of the rigid body that is fitted; none in a record of before it was."""
+def rigid_table(record: Record) -> Table:
+    """Stop and control volume of the rigid body that is fitted."""
 
     def scaled(p: Record, key: str) -> str:
         return significant(p[key], 4, field_unit(p["unit"]).factor)
@@ -120,8 +110,7 @@ def rigid_tables(record: Record) -> list[Table]:
     note = (
         "Fitted at 160 MPa, as k1…k7 are, because the paper does not say how its rigid body was set up; its J is above."
     )
-    rows = record.get("rigid_fit", ())
-    return [tabulated("The rigid body that is fitted", rows, columns, note)] if rows else []
+    return tabulated("The rigid body that is fitted", record["rigid_fit"], columns, note)
 
 
 def phases_table(record: Record) -> Table:
@@ -180,9 +169,8 @@ def overfitting_table(record: Record) -> Table:
     return tabulated(title, record["overfitting"].items(), columns, note)
 
 
-def meter_tables(record: Record) -> list[Table]:
-    """Effect of the bench's meter on stiffness and unseen J; none in a record of before it was looked at."""
-    rows = record.get("meter", ())
+def meter_table(record: Record) -> Table:
+    """Effect of the bench's meter on stiffness and unseen J."""
     names = [d["name"] for d in record["data"]]
     columns: list[Column] = [
         ("meter in the fit", "text"),
@@ -196,7 +184,7 @@ def meter_tables(record: Record) -> list[Table]:
         f"the seeds. The paper's k5 and k7, which are the default bench's true ones: {true['k5']} and {true['k7']} "
         "N/µm. A delay and k7 do nearly the same to one curve."
     )
-    return [tabulated("Fits that know the rate meter", rows, columns, note)] if rows else []
+    return tabulated("Fits that know the rate meter", record["meter"], columns, note)
 
 
 def _spread(s: Mapping[str, Any], digits: int, scale: float = 1.0) -> str:

@@ -15,6 +15,7 @@ from commonrail.files.record_file import read_record
 from commonrail.files.run_folder import RESULT
 from commonrail.kinds.records import Record
 
+SCHEMA = 1  # of all records
 _BROKEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, UndefinedError)
 
 
@@ -37,8 +38,6 @@ class ResultKind(NamedTuple):
         HTML of its report, from the record and the folder.
     keys : tuple of str
         Keys that the record must have.
-    schemas : tuple of int
-        Values of its key "schema" that the page reads.
     extra : function of Path
         Makes the files of the folder that the page shows beside itself, those that are missing; returns an empty text,
         or a sentence on what it needs.
@@ -49,7 +48,6 @@ class ResultKind(NamedTuple):
     verb: str
     page: Callable[[Record, Path], str]
     keys: tuple[str, ...] = ()
-    schemas: tuple[int, ...] = (1,)
     extra: Callable[[Path], str] = _nothing
 
     def read(self, folder: Path) -> Record:
@@ -64,12 +62,8 @@ class ResultKind(NamedTuple):
         where = f"{folder}: {self.file}"
         if record.get("kind") != self.name:
             raise InputError(f"{where} is not the result of commonrail {self.verb}.")
-        if record.get("schema") not in self.schemas:
-            raise InputError(
-                f"{where} has schema {record.get('schema')!r} and this version reads "
-                f"{' and '.join(map(str, self.schemas))}; make the report with the version that left it, or "
-                f"{self.verb} again."
-            )
+        if record.get("schema") != SCHEMA:
+            raise InputError(f"{where} was left by another version of commonrail; {self.verb} again.")
         missing = [key for key in self.keys if key not in record]
         if missing:
             raise InputError(f'{where} lacks "{missing[0]}"; {self.verb} again.')

@@ -124,7 +124,7 @@ def _ending(record: Record, folder: str) -> Iterator[_Point]:
 
 
 def _plausibility(record: Record, folder: str) -> Iterator[_Point]:
-    if count := len(record.get("warnings", [])):
+    if count := len(record["warnings"]):
         reason = f"{count} implausible finding{'s' if count > 1 else ''}, named at the top of this page."
         step = Step(
             "Check the findings at the top of this page against the test bench, correct the study, calibrate again."

@@ -26,7 +26,7 @@ __all__ = ["SCHEMA", "reproduction_record"]
 
 # 2: a rigid body that is fitted, shares of random points beside the claims.
 # 3: verdicts and standard errors of `certify`, true stiffness and how often its intervals hold it.
-SCHEMA = 3
+SCHEMA = 1
 MEAN = "mean"
 
 

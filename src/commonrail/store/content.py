@@ -9,61 +9,28 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.calibration.goal import Loss
 from commonrail.calibration.study import Study
-from commonrail.choices import Precision
 from commonrail.files.injector_writer import injector_text
-from commonrail.injector.definition import FUEL_TEMPERATURE
 from commonrail.reading.guarded_file import sha256
 
 __all__ = ["content_of", "fingerprint_of", "sha256"]
 
 
+_TOLD = frozenset({"text", "files", "author", "logo"})  # fields of a study that reports tell, and that decide nothing
+
+
 def content_of(study: Study) -> str:
     """SHA-256 of all that decides over a study's result but the number of generations; file names do not."""
-    rows = study.space.rows
-    parts = (
-        study.title,
-        study.note,
-        injector_text(study.injector, {}, ""),
-        study.data,
-        study.space.parameters,
-        (rows.matrix, rows.labels),
-        replace(study.method, evolution=replace(study.method.evolution, generations=0)),
-        study.seed,
-        study.time_step,
+    space = study.space
+    parts = {f.name: getattr(study, f.name) for f in fields(study) if f.name not in _TOLD}
+    return fingerprint_of(
+        parts
+        | {
+            "injector": injector_text(study.injector, {}, ""),
+            "space": (space.parameters, space.rows.matrix, space.rows.labels, space.products.constraints),
+            "method": replace(study.method, evolution=replace(study.method.evolution, generations=0)),
+        }
     )
-    # what earlier versions did not have is left out where it decides nothing
-    more: tuple[Any, ...] = () if study.precision is Precision.F64 else (study.precision,)
-    if study.loss is not Loss.KINDS:
-        more += (study.loss,)
-    if study.loss is Loss.SOFT_L1:
-        more += (study.loss_scale,)
-    if any(parameter.prior for parameter in study.space.parameters):
-        more += (tuple(parameter.prior for parameter in study.space.parameters),)
-    if study.conditions:
-        more += (study.conditions,)
-    if len(study.space.products):
-        more += (study.space.products.constraints,)
-    tolerances = tuple(getattr(data, "dead_time_tolerance", None) for data in study.data)
-    if any(tolerances):
-        more += (tolerances,)
-    periods = tuple(getattr(data, "stroke_period", None) for data in study.data)
-    if any(periods):
-        more += (periods,)
-    more += ("same bits",) if study.same_bits else ()
-    more += ("stop when converged",) if study.method.stop_when_converged else ()
-    if FUEL_TEMPERATURE in study.space.names:
-        densities = [np.asarray(data.mass_density, float) for data in study.data]
-        more += tuple(density for density in densities if not np.isnan(density).all())
-    sisters = tuple(getattr(data, "sister", None) for data in study.data)
-    if any(sisters):
-        more += (sisters,)
-    if study.judgement.wanted:
-        more += (study.judgement,)
-    if any(data.meter for data in study.data):
-        more += (tuple(data.meter for data in study.data),)
-    return fingerprint_of(*parts, *more)
 
 
 def fingerprint_of(*values: Any) -> str:
@@ -80,8 +47,7 @@ def _add_pieces(value: Any, pieces: list[bytes]) -> None:
     elif isinstance(value, Enum):
         pieces.append(f"{type(value).__name__}.{value.name}".encode())
     elif is_dataclass(value) or isinstance(value, Mapping):
-        kept = () if isinstance(value, Mapping) else [f.name for f in fields(value) if not f.metadata.get("later")]
-        pairs = value.items() if isinstance(value, Mapping) else ((name, getattr(value, name)) for name in kept)
+        pairs = value.items() if isinstance(value, Mapping) else _given(value)
         pieces.append(type(value).__name__.encode())
         _add_pieces(tuple(pairs), pieces)
     elif isinstance(value, tuple | list):
@@ -92,3 +58,8 @@ def _add_pieces(value: Any, pieces: list[bytes]) -> None:
         pieces.append(repr(value).encode())
     else:
         raise TypeError(f"a study holds {type(value).__name__}, which has no place in its content")
+
+
+def _given(value: Any) -> list[tuple[str, Any]]:
+    """Fields of a dataclass that follow from no others."""
+    return [(f.name, getattr(value, f.name)) for f in fields(value) if f.init]

@@ -114,7 +114,7 @@ class Journal(JournalFile):
 
     @property
     def targets(self) -> list[dict[str, str]]:
-        """Versions, and the processor that was compiled for, of each session; early ones noted less."""
+        """Versions, and the processor that was compiled for, of each session."""
         with trusted(self.path):
             found = [json.loads(row[-1]) for row in self._table("session")]
             return [{str(name): str(text) for name, text in target.items()} for target in found]

@@ -76,8 +76,8 @@ class JournalFile:
         with_log = _has_log(self.path)
         self._connection = sqlite3.connect(self.path, timeout=PATIENCE, isolation_level=None)
         try:
-            _check(self._connection, self.path, self.SCHEMA, with_log)
-            self.SCHEMA.migrate(self._connection, self.path)
+            if not _check(self._connection, self.path, self.SCHEMA, with_log):
+                self.SCHEMA.create(self._connection)
             self._connection.execute("PRAGMA journal_mode=WAL")
             self._connection.execute("PRAGMA wal_autocheckpoint=0")
             self._wait_for_disk(self.DURABLE)
@@ -180,7 +180,7 @@ def facts(pairs: Iterable[tuple[str, str]]) -> list[Statement]:
 
 @contextmanager
 def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
-    """A journal for reading, without holding it; one of an older schema is a copy in memory, brought to this one.
+    """A journal for reading, without holding it; in place of an empty file, empty tables in memory.
 
     Raises
     ------
@@ -189,17 +189,16 @@ def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
     """
     with_log = _has_log(path)
     with explained(path), trusted(path), closing(_read_only(path)) as connection:
-        if _check(connection, path, schema, with_log or _has_log(path)) == schema.version:
+        if _check(connection, path, schema, with_log or _has_log(path)):
             yield connection
             return
-        with closing(sqlite3.connect(":memory:", isolation_level=None)) as copy:
-            connection.backup(copy)
-            schema.migrate(copy, path)
-            yield copy
+        with closing(sqlite3.connect(":memory:")) as empty:
+            schema.create(empty)
+            yield empty
 
 
-def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log: bool) -> int:
-    """Schema of a journal of which every row is the one that was written; changes nothing.
+def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log: bool) -> bool:
+    """Whether a file holds a journal of which every row is the one that was written; False if it is empty.
 
     Parameters
     ----------
@@ -212,17 +211,15 @@ def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log:
     (fault,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
     if fault != "ok":
         raise ValueError(fault)
-    found = schema.check(connection, path)
-    if found == schema.version:
-        about = dict(rows_of(connection, "about"))
-        if about.get("log") == NEEDED and not with_log:
-            raise StudyError(
-                f"{path}: its log {path.name}-wal is missing, and the last steps with it; bring it back beside the "
-                "journal, or take a copy of both."
-            )
-        for table in schema.versions[found - 1].tables - {"about"}:
-            rows_of(connection, table)
-    return found
+    if not schema.check(connection, path):
+        return False
+    rows = {table: rows_of(connection, table) for table in schema.tables}
+    if dict(rows["about"]).get("log") == NEEDED and not with_log:
+        raise StudyError(
+            f"{path}: its log {path.name}-wal is missing, and the last steps with it; bring it back beside the "
+            "journal, or take a copy of both."
+        )
+    return True
 
 
 def _has_log(path: Path) -> bool:

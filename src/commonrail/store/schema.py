@@ -1,110 +1,61 @@
-"""Tables of a journal: which there are in each schema, and how those of an older one become those of the next."""
+"""Tables of a journal: how a new one gets them, and whether a file has them."""
 
 from __future__ import annotations
 
 import re
 import sqlite3
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 from commonrail.errors import StudyError
 
-__all__ = ["Schema", "Version"]
-
-
-class Version(NamedTuple):
-    """A schema of a journal.
-
-    Attributes
-    ----------
-    tables : frozenset of str
-    make : str or callable
-        SQL, or a function of the connection, that brings a journal of the schema before to this one; it is never
-        changed once it was released.
-    """
-
-    tables: frozenset[str]
-    make: str | Callable[[sqlite3.Connection], None]
+VERSION = 1  # of the tables of all journals, which SQLite keeps in the file as user_version
 
 
 @dataclass(frozen=True)
 class Schema:
-    """The schemas of one kind of journal.
+    """Tables of one kind of journal.
 
     Attributes
     ----------
-    versions : tuple of Version
-        The first one is made from an empty file.
-    newer : str
-        Sentence for a journal of a later version: {path}, {found}, {known}.
+    text : str
+        SQL that makes them; the last column of each is the row's seal.
     foreign : str
         Sentence for a file with other tables: {path}.
     """
 
-    versions: tuple[Version, ...]
-    newer: str
+    text: str
     foreign: str
 
-    @property
-    def version(self) -> int:
-        """Number of this version's schema."""
-        return len(self.versions)
+    @cached_property
+    def tables(self) -> dict[str, str]:
+        """SQL of each table by name, without comments and spaces."""
+        with closing(sqlite3.connect(":memory:")) as connection:
+            connection.executescript(self.text)
+            return _tables(connection)
 
-    def migrate(self, connection: sqlite3.Connection, path: Path) -> None:
-        """Bring a journal, or an empty file, to this version's schema.
+    def create(self, connection: sqlite3.Connection) -> None:
+        """Make the tables in an empty file."""
+        connection.executescript(f"BEGIN; {self.text} PRAGMA user_version = {VERSION}; COMMIT;")
 
-        Raises
-        ------
-        StudyError
-            If a newer version wrote it, or it is none.
-        """
-        self._bring(connection, self.check(connection, path), self.version)
-
-    def _bring(self, connection: sqlite3.Connection, found: int, wanted: int) -> None:
-        for number in range(found, wanted):
-            make = self.versions[number].make
-            done = f"PRAGMA user_version = {number + 1}"
-            if isinstance(make, str):
-                connection.executescript(f"BEGIN; {make} {done}; COMMIT;")
-                continue
-            connection.execute("BEGIN IMMEDIATE")
-            try:
-                make(connection)
-                connection.execute(done)
-                connection.execute("COMMIT")
-            except BaseException:
-                if connection.in_transaction:
-                    connection.execute("ROLLBACK")
-                raise
-
-    def check(self, connection: sqlite3.Connection, path: Path) -> int:
-        """Schema of a journal; 0 of an empty file.
+    def check(self, connection: sqlite3.Connection, path: Path) -> bool:
+        """Whether a file holds the tables; False if it is empty.
 
         Raises
         ------
         StudyError
-            If this version does not know it.
+            If another version of commonrail wrote it, or it is another kind of file.
         """
-        found = int(connection.execute("PRAGMA user_version").fetchone()[0])
-        if not 0 <= found <= self.version:
-            raise StudyError(self.newer.format(path=path, found=found, known=self.version))
-        expected = self.versions[found - 1].tables if found else frozenset()
-        kinds = dict(connection.execute("SELECT name, type FROM sqlite_master WHERE sql NOT NULL"))
-        if set(kinds) != expected or set(kinds.values()) > {"table"} or _columns(connection) != self._own(found):
+        (version,) = connection.execute("PRAGMA user_version").fetchone()
+        if version not in (0, VERSION):
+            raise StudyError(f"{path} was left by another version of commonrail; calibrate again.")
+        if (tables := _tables(connection)) != (self.tables if version else {}):
             raise StudyError(self.foreign.format(path=path))
-        return found
-
-    def _own(self, version: int) -> list[tuple[str, str]]:
-        """Tables of a version's new journal."""
-        with closing(sqlite3.connect(":memory:", isolation_level=None)) as fresh:
-            self._bring(fresh, 0, version)
-            return _columns(fresh)
+        return bool(tables)
 
 
-def _columns(connection: sqlite3.Connection) -> list[tuple[str, str]]:
-    """Name of each table and the text that made it, without comments and spaces."""
-    found = connection.execute("SELECT name, sql FROM sqlite_master WHERE sql NOT NULL ORDER BY name").fetchall()
-    return [(str(name), re.sub(r"--.*|\s+", "", str(text))) for name, text in found]
+def _tables(connection: sqlite3.Connection) -> dict[str, str]:
+    found = connection.execute("SELECT name, sql FROM sqlite_master WHERE sql NOT NULL")
+    return {str(name): re.sub(r"--.*|\s+", "", str(text)) for name, text in found}

@@ -9,12 +9,10 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-__all__ = ["SEAL", "Statement", "add_seals", "put", "rows_of", "seal"]
-
-SEAL = "seal"  # column with the digest of all others
+__all__ = ["Statement", "put", "rows_of", "seal"]
 
 Statement = tuple[str, tuple[Any, ...]]
 
@@ -68,12 +66,3 @@ def rows_of(connection: sqlite3.Connection, table: str) -> list[tuple[Any, ...]]
             raise ValueError(f"a row of {table} is not the one that was written")
         found.append(tuple(values))
     return found
-
-
-def add_seals(connection: sqlite3.Connection, tables: Iterable[str]) -> None:
-    """Give the rows of a journal of an earlier schema their seals."""
-    for table in sorted(tables):
-        rows = connection.execute(f"SELECT rowid, * FROM {table}").fetchall()
-        connection.execute(f"ALTER TABLE {table} ADD COLUMN {SEAL} TEXT NOT NULL DEFAULT ''")
-        for rowid, *values in rows:
-            connection.execute(f"UPDATE {table} SET {SEAL} = ? WHERE rowid = ?", (seal(table, values), rowid))

@@ -101,8 +101,6 @@ class Optimiser(ABC):
         Its name, in study files and states.
     phase : str
         What it does, in a word for the user.
-    later : frozenset of str
-        Keys that states of earlier versions lack; they are restored without.
     steps : int
         Steps done.
     counts : Counts
@@ -111,7 +109,6 @@ class Optimiser(ABC):
 
     method: ClassVar[str]
     phase: ClassVar[str]
-    later: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, space: Space, rng: np.random.Generator) -> None:
         self.space, self._rng = space, rng

@@ -59,7 +59,6 @@ class Refinement(Optimiser):
     """
 
     method, phase = "least-squares refinement", "refinement"
-    later = frozenset({"ends"})
 
     def __init__(self, space: Space, seed: int, settings: RefinementSettings, before: Optimiser) -> None:
         population, costs = before.population, before.costs
@@ -150,7 +149,7 @@ class Refinement(Optimiser):
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         self._solving = self._improved = None
-        self.end_costs = np.array(state.get("ends", ()), dtype=float)  # earlier versions did not keep them
+        self.end_costs = np.array(state["ends"], dtype=float)
         best, cost = state["best"], state["cost"]
         if best is None:
             return

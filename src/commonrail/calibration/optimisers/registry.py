@@ -65,8 +65,7 @@ def size_in_words(record: Mapping[str, Any]) -> str:
     Parameters
     ----------
     record : mapping
-        Key "method", which the first optimiser may lack, and the settings by their names.
+        Key "method", and the settings by their names.
     """
-    name = record.get("method", REGISTERED[0].name)
-    entry = next((entry for entry in REGISTERED if entry.name == name), REGISTERED[0])
+    entry = next((entry for entry in REGISTERED if entry.name == record["method"]), REGISTERED[0])
     return str(getattr(entry.settings, "size", EvolutionSettings.size).format(**record))

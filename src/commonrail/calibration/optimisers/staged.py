@@ -46,7 +46,6 @@ class StagedLeastSquares(Stepwise):
     """
 
     method, phase = "staged least squares", "staged least squares"
-    later = frozenset({"ended_unit", "ended_costs", "hopping"})
 
     def __init__(self, space: Space, rng: np.random.Generator, settings: StagedSettings | None = None) -> None:
         self.settings = settings or StagedSettings()
@@ -189,12 +188,11 @@ class StagedLeastSquares(Stepwise):
         self._stages, self._best, self._work = int(state["stages"]), Best(best, float(state["cost"])), None
 
     def _restore_ended(self, state: Mapping[str, Any]) -> None:
-        """Ends of the first descents; states of earlier versions lack them."""
-        unit = np.array(state.get("ended_unit", np.empty((0, self.space.dimension))), dtype=float)
-        costs = np.array(state.get("ended_costs", np.empty(0)), dtype=float)
+        """Ends of the first descents."""
+        unit, costs = (np.array(state[name], dtype=float) for name in ("ended_unit", "ended_costs"))
         if unit.shape != (len(costs), self.space.dimension):
             raise ConfigurationError("state: its ends are not whole; take a whole state")
-        self._ended_unit, self._ended_costs, self._hopping = unit, costs, bool(state.get("hopping", False))
+        self._ended_unit, self._ended_costs, self._hopping = unit, costs, bool(state["hopping"])
 
 
 def capped(cap: float, residuals: Floats) -> Floats:

@@ -18,7 +18,7 @@ from commonrail.engine.sampling import sampled_rates
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.errors import ConfigurationError
-from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
+from commonrail.kinds.base import DataSet, Missing, Role, Term, share_of
 from commonrail.kinds.curves.reading import RateModel, ReadCurve, read_curves
 from commonrail.kinds.curves.view import CurveView
 from commonrail.kinds.noise import NOISE, Noise
@@ -103,10 +103,10 @@ class RateData(DataSet):
     weight: float
     source: str
     synthetic: str
-    mass_density: float = field(default=math.nan, metadata=LATER)
-    meter: Meter | None = field(default=None, metadata=LATER)
-    noise: Noise = field(default=NOISE, metadata=LATER)
-    points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False, metadata=LATER)
+    mass_density: float = math.nan
+    meter: Meter | None = None
+    noise: Noise = NOISE
+    points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self._settle_labels()

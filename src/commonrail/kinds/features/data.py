@@ -16,7 +16,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.errors import ConfigurationError
-from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
+from commonrail.kinds.base import DataSet, Missing, Role, Term, share_of
 from commonrail.kinds.curves.data import RateData
 from commonrail.kinds.features.reading import (
     AFTER,
@@ -110,12 +110,12 @@ class FeatureData(DataSet):
     source: str
     synthetic: str
     stroke_period: float | None = None
-    meter: Meter | None = field(default=None, metadata=LATER)
-    noise: Noise = field(default=NOISE, metadata=LATER)
-    mass_density: float = field(init=False, repr=False, compare=False, metadata=LATER)
-    points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False, metadata=LATER)
-    returned: ReturnData | None = field(init=False, repr=False, compare=False, metadata=LATER)
-    simulated_points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False, metadata=LATER)
+    meter: Meter | None = None
+    noise: Noise = NOISE
+    mass_density: float = field(init=False, repr=False, compare=False)
+    points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False)
+    returned: ReturnData | None = field(init=False, repr=False, compare=False)
+    simulated_points: tuple[OperatingPoint, ...] = field(init=False, repr=False, compare=False)
 
     bounds = None
 

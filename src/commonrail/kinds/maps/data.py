@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -18,7 +18,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.errors import ConfigurationError
-from commonrail.kinds.base import LATER, DataSet, Missing, Role, Term, share_of
+from commonrail.kinds.base import DataSet, Missing, Role, Term, share_of
 from commonrail.kinds.maps.baselines import interpolated_baseline, places_of, sister_baseline
 from commonrail.kinds.maps.dead_times import (
     NO_DEAD_TIME,
@@ -126,11 +126,11 @@ class QuantityData(DataSet):
     weight: float
     source: str
     synthetic: str
-    mass_density: Floats | float = field(default=math.nan, metadata=LATER)
-    dead_time_tolerance: float | None = field(default=None, metadata=LATER)
-    meter: Meter | None = field(default=None, metadata=LATER)
-    sister: Sister | None = field(default=None, metadata=LATER)
-    noise: Noise = field(default=NOISE, metadata=LATER)
+    mass_density: Floats | float = math.nan
+    dead_time_tolerance: float | None = None
+    meter: Meter | None = None
+    sister: Sister | None = None
+    noise: Noise = NOISE
 
     bounds = None
 

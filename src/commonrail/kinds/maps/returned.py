@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -17,7 +17,7 @@ from commonrail.errors import ConfigurationError
 from commonrail.flow.leakage import gap_conductance
 from commonrail.injector.definition import FUEL_TEMPERATURE
 from commonrail.injector.joints import guide_leak
-from commonrail.kinds.base import LATER, Role
+from commonrail.kinds.base import Role
 from commonrail.kinds.maps.data import QuantityData
 from commonrail.kinds.maps.reading import MapModel, read_map
 from commonrail.kinds.maps.view import MapView
@@ -75,7 +75,7 @@ class ReturnData(QuantityData):
     view: ClassVar[MapView] = MapView("return ", "Return quantity")
     whole: ClassVar[bool] = True
 
-    stroke_period: float | None = field(default=None, metadata=LATER)
+    stroke_period: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
