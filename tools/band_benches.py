@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.analysis.certainty.covariance import student
-from commonrail.analysis.certainty.estimate import estimate, pulls_of
+from commonrail.analysis.certainty.estimate import estimate
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.neighbourhood import around
 from commonrail.files.run_folder import read_fit
@@ -60,7 +60,7 @@ class Linear(NamedTuple):
         study, best = read_fit(folder)
         own, point = Likelihood.of(study, 1), np.array([best[name] for name in study.space.names])
         found = estimate(own, own.space.to_unit(point)[None])
-        widths = 1.0 / np.diag(pulls_of(own, found.unit))
+        widths = 1.0 / np.diag(own.prior_slopes(found.unit))
         fitted = of_role(study.data, Role.FIT)
         new = [data for data in of_role(study.data, Role.VALIDATION) if isinstance(data, QuantityData)]
         place = around(own.space, point)

@@ -1,34 +1,39 @@
-"""Local polish: known problems, one batch for a Jacobian, failures, constraints."""
+"""Damped least squares: known minima, batches, failures, bounds, constraints, fixed parameters, losses."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import least_squares, lsq_linear, minimize
 
 from commonrail.calibration import Parameter, Space
-from commonrail.calibration.optimisers import LeastSquares, LeastSquaresSettings, diverse_members
-from commonrail.calibration.optimisers.least_squares import _Batch
-from commonrail.errors import ConfigurationError
+from commonrail.calibration.optimisers import diverse_members
+from commonrail.calibration.optimisers.least_squares import (
+    Descents,
+    FeasibleSet,
+    Rules,
+    advance,
+    answered,
+    constrained_step,
+    differences,
+)
+from commonrail.calibration.optimisers.losses import DescentLoss, LossSum
 
+Floats = np.ndarray
 TIME = np.linspace(0.0, 2.0, 15)
 TRUE = np.array([3.0, 1.5])
+RULES, SQUARES = Rules(1e-6, 1e-14), LossSum()
 
 
-def decay(x: np.ndarray) -> np.ndarray:
+def decay(x: Floats) -> Floats:
     """Residuals (n, 15) of a exp(-b t) against a = 3, b = 1.5."""
     model = x[:, :1] * np.exp(-x[:, 1:2] * TIME)
     return model - TRUE[0] * np.exp(-TRUE[1] * TIME)
 
 
-def space(
-    upper: tuple[float, float] = (10.0, 10.0),
-    constraints: tuple[str, ...] = (),
-    scale: str = "linear",
-) -> Space:
+def space(upper: tuple[float, float] = (10.0, 10.0), constraints: tuple[str, ...] = (), scale: str = "linear") -> Space:
     return Space(
         [
             Parameter(name, 1.0, 0.1, top, "1", mark="E", source="test", scale=scale)  # type: ignore[arg-type]
@@ -38,173 +43,189 @@ def space(
     )
 
 
+def descend(
+    problem: Space,
+    residuals: Callable[[Floats], Floats],
+    starts: list[list[float]],
+    losses: LossSum = SQUARES,
+    rules: Rules = RULES,
+    most: int = 100,
+) -> tuple[Floats, Floats]:
+    """Ends (k, d) of descents from starts, SI, and their costs (k,)."""
+    x = np.array(starts)
+    descents = Descents.begin(problem.to_unit(x), residuals(x))
+    for _ in range(most):
+        descents = answered(advance(problem, descents, losses, rules), residuals)
+    return problem.from_unit(descents.unit), losses.costs(descents.residuals)
+
+
 @pytest.mark.parametrize("scale", ["linear", "log"])
-def test_recovers_a_known_decay_from_each_start(scale: str) -> None:
-    for start in ([8.0, 0.5], [1.0, 6.0]):
-        end = LeastSquares(space(scale=scale), decay).run(np.array(start))
-        # Zero residual: Gauss-Newton converges to the tolerance of 1e-6 on cost and point.
-        np.testing.assert_allclose(end.x, TRUE, rtol=1e-4)
-        assert end.cost < 1e-8
-        assert not end.pulled_back
-        assert end.reason
+@pytest.mark.parametrize("bent", [False, True])
+def test_recovers_a_known_decay_from_each_start(scale: str, bent: bool) -> None:
+    ends, costs = descend(space(scale=scale), decay, [[8.0, 0.5], [1.0, 6.0]], rules=RULES._replace(bent=bent))
+    np.testing.assert_allclose(ends, [TRUE, TRUE], rtol=1e-5)  # the cost is flat around its minimum
+    assert (costs < 1e-11).all()
 
 
-def test_bounds_hold_and_the_bounded_optimum_is_found() -> None:
-    bounded = space(upper=(2.5, 10.0))
-    end = LeastSquares(bounded, decay).run(np.array([1.0, 5.0]))
-
-    def cost(b: np.ndarray) -> float:
-        residual = decay(np.array([[2.5, b[0]]]))[0]
-        return float((np.sqrt(1.0 + residual**2) - 1.0).sum())
-
-    expected = minimize(cost, [1.0], method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-14})
-    assert end.x[0] == pytest.approx(2.5, rel=1e-6)
-    # The polish stops at a relative change of 1e-6 of a flat cost: 1e-3 of the point.
-    assert end.x[1] == pytest.approx(expected.x[0], rel=2e-3)
-    assert end.cost == pytest.approx(expected.fun, rel=1e-5)
+def outlying(x: Floats) -> Floats:
+    """The decay with noise and one outlier, where losses other than squares are linear."""
+    noise = 0.05 * np.random.default_rng(5).standard_normal(len(TIME))
+    noise[4] = 4.0
+    return decay(x) - noise
 
 
-@pytest.mark.parametrize("same_bits", [False, True])
-def test_an_infinite_scale_makes_squares_small_outliers_and_all(same_bits: bool) -> None:
-    data = np.array([1.0, 1.2, 1.4, 6.0])
-    settings = LeastSquaresSettings(residual_scale=np.inf)
-    end = LeastSquares(space(), lambda x: x[:, :1] - data, settings, same_bits).run(np.array([5.0, 1.0]))
-    assert end.x[0] == pytest.approx(data.mean(), rel=1e-6)  # soft L1 would end near 1.4
-    assert end.cost == pytest.approx(0.5 * np.sum((data - data.mean()) ** 2), rel=1e-9)
+@pytest.mark.parametrize(("loss", "name"), [(DescentLoss.SQUARES, "linear"), (DescentLoss.SOFT, "soft_l1")])
+def test_it_ends_where_scipy_does(loss: DescentLoss, name: str) -> None:
+    other = least_squares(lambda x: outlying(x[None, :])[0], TRUE, loss=name, xtol=1e-14, ftol=1e-14, gtol=1e-12)
+    ends, costs = descend(space(), outlying, [[8.0, 0.5], [1.0, 6.0]], LossSum(loss))
+    assert costs == pytest.approx(2.0 * other.cost, rel=1e-9)
+    np.testing.assert_allclose(ends, [other.x] * 2, rtol=1e-4)
 
 
-def test_a_jacobian_is_one_batch_of_as_many_candidates_as_parameters() -> None:
+def test_bounds_hold_and_the_bounded_minimum_is_found() -> None:
+    ends, costs = descend(space(upper=(2.5, 10.0)), decay, [[1.0, 5.0]])
+    best = minimize(lambda b: np.sum(decay(np.array([[2.5, b[0]]])) ** 2), [1.0], method="Nelder-Mead", tol=1e-12)
+    assert ends[0] == pytest.approx([2.5, best.x[0]], rel=1e-4)
+    assert costs[0] == pytest.approx(best.fun, rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_a_minimum_on_an_ordering_is_found_there(scale: str) -> None:
+    ordered = space(constraints=("a < b",), scale=scale)
+    ends, costs = descend(ordered, decay, [[1.0, 3.0], [0.5, 8.0]])
+    edge = minimize(lambda a: np.sum(decay(np.array([[a[0], a[0]]])) ** 2), [2.0], method="Nelder-Mead", tol=1e-12)
+    assert ordered.satisfies(ends).all()
+    assert costs == pytest.approx(edge.fun, rel=1e-6)  # a strict constraint keeps a margin
+
+
+def test_a_fixed_parameter_stays_and_the_others_take_their_minimum() -> None:
+    free = np.array([[False, True], [True, True]])
+    ends, costs = descend(space(), decay, [[4.0, 4.0], [4.0, 4.0]], rules=RULES._replace(free=free))
+    best = minimize(lambda b: np.sum(decay(np.array([[4.0, b[0]]])) ** 2), [1.0], method="Nelder-Mead", tol=1e-12)
+    assert ends[0, 0] == 4.0
+    assert costs[0] == pytest.approx(best.fun, rel=1e-9)
+    np.testing.assert_allclose(ends[1], TRUE, rtol=1e-5)
+
+
+def test_descents_side_by_side_go_the_way_that_each_goes_alone() -> None:
+    starts = [[8.0, 0.5], [1.0, 6.0], [9.0, 9.0]]
+    ends, _ = descend(space(), outlying, starts, most=4)
+    alone = [descend(space(), outlying, [start], most=4)[0][0] for start in starts]
+    np.testing.assert_array_equal(ends, alone)
+
+
+def test_all_candidates_of_a_question_are_one_batch() -> None:
     sizes: list[int] = []
 
-    def residuals(x: np.ndarray) -> np.ndarray:
+    def counted(x: Floats) -> Floats:
         sizes.append(len(x))
         return decay(x)
 
-    LeastSquares(space(), residuals).run(np.array([8.0, 0.5]))
-    assert set(sizes[:-1]) == {1, 2}
-    assert sizes[:3] == [1, 2, 1]  # value, Jacobian, value: no point is simulated twice
+    descend(space(), counted, [[8.0, 0.5], [1.0, 6.0]], rules=RULES._replace(factors=(0.1, 1.0, 10.0)), most=1)
+    assert sizes == [2, 2 * 2, 2 * 3, 2 * 3]  # starts, differences, probes of the bend, steps
 
 
-def test_jacobian_matches_the_analytic_one_and_turns_back_at_the_upper_bound() -> None:
-    problem = space()
-    seen: list[np.ndarray] = []
+def test_slopes_of_a_point_that_stays_are_not_asked_for_again() -> None:
+    problem, sizes = space(), []
 
-    def residuals(x: np.ndarray) -> np.ndarray:
+    def cliff(x: Floats) -> Floats:
+        sizes.append(len(x))
+        return np.where((np.abs(x - 5.0) < 1e-3).all(axis=1, keepdims=True), x - 4.0, np.inf)
+
+    descend(problem, cliff, [[5.0, 5.0]], rules=Rules(1e-5, 0.0, bent=False), most=2)
+    assert sizes == [1, 2, 2, 2]  # start, differences, steps off the cliff, shorter steps
+
+
+def failing_above_5(x: Floats) -> Floats:
+    """The decay, which cannot be computed where a is above 5."""
+    return np.where(x[:, :1] > 5.0, np.nan, decay(x))
+
+
+def test_steps_and_differences_into_failures_are_taken_back() -> None:
+    # from the first start forward differences in a fail, from the second the first full step leads to a = 7
+    ends, _ = descend(space(), failing_above_5, [[4.9995, 4.0], [0.5, 6.0]], rules=Rules(1e-3, 1e-14))
+    np.testing.assert_allclose(ends, [TRUE, TRUE], rtol=1e-3)
+
+
+def test_a_start_that_fails_stays_where_it_is() -> None:
+    ends, costs = descend(space(), failing_above_5, [[6.0, 4.0], [4.0, 4.0]])
+    assert costs[0] == np.inf
+    np.testing.assert_allclose(ends, [[6.0, 4.0], TRUE], rtol=1e-4)
+
+
+def test_differences_match_the_analytic_slopes_and_keep_to_the_bounds() -> None:
+    problem, seen = space(), []
+    points = np.array([[10.0, 2.0], [0.1, 10.0], [4.0, 0.1]])
+
+    def residuals(x: Floats) -> Floats:
         seen.append(x)
         return decay(x)
 
-    batch = _Batch(problem, residuals, LeastSquaresSettings())
-    point = np.array([10.0, 2.0])
-    jacobian = batch.jacobian(problem.to_unit(point))
-    curve = np.exp(-point[1] * TIME)
-    analytic = np.stack([curve, -point[0] * TIME * curve], axis=1) * (problem.upper - problem.lower)
-    # A one-sided difference over 1e-4 of the range errs by half the step times the curvature.
-    np.testing.assert_allclose(jacobian, analytic, atol=2e-2)
-    assert all(problem.satisfies(x).all() for x in seen)
-
-
-def test_outliers_weigh_linearly() -> None:
-    def spoiled(x: np.ndarray) -> np.ndarray:
-        residual = decay(x) / 0.01
-        residual[:, 4] += 300.0
-        return residual
-
-    end = LeastSquares(space(), spoiled).run(np.array([4.0, 1.0]))
-    # One point 300 standard deviations off among 15: plain least squares would move a by 20 %.
-    np.testing.assert_allclose(end.x, TRUE, rtol=0.02)
-
-
-def failing_above_5(failures: list[np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
-    """The decay, which cannot be computed where a is above 5; the candidates that failed are added to a list."""
-
-    def failing(x: np.ndarray) -> np.ndarray:
-        values = decay(x)
-        values[x[:, 0] > 5.0] = np.nan
-        failures.extend(x[x[:, 0] > 5.0])
-        return values
-
-    return failing
-
-
-def test_failed_candidates_are_avoided() -> None:
-    failures: list[np.ndarray] = []
-    # From here forward differences in a fail, backward ones do not.
-    end = LeastSquares(space(), failing_above_5(failures)).run(np.array([4.9995, 4.0]))
-    np.testing.assert_allclose(end.x, TRUE, rtol=1e-3)
-    assert failures
+    unit, width = problem.to_unit(points), np.full(3, 1e-4)
+    slopes = answered(differences(problem, unit, decay(points), width), residuals)
+    curve = np.exp(-points[:, 1:] * TIME)
+    analytic = np.stack([curve, -points[:, :1] * TIME * curve], axis=1) * (problem.upper - problem.lower)[:, None]
+    np.testing.assert_allclose(slopes, analytic, rtol=2e-3, atol=2e-2)  # half the step times the curvature
+    assert problem.satisfies(np.vstack(seen)).all()
 
 
 def test_a_difference_never_leaves_the_bounds_even_to_avoid_a_failure() -> None:
-    problem = space()
-    seen: list[np.ndarray] = []
+    problem, seen = space(), []
 
-    def failing(x: np.ndarray) -> np.ndarray:
+    def failing(x: Floats) -> Floats:
         seen.append(x)
         return np.where(x[:, :1] < 10.0, np.nan, decay(x))
 
-    jacobian = _Batch(problem, failing, LeastSquaresSettings()).jacobian(np.array([1.0, 0.5]))
-    assert all(problem.satisfies(x).all() for x in seen)
-    assert (jacobian[:, 0] == 0.0).all()
-    assert (jacobian[1:, 1] != 0.0).all()
+    unit = np.array([[1.0, 0.5]])
+    slopes = answered(differences(problem, unit, decay(problem.from_unit(unit)), np.array([1e-4])), failing)
+    assert problem.satisfies(np.vstack(seen)).all()
+    assert (slopes[0, 0] == 0.0).all()
+    assert (slopes[0, 1, 1:] != 0.0).all()
 
 
-def test_steps_into_failures_are_taken_back() -> None:
-    failures: list[np.ndarray] = []
-    # The first full step from here leads to a = 7.
-    end = LeastSquares(space(), failing_above_5(failures)).run(np.array([0.5, 6.0]))
-    assert failures
-    np.testing.assert_allclose(end.x, TRUE, rtol=1e-3)
+def test_a_flat_problem_ends_at_once() -> None:
+    descents = Descents.begin(np.array([[0.2, 0.8]]), np.ones((1, 3)))
+    after = answered(advance(space(), descents, SQUARES, RULES), lambda x: np.ones((len(x), 3)))
+    assert not after.running.any()
+    np.testing.assert_array_equal(after.unit, descents.unit)
 
 
-def test_if_everything_fails_the_start_comes_back_at_infinite_cost() -> None:
-    end = LeastSquares(space(), lambda x: np.full((len(x), 3), np.nan)).run(np.array([4.0, 4.0]))
-    assert end.cost == np.inf
-    np.testing.assert_array_equal(end.x, [4.0, 4.0])
+def test_limited_steps_are_the_minima_that_a_bounded_solver_finds() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        jacobian, residuals, start = rng.normal(size=(12, 4)), 3.0 * rng.normal(size=12), rng.random(4)
+        best = lsq_linear(jacobian, jacobian @ start - residuals, (0.0, 1.0), tol=1e-13).x
+        free = -np.linalg.lstsq(jacobian, residuals, rcond=None)[0]
+        rows, least = np.vstack([np.eye(4), -np.eye(4)]), np.concatenate([-start, start - 1.0])
+        assert start + constrained_step(jacobian.T @ jacobian, free, rows, least) == pytest.approx(best, abs=1e-6)
 
 
-def test_the_end_satisfies_constraints_and_comes_near_the_constrained_optimum() -> None:
-    ordered = space(constraints=("a < b",))
-    ends = [LeastSquares(ordered, decay).run(np.array(start)) for start in ([1.0, 3.0], [0.5, 8.0])]
+@pytest.mark.parametrize("seed", range(6))
+def test_a_limited_step_keeps_an_ordering_as_a_general_solver_does(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    jacobian, residuals = rng.normal(size=(12, 4)), 3.0 * rng.normal(size=12)
+    rows, least = np.diff(np.eye(4), axis=0), -0.1 * rng.random(3)
 
-    def cost(a: np.ndarray) -> float:
-        residual = decay(np.array([[a[0], a[0]]]))[0]
-        return float((np.sqrt(1.0 + residual**2) - 1.0).sum())
+    def cost(z: Floats) -> float:
+        return float(np.sum((residuals + jacobian @ z) ** 2))
 
-    on_the_edge = minimize(cost, [2.0], method="Nelder-Mead").fun
-    for end in ends:
-        assert end.x[0] < end.x[1]
-        # The unconstrained optimum (3, 1.5) is forbidden; the edge a = b is reached by pulling a
-        # slightly forbidden end back along the way from its start, not square to the edge: 0.2 %.
-        assert end.cost == pytest.approx(on_the_edge, rel=5e-3)
-
-
-def test_a_start_better_than_the_pulled_back_end_comes_back() -> None:
-    """Simulations fail along the edge a = b, where the forbidden optimum is pulled back to."""
-
-    def failing(x: np.ndarray) -> np.ndarray:
-        values = decay(x)
-        values[np.abs(x[:, 0] - x[:, 1]) < 0.2] = np.nan
-        return values
-
-    settings = LeastSquaresSettings(constraint_weight=1e-9)  # let it end beyond the edge
-    start = np.array([2.0, 3.0])
-    end = LeastSquares(space(constraints=("a < b",)), failing, settings).run(start)
-    assert end.pulled_back
-    np.testing.assert_array_equal(end.x, start)
-    assert end.cost == pytest.approx((np.sqrt(1.0 + decay(start[None, :]) ** 2) - 1.0).sum())
+    free = -np.linalg.lstsq(jacobian, residuals, rcond=None)[0]
+    step = constrained_step(jacobian.T @ jacobian, free, rows, least)
+    limits = {"type": "ineq", "fun": lambda z: rows @ z - least, "jac": lambda z: rows}
+    other = minimize(cost, np.zeros(4), method="SLSQP", constraints=limits, options={"ftol": 1e-14, "maxiter": 500})
+    assert (rows @ step >= least - 1e-9).all()
+    assert cost(step) <= cost(other.x) + 1e-6  # SLSQP's own tolerance
 
 
-def test_infeasible_starts_and_malformed_residuals_are_refused() -> None:
-    with pytest.raises(ConfigurationError, match="start: it breaks"):
-        LeastSquares(space(), decay).run(np.array([1.0, 11.0]))
-    with pytest.raises(ConfigurationError, match="one row for each"):
-        LeastSquares(space(), lambda x: decay(x)[0]).run(np.array([1.0, 1.0]))
-
-
-@pytest.mark.parametrize("changes", [{"step": 0.0}, {"step": 0.6}, {"iterations": 0}, {"residual_scale": float("nan")}])
-def test_settings_out_of_range_are_refused(changes: dict[str, Any]) -> None:
-    with pytest.raises(ConfigurationError, match=rf"^{next(iter(changes))} = "):
-        LeastSquaresSettings(**changes)
+def test_limits_of_a_curved_constraint_are_those_along_it() -> None:
+    ordered = space(constraints=("a < b",), scale="log")
+    feasible = FeasibleSet.of(ordered)
+    assert feasible.constraints == 0  # a - b is not linear in logarithms
+    x = np.array([2.0, 2.5])
+    rows, least = feasible.limits(ordered.to_unit(x))
+    shares = x * np.log(ordered.upper / ordered.lower)  # of a and b per unit
+    np.testing.assert_allclose(rows[0], [-shares[0], shares[1]] / np.hypot(*shares))
+    assert least[0] == pytest.approx(-0.5 / np.hypot(*shares), rel=1e-6)
 
 
 def test_diverse_members_are_cheap_and_far_apart() -> None:

@@ -63,12 +63,8 @@ LEVEL_3 = Machine(  # with kernels that other tests compile too, and libraries o
     {name: text for name, text in OLD.variables.items() if "NUMBA" not in name} | {"COMMONRAIL_KERNELS": "v3"},
     ("--workers", "2"),
 )
-# Of the cases: the evolution of one, the staged search of the other, and its refinements of fewer steps.
-OPTIMISERS = {
-    "paper": "[optimiser]\nmembers = 24\ngenerations = 4\npolish = 2\npolish_iterations = 3\n",
-    "cri2-16": '[optimiser]\nmethod = "staged least squares"\nmembers = 24\ngenerations = 8\nstarts = 2\n'
-    "trial_iterations = 2\nstage_iterations = 2\n",
-}
+# Of the cases: a short evolution. Least squares solve linear systems by LAPACK, whose bits depend on the processor.
+OPTIMISER = "[optimiser]\nmembers = 24\ngenerations = 4\n"
 OUTPUTS = ("calibrated.toml", "traces.csv")
 
 
@@ -101,6 +97,9 @@ def exact(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     study = write_small(folder / "small")
     with_same_bits(study)
     text = study.read_text(encoding="utf-8")
+    polish = re.search("polish = .*\\n", text)
+    assert polish is not None
+    text = text.replace(polish[0], "polish = 0\n")
     parameter = '[[parameter]]\nname = "nozzle.discharge_maximum"\n'
     assert parameter in text
     bent = parameter + 'scale = "log"\n'
@@ -122,7 +121,7 @@ def exact(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     ids=["haswell", "old", "level-3"],
 )
 def test_another_processor_gives_the_same_bytes(exact: Whole, tmp_path: Path, machine: Machine) -> None:
-    """Search with constraints and a logarithmic scale, refinement, scores, standard errors: all of result.json."""
+    """Search with constraints and a logarithmic scale, scores, standard errors: all of result.json."""
     run_elsewhere(exact.study, tmp_path / "run", machine)
     assert placeless(tmp_path / "run") == placeless(exact.run)
     for name in OUTPUTS:
@@ -144,14 +143,13 @@ def test_it_is_another_study_than_without(exact: Whole, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", OPTIMISERS)
+@pytest.mark.parametrize("case", ["paper", "cri2-16"])
 def test_the_cases_give_the_same_bytes(case: str, tmp_path: Path) -> None:
-    """Both cases with short searches: fewer generations and refinements of fewer steps, on the same path."""
+    """Both cases with short evolutions."""
     study = tmp_path / "study.toml"
     text = (CASES / case / "study.toml").read_text(encoding="utf-8")
     shutil.copytree(CASES / case / "data", tmp_path / "data")
-    optimiser = OPTIMISERS[case]
-    study.write_text(text[: text.index("[optimiser]")] + optimiser, encoding="utf-8")
+    study.write_text(text[: text.index("[optimiser]")] + OPTIMISER, encoding="utf-8")
     with_same_bits(study)
     calibrate_into(tmp_path / "run", load_study(study), threads=1)
     for name, machine in (("haswell", HASWELL), ("old", OLD)):

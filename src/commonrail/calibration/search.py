@@ -21,7 +21,7 @@ from commonrail.calibration.checkpoint import (
     Step,
 )
 from commonrail.calibration.convergence import judge_population, judge_restarts, noise_in
-from commonrail.calibration.goal import Goal, Loss
+from commonrail.calibration.goal import Goal
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers import Best, Counts, Optimiser, Trials, Wanted
 from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
@@ -177,7 +177,7 @@ class Search:
         self._residuals = 0  # number of residuals, once it is known
         self.simulations = 0
         self.failures: Counter[str] = Counter()
-        self._row = _row(study.method, study.space, study.seed, study.same_bits, objective.goal.loss is Loss.SOFT_L1)
+        self._row = _row(study.method, study.space, study.seed)
         self._begun = [self._row[0](None)]
         self._before: tuple[Stage, ...] = ()  # of the optimisers that have finished
         self._start = time.perf_counter()
@@ -309,7 +309,7 @@ class Search:
         self._start -= spent
 
 
-def _row(method: Method, space: Space, seed: int, same_bits: bool = False, squares: bool = False) -> list[_Begin]:
+def _row(method: Method, space: Space, seed: int) -> list[_Begin]:
     """Optimisers of a study in the order in which they run: the one that it names, then refinements of what that found.
 
     Parameters
@@ -318,15 +318,11 @@ def _row(method: Method, space: Space, seed: int, same_bits: bool = False, squar
     space : Space
     seed : int
         Of all their draws.
-    same_bits : bool
-        Take methods whose bits do not depend on the processor.
-    squares : bool
-        The squares of the residuals sum to the objective; see `RefinementSettings`.
     """
     first = registered(method.evolution)
     assert first is not None  # Method has checked it
     stages: list[_Begin] = [lambda _: first.begin(space, np.random.default_rng(seed), method.evolution)]
     if method.polish:
-        settings = RefinementSettings(method.polish, method.polish_iterations, same_bits, squares)
+        settings = RefinementSettings(method.polish, method.polish_iterations)
         stages.append(lambda before: Refinement(space, seed, settings, before))  # type: ignore[arg-type]
     return stages

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from commonrail.analysis.certainty.estimate import Estimate, estimate
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.posterior.proposals import Surrogate
 from commonrail.analysis.posterior.sample import Posterior, _agreement, sample_posterior
 from commonrail.calibration import Parameter, Space
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.errors import SimulationError
 from commonrail.kinds.noise import Law, Noise
 from tests.analysis.certainty.linear import TRUTH, design, fitted, likelihood
@@ -110,11 +110,11 @@ def test_a_start_that_cannot_be_simulated_names_the_constraints() -> None:
 
 
 def test_starts_have_the_spread_that_is_asked_for() -> None:
-    """Without walls a filled ellipsoid has the covariance of the distribution, times the square of the factor."""
+    """Without feasible a filled ellipsoid has the covariance of the distribution, times the square of the factor."""
     covariance = np.array([[4e-4, 1e-4, 0.0], [1e-4, 1e-4, 0.0], [0.0, 0.0, 1e-6]])
     surrogate = Surrogate(np.array([0.5, 0.4, 0.6]), covariance)
-    walls = Walls.of(likelihood([np.zeros(60)], [design(60)]).space)
-    drawn = surrogate.spread(walls, 4000, np.random.RandomState(1), 1.5)
+    feasible = FeasibleSet.of(likelihood([np.zeros(60)], [design(60)]).space)
+    drawn = surrogate.spread(feasible, 4000, np.random.RandomState(1), 1.5)
     # a variance of 4000 draws has a relative standard error of at most sqrt(2/4000) = 2.2 %
     np.testing.assert_allclose(np.diag(np.cov(drawn.T)), 2.25 * np.diag(covariance), rtol=0.09)
     np.testing.assert_allclose(drawn.mean(axis=0), surrogate.centre, atol=1.5e-3)

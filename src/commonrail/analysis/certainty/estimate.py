@@ -10,15 +10,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from commonrail.analysis.certainty.ascent import FEW, Ascent, climb, promised_step
+from commonrail.analysis.certainty.ascent import FEW, Ascent, climb, linearised
 from commonrail.analysis.certainty.covariance import Covariance, covariance_of, half_widths, moved_by
 from commonrail.analysis.certainty.integrated import with_integration
 from commonrail.analysis.certainty.laws import sample_count
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.refits import with_refits
 from commonrail.analysis.certainty.secants import secant_slopes, wider
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.arrays import Floats
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
+from commonrail.calibration.optimisers.members import farthest
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.errors import SimulationError
 from commonrail.kinds.noise import Law
@@ -29,7 +30,6 @@ __all__ = [
     "estimate",
     "estimate_at",
     "library",
-    "pulls_of",
     "starts_from",
     "with_outliers",
     "with_step_error",
@@ -156,11 +156,7 @@ def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int)
     sizes = [sample_count(errors[:, b.rows]) for b in likelihood.blocks]
     cost = np.sum([n * np.log(np.maximum(s, 1e-300)) for n, s in zip(sizes, sums, strict=True)], axis=0)
     near = unit[np.argsort(cost, kind="stable")[:CLOSEST]]
-    chosen = [near[0]]
-    while len(chosen) < min(many, len(near)):
-        apart = np.min([np.linalg.norm(near - one, axis=1) for one in chosen], axis=0)
-        chosen.append(near[int(apart.argmax())])
-    return np.array(chosen)
+    return np.asarray(near[farthest(near, min(many, len(near)))])
 
 
 def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) -> Estimate:
@@ -209,8 +205,8 @@ def estimate(likelihood: Likelihood, starts: Floats, *, rounds: int = ROUNDS) ->
     unit, errors, slopes = ends.unit[best], ends.errors[best], ends.slopes[best]
     for last in range(rounds):
         if np.isnan(slopes[0, 0]):
-            slopes = own.jacobian(unit[None], central=False, base=errors[None])[0]
-        known = covariance_of(own, slopes, errors, np.zeros((0, own.size)), pulls_of(own, unit))
+            slopes = own.slopes(unit[None], errors[None])[0]
+        known = covariance_of(own, slopes, errors, np.zeros((0, own.size)), own.prior_slopes(unit))
         simulated += own.simulated
         own = likelihood.estimated(errors, known.used.tolist(), known.root.T @ slopes)
         tolerance = 0.1 if last < rounds - 1 else LEAST_FALL
@@ -251,15 +247,6 @@ def _again(own: Likelihood, near: Ascent, starts: Floats, turns: int) -> tuple[A
     return Ascent(*(part[best : best + 1] for part in ends)), agreeing
 
 
-def pulls_of(likelihood: Likelihood, unit: Floats) -> Floats:
-    """Derivatives (p, d) of the residuals of the priors with respect to positions, at a position (d,)."""
-    priors = likelihood.priors
-    found = np.zeros((len(priors), len(unit)))
-    if len(priors):
-        found[np.arange(len(priors)), priors.columns] = likelihood.scaled(unit)[priors.columns] / priors.sigmas
-    return found
-
-
 def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Floats) -> Estimate:
     """Estimate at an end of the search, its noise known; by the curvature alone, see `with_outliers`.
 
@@ -276,8 +263,8 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
     many = len(likelihood.nuisances)
     shifts = np.array([n.shift(point) for n in likelihood.nuisances]).reshape(many, likelihood.size)
     likelihood.simulated += 5 * many
-    covariance = covariance_of(likelihood, slopes, errors, shifts, pulls_of(likelihood, unit))
-    ends = Walls.of(likelihood.space).within(np.tile(unit, (many, 1)), unit + covariance.nuisances)
+    covariance = covariance_of(likelihood, slopes, errors, shifts, likelihood.prior_slopes(unit))
+    ends = FeasibleSet.of(likelihood.space).within(np.tile(unit, (many, 1)), unit + covariance.nuisances)
     moves = likelihood.space.from_unit(ends) - point
     bends = np.zeros((many, likelihood.size))
     for i, nuisance in enumerate(likelihood.nuisances):
@@ -291,7 +278,7 @@ def estimate_at(likelihood: Likelihood, unit: Floats, errors: Floats, slopes: Fl
 def with_outliers(found: Estimate) -> Estimate:
     """The estimate, outliers of Student's t integrated out of its covariance, see `integrated`."""
     own = found.likelihood
-    pulls = pulls_of(own, found.unit)
+    pulls = own.prior_slopes(found.unit)
     return replace(found, covariance=with_integration(found.covariance, own, found.slopes, found.errors, pulls))
 
 
@@ -347,7 +334,7 @@ def _stepped(found: Estimate, slopes: Floats | None = None) -> Estimate:
     if found.gain < SETTLED:
         return found
     step, _ = _promised(own, found.unit, found.slopes, found.errors, found.covariance)
-    ends = Walls.of(own.space).within(np.tile(found.unit, (len(SHARES), 1)), found.unit + SHARES[:, None] * step)
+    ends = FeasibleSet.of(own.space).within(np.tile(found.unit, (len(SHARES), 1)), found.unit + SHARES[:, None] * step)
     points = own.space.from_unit(ends)
     errors = own.residuals(points)
     costs = own.block_costs(own.whiten(errors)).sum(axis=1) + own.priors.costs(points)
@@ -363,15 +350,7 @@ def _promised(
     likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Floats, covariance: Covariance
 ) -> tuple[Floats, float]:
     """Step of a linear model about a position within bounds and constraints, and the fall of the cost it promises."""
-    innovations, tangents = likelihood.whiten(errors), likelihood.whiten(slopes)
-    weights = np.concatenate(
-        [
-            noise.density.weight(innovations[b.rows])
-            for b, noise in zip(likelihood.blocks, likelihood.noises, strict=True)
-        ]
-    )
-    pulls = pulls_of(likelihood, unit)
-    force = -tangents @ (weights * innovations)
-    force -= pulls.T @ likelihood.priors.residuals(likelihood.space.from_unit(unit[None]))[0]
-    metric: Floats = np.asarray(np.linalg.pinv(covariance.inverse, hermitian=True), float)
-    return promised_step(Walls.of(likelihood.space), unit, metric, force)
+    metric = np.asarray(np.linalg.pinv(covariance.inverse, hermitian=True), float)
+    metric += (1e-10 * np.diag(metric).max() + 1e-300) * np.eye(len(unit))
+    steps, gains = linearised(likelihood, unit, slopes, errors)._replace(hessian=metric[None]).full_step()
+    return steps[0], float(gains[0])

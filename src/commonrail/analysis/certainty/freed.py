@@ -14,9 +14,9 @@ from commonrail.analysis.certainty.estimate import Estimate, estimate
 from commonrail.analysis.certainty.lack_of_fit import LackOfFit, beyond_stated, lack_of_fit, level_of
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.missing_delay import MissingDelay
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.certainty.uncertain import with_uncertain_free
 from commonrail.arrays import Floats
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.study import Study
 from commonrail.errors import SimulationError
 
@@ -71,7 +71,7 @@ def _starts(wide: Likelihood, found: Estimate) -> Floats:
     middle = np.array([prior.value for prior in priors if prior is not None])
     widths = np.array([prior.sigma for prior in priors if prior is not None])
     move = found.covariance.nuisances.sum(axis=0)
-    starts = Walls.of(found.likelihood.space).within(
+    starts = FeasibleSet.of(found.likelihood.space).within(
         np.tile(found.unit, (len(BEGINS), 1)), found.unit + BEGINS[:, None] * move
     )
     points = np.column_stack([found.likelihood.space.from_unit(starts), middle + BEGINS[:, None] * widths])

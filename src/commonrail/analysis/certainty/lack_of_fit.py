@@ -21,7 +21,7 @@ from scipy import special
 
 from commonrail.analysis.certainty.block import Block
 from commonrail.analysis.certainty.drift import DRIFT, drift_courses, drift_probability
-from commonrail.analysis.certainty.estimate import Estimate, pulls_of
+from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.laws import agreed, as_normal, unequal
 from commonrail.analysis.certainty.missing_delay import MissingDelay
 from commonrail.arrays import Floats
@@ -175,7 +175,7 @@ def _stated(estimate: Estimate, first: int) -> _Held:
     changes = own.whiten(np.vstack([estimate.shifts, estimate.bends]))
     widths = np.repeat([1.0, np.sqrt(3.0)], many)
     which = own.priors.columns >= first if len(own.priors) else np.zeros(0, bool)
-    pulls = pulls_of(own, estimate.unit)[which]
+    pulls = own.prior_slopes(estimate.unit)[which]
     distances = own.priors.residuals(own.space.from_unit(estimate.unit[None]))[0][which]
     beside = np.hstack([np.zeros((2 * many, d)), np.diag(1.0 / widths)])
     among = np.hstack([pulls, np.zeros((len(pulls), 2 * many))])

@@ -14,9 +14,10 @@ import numpy as np
 from commonrail.analysis.certainty.block import Block, FittedNoise, block_of, fit_noise, row_weights
 from commonrail.analysis.certainty.nuisance import Nuisance, nuisances_of
 from commonrail.analysis.certainty.shots import with_shots
-from commonrail.arrays import Bools, Floats, IndexArray
+from commonrail.arrays import Bools, Floats
 from commonrail.calibration.goal import Goal
 from commonrail.calibration.objective import Objective
+from commonrail.calibration.optimisers.least_squares import answered, differences
 from commonrail.calibration.prior import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
@@ -57,6 +58,7 @@ class Likelihood:
 
     Attributes
     ----------
+    forward : float
     noises : tuple of FittedNoise
         Of the blocks, in order. Of a new likelihood they are unknown: `estimate` or `with_noises` sets them.
     simulated, failed : int
@@ -76,7 +78,7 @@ class Likelihood:
         self._finer = finer
         self.space, self.blocks, self.nuisances = space, tuple(blocks), tuple(nuisances)
         self.priors = Priors.of(space.parameters)
-        self._residuals, self._forward = residuals, forward
+        self._residuals, self.forward = residuals, forward
         self.noises: tuple[FittedNoise, ...] = ()
         self.simulated = self.failed = 0
 
@@ -139,7 +141,7 @@ class Likelihood:
     def with_noises(self, noises: Sequence[FittedNoise]) -> Likelihood:
         """The same likelihood with other noise; it counts simulations of its own."""
         other = Likelihood(
-            self.space, self.blocks, self._residuals, self.nuisances, forward=self._forward, finer=self._finer
+            self.space, self.blocks, self._residuals, self.nuisances, forward=self.forward, finer=self._finer
         )
         other.noises = tuple(noises)
         return other
@@ -157,7 +159,7 @@ class Likelihood:
         nuisances : sequence of Nuisance
             As those of the class.
         """
-        return Likelihood(space, self.blocks, residuals, nuisances, forward=self._forward)
+        return Likelihood(space, self.blocks, residuals, nuisances, forward=self.forward)
 
     def estimated(
         self, errors: Floats, used: Sequence[float], off: Floats | None = None, *, correlated: bool = True
@@ -242,43 +244,45 @@ class Likelihood:
             found[inside] += self.log_likelihood(points[inside])
         return found
 
-    def jacobian(
-        self,
-        unit: Floats,
-        *,
-        central: bool = True,
-        base: Floats | None = None,
-        held: IndexArray | None = None,
-    ) -> Floats:
+    def jacobian(self, unit: Floats) -> Floats:
         """Derivatives (k, d, n) of the residuals with respect to positions between the bounds, at positions (k, d).
 
-        All candidates are simulated in one batch. Zero where a candidate fails.
+        From differences to both sides, simulated in one batch. Zero where a candidate fails.
+        """
+        k, d = unit.shape
+        ahead, behind = (np.clip(unit[:, None] + step * np.eye(d), 0.0, 1.0) for step in (STEP, -STEP))
+        points = self.space.from_unit(np.concatenate([ahead, behind]).reshape(-1, d))
+        found = self.residuals(points).reshape(2, k, d, self.size)
+        width = np.sum((ahead - behind) * np.eye(d), axis=2)
+        slopes = (found[0] - found[1]) / width[..., None]
+        return np.where(np.isfinite(slopes), slopes, 0.0)
+
+    def slopes(self, unit: Floats, errors: Floats, free: Bools | None = None) -> Floats:
+        """One-sided derivatives (k, d, n) of the residuals, as `least_squares.differences`.
 
         Parameters
         ----------
         unit : (k, d)
-        central : bool
-            Differences to both sides; otherwise to that with more room, `base` being the residuals there.
-        base : (k, n), optional
-        held : (k,) or (k, h), optional
-            Parameters of each position whose derivatives are not asked for; they are zero.
+        errors : (k, n)
+            Residuals there.
+        free : (k, d) bool, optional
         """
-        k, d = unit.shape
-        wanted = np.ones((k, d), bool)
-        if held is not None:
-            wanted[np.arange(k)[:, None], held.reshape(k, -1)] = False
-        step = STEP if central else self._forward
-        sign = np.where(unit > 0.5, -1.0, 1.0)[:, None, :] * np.eye(d)
-        ahead = np.clip(unit[:, None] + step * sign, 0.0, 1.0)
-        behind = np.clip(unit[:, None] - step * sign, 0.0, 1.0) if central else np.repeat(unit[:, None], d, axis=1)
-        width = np.sum((ahead - behind) * np.eye(d), axis=2)
-        sets = [ahead, behind] if central else [ahead]
-        points = self.space.from_unit(np.concatenate([s[wanted] for s in sets]))
-        found = self.residuals(points).reshape(len(sets), -1, self.size)
-        other = found[1] if central else np.repeat(np.asarray(base), wanted.sum(axis=1), axis=0)
-        slopes = np.zeros((k, d, self.size))
-        slopes[wanted] = (found[0] - other) / width[wanted][:, None]
-        return np.where(np.isfinite(slopes), slopes, 0.0)
+        return answered(differences(self.space, unit, errors, np.full(len(unit), self.forward), free), self.residuals)
+
+    def weights(self, innovations: Floats) -> Floats:
+        """Weights (…, n) that the laws give innovations (…, n)."""
+        found = np.ones_like(innovations)
+        for block, noise in zip(self.blocks, self.noises, strict=True):
+            found[..., block.rows] = noise.density.weight(innovations[..., block.rows])
+        return found
+
+    def prior_slopes(self, unit: Floats) -> Floats:
+        """Derivatives (p, d) of the residuals of the priors with respect to positions, at a position (d,)."""
+        priors = self.priors
+        found = np.zeros((len(priors), len(unit)))
+        if len(priors):
+            found[np.arange(len(priors)), priors.columns] = self.scaled(unit)[priors.columns] / priors.sigmas
+        return found
 
     def scaled(self, unit: Floats) -> Floats:
         """SI value per unit of position (d,) at a position (d,)."""

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from commonrail.analysis.certainty.ascent import linearised
 from commonrail.analysis.certainty.covariance import covariance_of
-from commonrail.analysis.certainty.estimate import ROUNDS, Estimate, estimate_at, pulls_of, with_outliers
+from commonrail.analysis.certainty.estimate import ROUNDS, Estimate, estimate_at, with_outliers
 from commonrail.analysis.certainty.lack_of_fit import lack_of_fit
 from commonrail.analysis.certainty.likelihood import Likelihood
-from commonrail.analysis.certainty.steps import Walls, constrained_step
 from commonrail.analysis.certainty.verdict import ParameterVerdict, verdicts_of, withdrawal
 from commonrail.arrays import Floats
 from commonrail.calibration.study import Study
@@ -27,7 +27,6 @@ __all__ = ["ESTIMATOR", "Near", "certify_near", "estimate_near"]
 
 ESTIMATOR = "curvature of the likelihood at the fitted values, their distance from the most likely ones added"
 DIGITS = 5  # of a standard error: LAPACK has other last bits on other processors
-FIRM = 1e-12  # share of the largest diagonal element that keeps a metric invertible
 
 
 class Near(NamedTuple):
@@ -91,45 +90,18 @@ def estimate_near(likelihood: Likelihood, unit: Floats) -> Estimate:
     first = likelihood.residuals(likelihood.space.from_unit(unit[None]))[0]
     if not np.isfinite(first).all():
         raise SimulationError("The best values cannot be simulated, so nothing can be said of their certainty.")
-    slopes, pulls = likelihood.jacobian(unit[None])[0], pulls_of(likelihood, unit)
+    slopes, pulls = likelihood.jacobian(unit[None])[0], likelihood.prior_slopes(unit)
     own = likelihood.estimated(first, [0.0] * len(likelihood.blocks), correlated=False)
     errors, nothing = first, np.zeros((0, own.size))
-    step = np.zeros_like(unit)
-    for _ in range(ROUNDS):
-        step = _to_top(own, unit, first, slopes, errors)
-        errors = first + step @ slopes
-        known = covariance_of(own, slopes, errors, nothing, pulls)
-        own = own.estimated(errors, known.used.tolist(), known.root.T @ slopes)
-    step = _to_top(own, unit, first, slopes, errors)
-    found = with_outliers(estimate_at(own, unit, first + step @ slopes, slopes))
+    top = unit
+    for last in range(ROUNDS + 1):
+        step = linearised(own, top, slopes, errors).full_step()[0][0]
+        top, errors = top + step, errors + step @ slopes
+        if last < ROUNDS:
+            known = covariance_of(own, slopes, errors, nothing, pulls)
+            own = own.estimated(errors, known.used.tolist(), known.root.T @ slopes)
+    found = with_outliers(estimate_at(own, unit, errors, slopes))
     covariance = found.covariance
-    covariance = covariance._replace(discrepancy=covariance.discrepancy + np.outer(step, step))
+    covariance = covariance._replace(discrepancy=covariance.discrepancy + np.outer(top - unit, top - unit))
     simulated = likelihood.simulated - before + own.simulated
     return replace(found, covariance=covariance, gain=0.0, simulated=simulated)
-
-
-def _to_top(own: Likelihood, unit: Floats, first: Floats, slopes: Floats, errors: Floats) -> Floats:
-    """Step (d,) from given positions to the top of the linear model, within bounds and constraints.
-
-    Parameters
-    ----------
-    own : Likelihood
-    unit : (d,)
-    first : (n,)
-        Residuals there.
-    slopes : (d, n)
-    errors : (n,)
-        Residuals that the weights of the laws are taken from.
-    """
-    tangents, innovations, near = own.whiten(slopes), own.whiten(first), own.whiten(errors)
-    weights = np.concatenate(
-        [noise.density.weight(near[block.rows]) for block, noise in zip(own.blocks, own.noises, strict=True)]
-    )
-    pulls = pulls_of(own, unit)
-    metric = (tangents * weights) @ tangents.T + pulls.T @ pulls
-    force = -tangents @ (weights * innovations)
-    force -= pulls.T @ own.priors.residuals(own.space.from_unit(unit[None]))[0]
-    metric += (FIRM * np.diag(metric).max() + 1e-300) * np.eye(len(unit))
-    walls = Walls.of(own.space)
-    least = np.minimum(walls.floor - walls.rows @ unit, 0.0)
-    return constrained_step(metric, np.linalg.solve(metric, force), walls.rows, least)

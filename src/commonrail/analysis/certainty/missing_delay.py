@@ -21,11 +21,11 @@ from scipy import special
 
 from commonrail.analysis.certainty.ascent import Ascent, climb
 from commonrail.analysis.certainty.covariance import Covariance, covariance_of
-from commonrail.analysis.certainty.estimate import Estimate, pulls_of
+from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.likelihood import Likelihood
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.certainty.uncertain import wider, with_uncertain_free
 from commonrail.arrays import Floats
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
@@ -133,14 +133,14 @@ def visible_delay(study: Study, estimate: Estimate, level: float, threads: int |
     own, wide, unit, d = both.own, both.wide, both.unit, len(estimate.unit)
     point, along = own.space.from_unit(unit), np.zeros(len(unit))
     wanted = float(special.ndtri(1.0 - 0.5 * level) + special.ndtri(POWER)) ** 2 / SEEN
-    walls, delay, simulated = Walls.of(own.space), FIRST, 0
+    feasible, delay, simulated = FeasibleSet.of(own.space), FIRST, 0
     for _ in range(TRIALS):
         ends = wide.residuals(np.column_stack([np.tile(point, (2, 1)), [0.0, delay]]))
         shift = ends[1] - ends[0]
         moved = _with_data(own, point, -estimate.errors - shift)
         # linear; the path is curved
         along[:d] = -(estimate.moved(shift[None]) / estimate.likelihood.scaled(estimate.unit))[0]
-        starts = walls.within(np.tile(unit, (len(PARTS), 1)), unit + PARTS[:, None] * along)
+        starts = feasible.within(np.tile(unit, (len(PARTS), 1)), unit + PARTS[:, None] * along)
         share = float(climb(moved, starts, tolerance=TOLERANCE).cost.min()) / wanted
         simulated += moved.simulated + 2
         if not share > 0.0:
@@ -261,9 +261,9 @@ def covariance_at(own: Likelihood, at: Ascent) -> tuple[Covariance, Floats]:
     """Covariance and derivatives (d, n) at the end of an ascent."""
     slopes = at.slopes[0]
     if np.isnan(slopes[0, 0]):
-        slopes = own.jacobian(at.unit, central=False, base=at.errors)[0]
+        slopes = own.slopes(at.unit, at.errors)[0]
     nothing = np.zeros((0, own.size))
-    return covariance_of(own, slopes, at.errors[0], nothing, pulls_of(own, at.unit[0])), slopes
+    return covariance_of(own, slopes, at.errors[0], nothing, own.prior_slopes(at.unit[0])), slopes
 
 
 def cost_of(own: Likelihood, known: Covariance, at: Ascent) -> float:

@@ -15,11 +15,11 @@ import numpy as np
 from scipy import special
 
 from commonrail.analysis.certainty.ascent import Ascent, climb
-from commonrail.analysis.certainty.estimate import Estimate, pulls_of
+from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.laws import unequal
 from commonrail.analysis.certainty.likelihood import Likelihood
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.arrays import Floats, IndexArray
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 
 __all__ = ["Mixture", "mixture_of"]
 
@@ -161,7 +161,7 @@ def _fitted(own: Likelihood, whole: Estimate, drawn: Floats, rounds: list[_Round
     which = np.argmin(np.sum((drawn[:, None] - near_drawn) ** 2 / variance, axis=2), axis=1)
     wanted = near_fitted[which] + (drawn - near_drawn[which]) @ _following(whole, d)
     anchors = np.column_stack([near_fitted[which], drawn])
-    starts = Walls.of(own.space).within(anchors, np.column_stack([np.clip(wanted, 0.0, 1.0), drawn]))
+    starts = FeasibleSet.of(own.space).within(anchors, np.column_stack([np.clip(wanted, 0.0, 1.0), drawn]))
     starts[:, d:] = drawn
     held = np.tile(np.arange(d, d + m), (len(drawn), 1))
     ends = climb(own, starts, held, turns=TURNS, tolerance=TOLERANCE)
@@ -204,13 +204,14 @@ def _metric(own: Likelihood, whole: Estimate, ends: Ascent, held: IndexArray) ->
     held : (k, m)
     """
     d = len(whole.unit) - held.shape[1]
-    slopes = own.jacobian(ends.unit, central=False, base=ends.errors, held=held)[:, :d]
+    free = np.arange(len(whole.unit)) < d
+    slopes = own.slopes(ends.unit, ends.errors, np.tile(free, (len(held), 1)))[:, :d]
     tangents, innovations = own.whiten(slopes), own.whiten(whole.errors)
     metric = np.zeros((len(slopes), d, d))
     for block, noise, ratio in zip(own.blocks, own.noises, whole.covariance.ratios, strict=True):
         slope = ratio * max(float(noise.density.slope(unequal(innovations[block.rows])).mean()), 0.05)
         part = tangents[:, :, block.rows]
         metric += slope * part @ part.transpose(0, 2, 1)
-    pulls = pulls_of(own, whole.unit)[:, :d]
+    pulls = own.prior_slopes(whole.unit)[:, :d]
     metric += pulls.T @ pulls + _FIRM * np.einsum("kii->k", metric)[:, None, None] * np.eye(d)
     return metric

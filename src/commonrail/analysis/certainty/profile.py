@@ -16,8 +16,8 @@ from scipy.optimize import linprog
 from commonrail.analysis.certainty.ascent import climb
 from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate
-from commonrail.analysis.certainty.steps import Walls, constrained_step
 from commonrail.arrays import Floats, IndexArray
+from commonrail.calibration.optimisers.least_squares import FeasibleSet, constrained_step
 
 __all__ = ["Profile", "ProfileEnd", "fall_along", "profiles_of"]
 
@@ -88,7 +88,7 @@ class _Ends:
 
     def __init__(self, estimate: Estimate, which: Sequence[int], level: float) -> None:
         self.estimate, self.own = estimate, estimate.likelihood
-        self.walls = Walls.of(self.own.space)
+        self.feasible = FeasibleSet.of(self.own.space)
         self.column = np.repeat(np.asarray(which, dtype=np.intp), 2)
         self.sign = np.tile([-1.0, 1.0], len(which))
         covariance, freedom = estimate.covariance.noise, estimate.covariance.freedom
@@ -117,8 +117,8 @@ class _Ends:
         for k, (i, sign) in enumerate(zip(self.column, self.sign, strict=True)):
             along = np.zeros(self.own.space.dimension)
             along[i] = sign
-            if self.walls.constraints:
-                end = linprog(-along, A_ub=-self.walls.rows, b_ub=-self.walls.floor, bounds=(None, None)).x
+            if self.feasible.constraints:
+                end = linprog(-along, A_ub=-self.feasible.rows, b_ub=-self.feasible.floor, bounds=(None, None)).x
                 found[k] = self.estimate.unit[i] if end is None else end[i]
             else:
                 found[k] = float(sign > 0.0)
@@ -159,11 +159,11 @@ class _Ends:
         start = self.at[live] + self.tangent[live] * (wanted - self.at[live, column])[:, None]
         start = np.clip(start, 0.0, 1.0)
         start[rows, column] = wanted
-        for k in np.flatnonzero(~self.walls.keep(start)):
+        for k in np.flatnonzero(~self.feasible.keep(start)):
             free = np.delete(np.arange(start.shape[1]), column[k])
-            own = self.walls.rows[:, free]
+            own = self.feasible.rows[:, free]
             start[k, free] += constrained_step(
-                np.eye(len(free)), np.zeros(len(free)), own, self.walls.floor - self.walls.rows @ start[k]
+                np.eye(len(free)), np.zeros(len(free)), own, self.feasible.floor - self.feasible.rows @ start[k]
             )
         return np.asarray(start)
 

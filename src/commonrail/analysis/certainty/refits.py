@@ -14,8 +14,8 @@ from commonrail.analysis.certainty.ascent import climb
 from commonrail.analysis.certainty.covariance import Covariance
 from commonrail.analysis.certainty.likelihood import Likelihood
 from commonrail.analysis.certainty.nuisance import Nuisance
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.arrays import Floats
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 
 __all__ = ["with_refits"]
 
@@ -59,18 +59,18 @@ def _move(own: Likelihood, unit: Floats, nuisance: Nuisance, linear: Floats) -> 
     linear : (d,)
         The move that derivatives promise.
     """
-    walls, simulated = Walls.of(own.space), 0
+    feasible, simulated = FeasibleSet.of(own.space), 0
     ends: list[Floats] = []
     floor = np.zeros_like(linear)
     for sign, side in zip((1.0, -1.0), nuisance.sides, strict=False):  # there may be none
         with_side = own.with_space(own.space, side).with_noises(own.noises)
-        starts = walls.within(np.tile(unit, (2, 1)), unit + np.array([[0.0], [sign]]) * linear)
+        starts = feasible.within(np.tile(unit, (2, 1)), unit + np.array([[0.0], [sign]]) * linear)
         found = climb(with_side, starts, turns=TURNS, tolerance=TOLERANCE)
         simulated += with_side.simulated
         best = int(np.argmin(found.cost))
         if np.isfinite(found.cost[best]):
             ends.append(sign * (found.unit[best] - unit))
-            if walls.active(found.unit[best]).any():
+            if feasible.active(found.unit[best]).any():
                 floor = np.abs(linear)
     if not ends:
         return linear, simulated

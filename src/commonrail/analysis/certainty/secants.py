@@ -12,8 +12,8 @@ import numpy as np
 
 from commonrail.analysis.certainty.covariance import Covariance
 from commonrail.analysis.certainty.likelihood import Likelihood
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.arrays import Floats
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 
 __all__ = ["secant_slopes", "wider"]
 
@@ -26,7 +26,7 @@ SHORTEST = 0.1  # of the reach, below which bounds and constraints leave no diff
 def secant_slopes(own: Likelihood, unit: Floats, errors: Floats, slopes: Floats, covariance: Covariance) -> Floats:
     """Derivatives (d, n) of the residuals with respect to the positions, from differences along the principal axes.
 
-    2 d points are simulated in one batch, within the bounds and straight constraints (see `Walls`). Along an axis
+    2 d points are simulated in one batch, within the bounds and straight constraints (see `FeasibleSet`). Along an axis
     that these close, or where a simulation fails, the given derivatives stay; so do those of parameters that nothing
     holds.
 
@@ -51,8 +51,8 @@ def secant_slopes(own: Likelihood, unit: Floats, errors: Floats, slopes: Floats,
     axes = np.zeros((len(values), len(unit)))
     axes[:, held] = (vectors * np.sqrt(values)).T
     reach = np.minimum(REACH, LONGEST / np.maximum(np.abs(axes).max(axis=1), 1e-300))
-    walls = Walls.of(own.space)
-    ahead, behind = (np.minimum(reach, _distance(walls, unit, sign * axes)) for sign in (1.0, -1.0))
+    feasible = FeasibleSet.of(own.space)
+    ahead, behind = (np.minimum(reach, _distance(feasible, unit, sign * axes)) for sign in (1.0, -1.0))
     points = np.concatenate([unit + ahead[:, None] * axes, unit - behind[:, None] * axes])
     found = own.residuals(own.space.from_unit(np.clip(points, 0.0, 1.0)))  # cuts rounding only
     difference = found[: len(axes)] - found[len(axes) :]
@@ -65,10 +65,10 @@ def secant_slopes(own: Likelihood, unit: Floats, errors: Floats, slopes: Floats,
     return result
 
 
-def _distance(walls: Walls, unit: Floats, axes: Floats) -> Floats:
+def _distance(feasible: FeasibleSet, unit: Floats, axes: Floats) -> Floats:
     """Farthest multiples (k,) of axes (k, d) that bounds and constraints allow from a position (d,)."""
-    rates = axes @ walls.rows.T
-    left = np.maximum(walls.rows @ unit - walls.floor, 0.0)
+    rates = axes @ feasible.rows.T
+    left = np.maximum(feasible.rows @ unit - feasible.floor, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(rates < 0.0, left / -rates, np.inf).min(axis=1))
 

@@ -11,9 +11,9 @@ from commonrail.analysis.certainty.covariance import student
 from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.lack_of_fit import LackOfFit
 from commonrail.analysis.certainty.sensitivity import Assumed, unstated
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.identifiability import LIMIT, ParameterVerdict
 from commonrail.arrays import Floats
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.display.text import listed, significant
 from commonrail.units import to_text
 
@@ -146,11 +146,11 @@ def _percent(half: float, value: float) -> str:
 def _constraint(estimate: Estimate, column: int) -> str:
     """Text of an active constraint that the parameter is part of, empty for none."""
     space = estimate.likelihood.space
-    walls = Walls.of(space)
-    touched = walls.active(estimate.unit, near=1e-4)[: walls.constraints]
+    feasible = FeasibleSet.of(space)
+    touched = feasible.active(estimate.unit, near=1e-4)[: feasible.constraints]
     for row in np.flatnonzero(touched):
-        if walls.rows[row, column] != 0.0:
-            return _row_text(walls.rows[row], space.names)
+        if feasible.rows[row, column] != 0.0:
+            return _row_text(feasible.rows[row], space.names)
     return ""
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from commonrail.analysis.certainty.estimate import Estimate, pulls_of
+from commonrail.analysis.certainty.estimate import Estimate
 from commonrail.analysis.certainty.likelihood import Likelihood
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.arrays import Floats
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 
 __all__ = ["BOUNDED", "laplace_draws", "posterior_draws", "prior_information", "slope_weights"]
 
@@ -19,7 +19,7 @@ BOUNDED = 12.0
 
 def prior_information(likelihood: Likelihood, unit: Floats) -> Floats:
     """Information (d, d) of priors and bounds on the positions, at a position (d,)."""
-    pulls = pulls_of(likelihood, unit)
+    pulls = likelihood.prior_slopes(unit)
     return np.asarray(pulls.T @ pulls + BOUNDED * np.eye(len(unit)))
 
 
@@ -50,7 +50,7 @@ def laplace_draws(estimate: Estimate, many: int, seed: int) -> Floats:
     covariance = np.linalg.inv(information) + np.where(np.isfinite(moves), moves, 0.0).T @ moves
     normal = np.random.default_rng(seed).standard_normal((many - 1, len(unit)))
     drawn = unit + normal @ np.linalg.cholesky(covariance).T
-    inside = Walls.of(own.space).within(np.repeat(unit[None], many - 1, axis=0), drawn)
+    inside = FeasibleSet.of(own.space).within(np.repeat(unit[None], many - 1, axis=0), drawn)
     return np.vstack([unit, inside])
 
 

@@ -90,9 +90,7 @@ class PosteriorDensity:
         return found, np.sum(z**2, axis=1)
 
     def _weights(self, innovations: Floats) -> Floats:
-        found = np.ones_like(innovations)
-        for block, noise in zip(self.likelihood.blocks, self.likelihood.noises, strict=True):
-            found[:, block.rows] = noise.density.weight(innovations[:, block.rows])
+        found = self.likelihood.weights(innovations)
         return np.where(np.isfinite(found), found, 1.0)
 
 

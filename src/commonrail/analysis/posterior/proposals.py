@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from commonrail.analysis.certainty.estimate import Estimate
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.arrays import Floats
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 
 __all__ = ["Surrogate", "bounded", "local_surrogate"]
 
@@ -49,16 +49,16 @@ class Surrogate:
         stretched = normal / np.sqrt(random.chisquare(FREEDOM, many) / FREEDOM)[:, None]
         return np.asarray(self.centre + wider * stretched @ self._root.T)
 
-    def spread(self, walls: Walls, many: int, random: Any, wider: float = 1.0) -> Floats:
+    def spread(self, feasible: FeasibleSet, many: int, random: Any, wider: float = 1.0) -> Floats:
         """Positions (many, d) spread evenly over the part of an ellipsoid that bounds and linear constraints leave.
 
-        By hit-and-run walks (Smith 1984) from a point off the walls. Where the centre touches an ordering of many
+        By hit-and-run walks (Smith 1984) from a point off the feasible. Where the centre touches an ordering of many
         parameters nearly all draws of the distribution itself break it. The whole ellipsoid, uniformly filled, has the
         covariance of the distribution times the square of `wider`.
 
         Parameters
         ----------
-        walls : Walls
+        feasible : FeasibleSet
         many : int
         random : numpy.random.RandomState
         wider : float
@@ -66,10 +66,10 @@ class Surrogate:
         """
         d = len(self.centre)
         radius = wider * np.sqrt(d + 2.0)  # a ball's variance along an axis is radius²/(d + 2)
-        inward = (walls.space.to_unit(walls.space.centre) - self.centre) @ self._inverse
+        inward = (feasible.space.to_unit(feasible.space.centre) - self.centre) @ self._inverse
         inward *= min(0.5, 0.5 * radius / max(float(np.linalg.norm(inward)), 1e-300))
-        ball, rows = np.tile(inward, (many, 1)), walls.rows @ self._root
-        floor = walls.floor - walls.rows @ self.centre
+        ball, rows = np.tile(inward, (many, 1)), feasible.rows @ self._root
+        floor = feasible.floor - feasible.rows @ self.centre
         for _ in range(_STEPS * d):
             along = random.standard_normal((many, d))
             along /= np.linalg.norm(along, axis=1)[:, None]

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from commonrail.analysis.certainty.estimate import Estimate
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.posterior.density import PosteriorDensity
 from commonrail.analysis.posterior.proposals import Surrogate, local_surrogate
 from commonrail.arguments import whole
 from commonrail.arrays import Floats
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.display.shown import Shown
 from commonrail.display.text import listed
 from commonrail.errors import ConfigurationError, SimulationError
@@ -256,11 +256,11 @@ class _Ensembles:
 def _start(density: PosteriorDensity, surrogate: Surrogate, many: int, random: Any) -> Floats:
     """Over-dispersed positions (many, d) of finite density; narrower where few of them have one."""
     space = density.likelihood.space
-    walls = Walls.of(space)
+    feasible = FeasibleSet.of(space)
     found = np.empty((0, len(surrogate.centre)))
     wider = OVERDISPERSED
     for _ in range(_TRIES):
-        unit = surrogate.spread(walls, many, random, wider)
+        unit = surrogate.spread(feasible, many, random, wider)
         found = np.vstack([found, unit[np.isfinite(density(unit))]])[:many]
         if len(found) == many:
             return found

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.analysis.certainty.steps import Walls
 from commonrail.analysis.prediction.band import Edges
 from commonrail.arrays import Floats
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.calibration.space import Space
 
 __all__ = ["DRAWS", "Drawn", "drawn_about", "falls_below_zero"]
@@ -79,4 +79,4 @@ def drawn_about(space: Space, point: Floats, covariance: Floats, freedom: float 
     if np.isfinite(freedom):
         stretch = 1.0 / np.sqrt(rng.chisquare(freedom, DRAWS) / freedom)
     ends = unit + stretch[:, None] * (normal @ root.T)
-    return Drawn(space.from_unit(Walls.of(space).within(unit, ends)), stretch)
+    return Drawn(space.from_unit(FeasibleSet.of(space).within(unit, ends)), stretch)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.analysis.certainty.covariance import covariance_of
-from commonrail.analysis.certainty.estimate import Estimate, pulls_of, with_outliers
+from commonrail.analysis.certainty.estimate import Estimate, with_outliers
 from commonrail.analysis.certainty.laws import sample_count, scale_of
 from commonrail.analysis.certainty.secants import wider
 from commonrail.arrays import Floats, IndexArray
@@ -87,12 +87,10 @@ def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
     """
     own, d = found.likelihood, len(found.unit)
     innovations = own.whiten(found.errors)
-    robust = np.sqrt(
-        np.concatenate([n.density.weight(innovations[b.rows]) for b, n in zip(own.blocks, own.noises, strict=True)])
-    )
+    robust = np.sqrt(own.weights(innovations))
     wide = np.vstack([found.slopes, found.shifts, *_courses(found)])
     tangents = robust * own.whiten(wide)
-    pulls = pulls_of(own, found.unit)
+    pulls = own.prior_slopes(found.unit)
     held = np.eye(len(wide))
     held[:d, :d] = pulls.T @ pulls
     force = tangents @ (robust * innovations)
@@ -138,7 +136,7 @@ def floored(found: Estimate, fitted: Sequence[DataSet]) -> Estimate:
         for low, noise in zip(few, own.noises, strict=True)
     ]
     wide = own.with_noises(noises)
-    covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, pulls_of(wide, found.unit))
+    covariance = covariance_of(wide, found.slopes, found.errors, found.shifts, wide.prior_slopes(found.unit))
     fitted_moves, linear = found.covariance.nuisances, covariance.nuisances  # other weights, and no further fits
     covariance = covariance._replace(
         nuisances=np.where(np.abs(fitted_moves) > np.abs(linear), fitted_moves, linear),

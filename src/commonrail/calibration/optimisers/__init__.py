@@ -5,12 +5,7 @@ from __future__ import annotations
 from commonrail.calibration.optimisers.base import Best, Counts, Optimiser, Settings, Trials, Wanted
 from commonrail.calibration.optimisers.differential_evolution import DifferentialEvolution
 from commonrail.calibration.optimisers.evolution_settings import EvolutionSettings, InitialSampling
-from commonrail.calibration.optimisers.least_squares import (
-    LeastSquares,
-    LeastSquaresSettings,
-    Polished,
-    diverse_members,
-)
+from commonrail.calibration.optimisers.members import diverse_members
 from commonrail.calibration.optimisers.multistart import MultiStartLeastSquares, MultiStartSettings
 from commonrail.calibration.optimisers.refinement import Refinement, RefinementSettings
 from commonrail.calibration.optimisers.staged import StagedLeastSquares
@@ -24,12 +19,9 @@ __all__ = [
     "DifferentialEvolution",
     "EvolutionSettings",
     "InitialSampling",
-    "LeastSquares",
-    "LeastSquaresSettings",
     "MultiStartLeastSquares",
     "MultiStartSettings",
     "Optimiser",
-    "Polished",
     "Refinement",
     "RefinementSettings",
     "Settings",

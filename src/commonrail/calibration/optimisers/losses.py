@@ -1,17 +1,13 @@
-"""Losses of residuals that descents lower: weights, curvature, and which of them an objective is the sum of."""
+"""Losses of residuals that descents lower: weights, curvature, and which of them is nearest to an objective."""
 
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
 from commonrail.arrays import Floats
-
-__all__ = ["DescentLoss", "recognised"]
-
-
-_ALIKE = 1e-6  # relative difference between an objective and a sum of losses that counts as rounding
 
 
 class DescentLoss(StrEnum):
@@ -48,14 +44,14 @@ class DescentLoss(StrEnum):
             return 1.0 / np.sqrt(1.0 + residuals * residuals)
         return 0.5 / np.sqrt(residuals * residuals + scale * scale)
 
-    def bend(self, residuals: Floats, scale: float) -> float:
-        """Mean curvature of the loss over that of Σ w r², which is above it: from a quarter to 1."""
+    def curvature(self, residuals: Floats, scale: float) -> Floats:
+        """Mean curvature (k,) of the loss of residuals (k, m) over that of Σ w r², which is above it: from 1/4 to 1."""
         if self is DescentLoss.SQUARES:
-            return 1.0
+            return np.ones(len(residuals))
         width = 1.0 if self is DescentLoss.SOFT else scale
         root = np.sqrt(residuals * residuals + width * width)
-        share = float(np.sum(width * width / (root * root * root)) / np.sum(1.0 / root))
-        return min(max(share, 0.25), 1.0)
+        share = np.sum(width * width / (root * root * root), axis=1) / np.sum(1.0 / root, axis=1)
+        return np.asarray(np.clip(share, 0.25, 1.0))
 
     @property
     def units(self) -> float:
@@ -64,7 +60,7 @@ class DescentLoss(StrEnum):
 
 
 def recognised(costs: Floats, residuals: Floats) -> DescentLoss:
-    """Loss whose sums over residuals are the objective; squares where none is.
+    """Loss whose sums over residuals come nearest to an objective, or are it; squares where none can be compared.
 
     Parameters
     ----------
@@ -74,8 +70,40 @@ def recognised(costs: Floats, residuals: Floats) -> DescentLoss:
         Their residuals.
     """
     usable = np.isfinite(costs) & np.isfinite(residuals).all(axis=1)
-    for loss in DescentLoss:
-        sums = loss.sums(residuals[usable], 0.0)
-        if usable.any() and np.all(np.abs(sums - costs[usable]) <= _ALIKE * np.abs(costs[usable])):
-            return loss
-    return DescentLoss.SQUARES
+
+    def distance(loss: DescentLoss) -> float:
+        return float(np.sum(np.abs(loss.sums(residuals[usable], 0.0) - costs[usable])))
+
+    return min(DescentLoss, key=distance)
+
+
+class LossSum(NamedTuple):
+    """Sum of losses of residuals, a `Criterion` of least squares; the scale is that of `DescentLoss`."""
+
+    loss: DescentLoss = DescentLoss.SQUARES
+    scale: float = 1.0
+
+    @classmethod
+    def near(cls, loss: DescentLoss, residuals: Floats) -> LossSum:
+        """Sum whose absolute values are smoothed over half of the mean magnitude of residuals (m,)."""
+        return cls(loss, max(0.5 * float(np.mean(np.abs(residuals))), 1e-300))
+
+    def innovations(self, residuals: Floats, unit: Floats) -> Floats:
+        """The residuals."""
+        return residuals
+
+    def tangents(self, slopes: Floats, unit: Floats) -> Floats:
+        """The derivatives of the residuals."""
+        return slopes
+
+    def costs(self, innovations: Floats) -> Floats:
+        """Sums of the losses."""
+        return self.loss.sums(innovations, self.scale)
+
+    def weights(self, innovations: Floats) -> Floats:
+        """Weights of the residuals."""
+        return self.loss.weights(innovations, self.scale)
+
+    def curvature(self, innovations: Floats) -> Floats:
+        """Curvature of the losses over that of the weighted squares."""
+        return self.loss.curvature(innovations, self.scale)

@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from commonrail.arrays import Floats
+from commonrail.arrays import Floats, IndexArray
 from commonrail.calibration.optimisers.base import Best
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
-
-__all__ = ["MOST_MEMBERS", "Members"]
-
 
 MOST_MEMBERS = 100_000  # far above what anybody calibrates; below what would fill the memory
 
@@ -61,3 +59,43 @@ class Members(NamedTuple):
         if not inside or np.isnan(costs).any():
             raise ConfigurationError("state: its population lies outside the bounds or has costs that are no numbers")
         return cls(unit, costs)
+
+
+def diverse_members(unit: ArrayLike, costs: ArrayLike, n: int) -> IndexArray:
+    """Choose members of low cost that lie far apart, the best one first.
+
+    From the better half of the members with a finite cost (at least `n` of them), each further
+    choice is the one farthest from those chosen already.
+
+    Parameters
+    ----------
+    unit : (k, d) array
+        Members in unit coordinates (`Space.to_unit`).
+    costs : (k,) array
+        Their costs.
+    n : int
+        How many to choose; fewer come back if fewer distinct ones have a finite cost.
+
+    Returns
+    -------
+    (<= n,) array of int
+        Rows of the chosen members.
+    """
+    points, cost = np.asarray(unit, dtype=float), np.asarray(costs, dtype=float)
+    order = np.argsort(cost, kind="stable")
+    order = order[np.isfinite(cost[order])]
+    pool = order[: max(n, (len(order) + 1) // 2)]
+    return np.asarray(pool[farthest(points[pool], min(n, len(pool)))])
+
+
+def farthest(points: Floats, n: int) -> IndexArray:
+    """Rows of up to n distinct ones of the points (k, d), the first one first, each farthest from those before."""
+    chosen: list[int] = []
+    distance = np.full(len(points), np.inf)
+    while len(chosen) < n:
+        row = int(np.argmax(distance))
+        if distance[row] == 0.0:
+            break
+        chosen.append(row)
+        distance = np.minimum(distance, np.linalg.norm(points - points[row], axis=1))
+    return np.array(chosen, dtype=np.intp)

@@ -11,22 +11,17 @@ import numpy as np
 from commonrail.arguments import number, settle, whole
 from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best, Wanted
-from commonrail.calibration.optimisers.geodesic import Ends, Rules, advance
-from commonrail.calibration.optimisers.least_squares import diverse_members
-from commonrail.calibration.optimisers.losses import DescentLoss, recognised
-from commonrail.calibration.optimisers.members import MOST_MEMBERS
+from commonrail.calibration.optimisers.least_squares import Descents, Rules, advance, inside
+from commonrail.calibration.optimisers.losses import DescentLoss, LossSum, recognised
+from commonrail.calibration.optimisers.members import MOST_MEMBERS, diverse_members
 from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
 from commonrail.calibration.optimisers.verdict import AGREEING, ALIKE, SMALL_GAIN, Convergence, noise_of
 from commonrail.calibration.sampling import sample_priors
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
 
-__all__ = ["MultiStartLeastSquares", "MultiStartSettings"]
-
-
 MOST_STARTS = 1000
 POOL = 10  # candidates, for each start, whose better half starts are chosen from
-SMOOTHED = 0.5  # scale of the smoothed absolute error, by the mean absolute residual of the best descent
 
 
 @dataclass(frozen=True)
@@ -96,7 +91,7 @@ class MultiStartLeastSquares(Stepwise):
         super().__init__(space, rng, self.settings)
         d = space.dimension
         self._reserve = np.empty((0, d))  # starts, unit coordinates, that have not begun
-        self._ends = Ends.begin(np.empty((0, d)), np.empty((0, 0)))
+        self._ends = Descents.begin(np.empty((0, d)), np.empty((0, 0)))
         self._costs = np.empty(0)
         self._loss, self._waves, self._stopped = DescentLoss.SQUARES, 0, False
 
@@ -114,14 +109,14 @@ class MultiStartLeastSquares(Stepwise):
 
     @property
     def verdict(self) -> Convergence | None:
-        """Verdict on convergence; None before the first step."""
+        """Convergence on convergence; None before the first step."""
         if not self._waves and not self.steps:
             return None
         if not np.isfinite(self._costs).any():
             return Convergence.of(False, "no candidate could be simulated", {"starts": len(self._costs)})
-        noise = noise_of(self._best.cost, self._ends.residuals.shape[1], self.space.dimension, self._loss.units)
-        excess = (self._costs - self._costs.min()) / noise
-        agreeing, gain = int((excess <= ALIKE).sum()), float(self._ends.gain[int(np.argmin(excess))])
+        excess = (self._costs - self._costs.min()) / self._noise(self._best.cost)
+        agreeing = int((excess <= ALIKE).sum())
+        gain = float(self._ends.gain[int(np.argmin(excess))]) / self._losses()[1]
         converged = agreeing >= AGREEING and gain < SMALL_GAIN
         figures = {
             "starts": len(excess),
@@ -151,13 +146,15 @@ class MultiStartLeastSquares(Stepwise):
         """Costs (n,) of those points."""
         return self._costs.copy()
 
-    @property
-    def _rules(self) -> Rules:
-        """Loss of the descents, its scale by the residuals of the best one."""
-        usable = np.isfinite(self._costs)
-        best = self._ends.residuals[int(np.argmin(self._costs))] if usable.any() else np.zeros(1)
-        scale = SMOOTHED * max(float(np.mean(np.abs(best))), 1e-300)
-        return Rules(self._loss, scale, self.settings.difference)
+    def _noise(self, cost: float) -> float:
+        """Change of the objective that changes 2 ln L by 1."""
+        return noise_of(cost, self._ends.residuals.shape[1], self.space.dimension, self._loss.units)
+
+    def _losses(self) -> tuple[LossSum, float]:
+        """Losses, smoothed by the best descent's residuals, and the change of their sum that changes 2 ln L by 1."""
+        best = self._ends.residuals[int(np.argmin(self._costs))]
+        losses = LossSum.near(self._loss, best)
+        return losses, self._noise(float(losses.costs(best)))
 
     def _step(self) -> Work:
         """Draws at first, then iterations."""
@@ -189,7 +186,7 @@ class MultiStartLeastSquares(Stepwise):
         x = self.space.from_unit(unit)
         residuals = yield asked(x, Wanted.RESIDUALS)
         costs = yield asked(x, Wanted.COSTS_AGAIN)
-        new = Ends.begin(unit, residuals)
+        new = Descents.begin(unit, residuals)
         if self._waves == 1:
             self._loss, self._ends, self._costs = recognised(costs, residuals), new, costs
         else:
@@ -197,7 +194,9 @@ class MultiStartLeastSquares(Stepwise):
 
     def _descend(self) -> Work:
         """One iteration of the descents."""
-        after = yield from advance(self.space, self._ends, self._rules)
+        losses, noise = self._losses()
+        rules = Rules(self.settings.difference, SMALL_GAIN * noise)
+        after = yield from advance(self.space, self._ends.without_slopes(), losses, rules)
         x = self.space.from_unit(after.unit)
         costs = yield asked(x, Wanted.COSTS_AGAIN)
         self._ends, self._costs = after, costs
@@ -207,7 +206,7 @@ class MultiStartLeastSquares(Stepwise):
     def _kept(self) -> dict[str, Any]:
         return {
             "reserve": self._reserve.copy(),
-            **{name: values.copy() for name, values in self._ends._asdict().items()},
+            **self._ends.record(),
             "costs": self._costs.copy(),
             "loss": self._loss.value,
             "waves": self._waves,
@@ -218,15 +217,11 @@ class MultiStartLeastSquares(Stepwise):
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         d = self.space.dimension
-        kinds = {"small": np.int64, "running": np.bool_}
-        ends = Ends(*(np.array(state[name], dtype=kinds.get(name, np.float64)) for name in Ends._fields))
         reserve, costs, best = (np.array(state[name], dtype=float) for name in ("reserve", "costs", "best"))
-        count = len(costs)
-        shapes = [ends.unit.shape, ends.residuals.shape[:1], reserve.shape[1:], best.shape]
-        if shapes != [(count, d), (count,), (d,), (d,)] or {len(part) for part in ends} - {count}:
+        ends = Descents.recorded(state, d)
+        if len(costs) != len(ends.unit) or (reserve.shape[1:], best.shape) != ((d,), (d,)):
             raise ConfigurationError("state: its descents are not whole; take a whole state")
-        points = (reserve, ends.unit, self.space.to_unit(best))
-        if not all(np.all(np.abs(unit - 0.5) <= 0.5 + 1e-9) for unit in points) or np.isnan(costs).any():
+        if not all(inside(unit) for unit in (reserve, self.space.to_unit(best))) or np.isnan(costs).any():
             raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
         self._reserve, self._ends, self._costs = reserve, ends, costs
         self._loss, self._waves = DescentLoss(state["loss"]), int(state["waves"])

@@ -2,47 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
-from dataclasses import replace
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from commonrail.arrays import Floats
-from commonrail.calibration.optimisers.base import Best, Optimiser, Trials, Wanted
-from commonrail.calibration.optimisers.conversation import conversation
-from commonrail.calibration.optimisers.least_squares import (
-    LeastSquares,
-    LeastSquaresSettings,
-    Polished,
-    diverse_members,
-)
+from commonrail.calibration.optimisers.base import Best, Optimiser, Wanted
+from commonrail.calibration.optimisers.least_squares import Descents, Rules, advance
+from commonrail.calibration.optimisers.losses import LossSum, recognised
+from commonrail.calibration.optimisers.members import diverse_members
+from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked, hop
+from commonrail.calibration.optimisers.verdict import SMALL_GAIN, noise_of
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
 
-__all__ = ["Refinement", "RefinementSettings"]
-
-
-HOP = 0.06  # standard deviation of a hop away from the best, as a share of each range
 SHORTER = 6  # times that a hop to where nothing can be simulated is halved
-
-# differences over 1 % of a range: a smaller step measures the ripple of bouncing valves and needles
-SOLVER = LeastSquaresSettings(step=1e-2)
+DIFFERENCE = 1e-2  # share of a range: a smaller step measures the ripple of bouncing valves and needles
 
 
-class RefinementSettings(NamedTuple):
-    """Number of refinements, of Jacobians of each at most, and whether their bits must not depend on the processor.
-
-    `squares`: the residuals' squares sum to the objective, and are made small; else their soft-L1 sum is.
-    """
+@dataclass(frozen=True)
+class RefinementSettings:
+    """Number of refinements, and of iterations of each at most."""
 
     refinements: int
     iterations: int
-    same_bits: bool = False
-    squares: bool = False
+
+    @property
+    def members(self) -> int:
+        """Points that go on at once."""
+        return 1
+
+    @property
+    def generations(self) -> int:
+        """Steps."""
+        return self.refinements
 
 
-class Refinement(Optimiser):
+class Refinement(Stepwise):
     """Least squares from good members of a finished search that lie apart, then from hops near the best.
 
     A third of the refinements start from members. The end of each is judged by the objective itself, and is the new
@@ -65,13 +63,10 @@ class Refinement(Optimiser):
         usable = np.isfinite(costs) & space.satisfies(population)
         members = population[usable]
         count = min(max(settings.refinements // 3, 1), len(members))
-        super().__init__(space, np.random.default_rng([seed, count]))
-        self.settings, self._before = settings, before
+        super().__init__(space, np.random.default_rng([seed, count]), settings)
+        self.settings, self._before, self._best = settings, before, before.best
         self._starts = members[diverse_members(space.to_unit(members), costs[usable], count)]
-        self._improved: Best | None = None
         self.end_costs: Floats = np.empty(0)  # costs of the ends
-        self._solving: Generator[Floats, Floats, Polished] | None = None
-        self._halvings: int | None = None  # left until the start is taken as it is; None once it has been simulated
 
     @property
     def total(self) -> int:
@@ -83,11 +78,6 @@ class Refinement(Optimiser):
         return f"all {self.total} refinements are done"
 
     @property
-    def best(self) -> Best:
-        """The best end, or what the search before had found if that is better."""
-        return self._improved or self._before.best
-
-    @property
     def population(self) -> Floats:
         """That of the search before (n, d), SI."""
         return self._before.population
@@ -97,69 +87,42 @@ class Refinement(Optimiser):
         """Costs (n,) of that population."""
         return self._before.costs
 
-    def _propose(self) -> Trials:
-        """First points of a refinement."""
-        self._halvings = SHORTER
-        return self._begin(self._starts[self.steps] if self.steps < len(self._starts) else self._near_best())
-
-    def _begin(self, start: Floats) -> Trials:
-        """Start (1, d) of a refinement, which is the solver's first question."""
-        scale = np.inf if self.settings.squares else SOLVER.residual_scale
-        settings = replace(SOLVER, iterations=self.settings.iterations, residual_scale=scale)
-        exact = self.settings.same_bits
-        self._solving = conversation(lambda call: LeastSquares(self.space, call, settings, exact).run(start))
-        return _trials(next(self._solving), Wanted.RESIDUALS)
-
-    def _take(self, trials: Trials, told: Floats) -> Trials | None:
-        """Go on until the solver has ended; then judge its end."""
-        if self._solving is None:
-            self.end_costs = np.append(self.end_costs, told[0])
-            if told[0] < self.best.cost:
-                self._improved = Best(trials.x[0], float(told[0]))
-            return None
-        halvings, self._halvings = self._halvings, None
-        if halvings and not np.isfinite(told).all():  # the search would end where it began, and tell nothing
-            self._halvings = halvings - 1
-            return self._begin(self._nearer(trials.x[0]))
-        try:
-            return _trials(self._solving.send(told), Wanted.RESIDUALS)
-        except StopIteration as stop:
-            self._solving = None
-            return _trials(stop.value.x[None, :], Wanted.COSTS_AGAIN)
-
-    def _near_best(self) -> Floats:
-        """A feasible point (d,) some hops of the bounds' width away from the best."""
-        space, best = self.space, self.best.x
-        hop = self._rng.normal(0.0, HOP, space.dimension)
-        return self._feasible(np.clip(space.to_unit(best) + hop, 0.0, 1.0))
-
-    def _nearer(self, start: Floats) -> Floats:
-        """A feasible point (d,) half as far from the best as a start."""
+    def _step(self) -> Work:
+        """A descent from a member or a hop, nearer the best where nothing can be simulated there."""
         space = self.space
-        return self._feasible(0.5 * (space.to_unit(start) + space.to_unit(self.best.x)))
+        hops = self.steps >= len(self._starts)
+        start = hop(space, self.best.x, self._rng) if hops else self._starts[self.steps]
+        residuals = yield asked(start[None, :], Wanted.RESIDUALS)
+        for _ in range(SHORTER):
+            if np.isfinite(residuals).all():
+                break
+            middle = space.from_unit(0.5 * (space.to_unit(start) + space.to_unit(self.best.x)))
+            start = middle if space.satisfies(middle) else space.pull_back(self.best.x, middle)
+            residuals = yield asked(start[None, :], Wanted.RESIDUALS)
+        costs = yield asked(start[None, :], Wanted.COSTS_AGAIN)
+        descent = Descents.begin(space.to_unit(start)[None, :], residuals)
+        loss = recognised(costs, residuals)
+        for _ in range(self.settings.iterations):
+            if not descent.running.any():
+                break
+            losses = LossSum.near(loss, descent.residuals[0])
+            noise = noise_of(float(losses.costs(descent.residuals)[0]), residuals.shape[1], space.dimension, loss.units)
+            descent = yield from advance(space, descent, losses, Rules(DIFFERENCE, SMALL_GAIN * noise))
+        x = space.from_unit(descent.unit)
+        costs = yield asked(x, Wanted.COSTS_AGAIN)
+        self.end_costs = np.append(self.end_costs, costs[0])
+        self._offer(x, costs)
 
-    def _feasible(self, unit: Floats) -> Floats:
-        """The point (d,) at unit coordinates, drawn towards the best where it breaks a constraint."""
-        there = self.space.from_unit(unit)
-        return there if self.space.satisfies(there) else self.space.pull_back(self.best.x, there)
+    def _origin(self) -> dict[str, Any]:
+        return Optimiser._origin(self)  # a search that resumes may want other refinements
 
     def _kept(self) -> dict[str, Any]:
-        best, cost = self._improved or (None, None)
-        return {"best": best, "cost": cost, "ends": self.end_costs.copy()}
+        return {"best": self._best.x.copy(), "cost": self._best.cost, "ends": self.end_costs.copy()}
 
     def _restore(self, state: Mapping[str, Any]) -> None:
-        self._solving = self._improved = None
-        self.end_costs = np.array(state["ends"], dtype=float)
-        best, cost = state["best"], state["cost"]
-        if best is None:
-            return
-        found, space = Best(np.array(best, dtype=float), float(cost)), self.space
+        best, space = Best(np.array(state["best"], dtype=float), float(state["cost"])), self.space
         slack = 1e-9 * (space.upper - space.lower)
-        inside = (found.x >= space.lower - slack) & (found.x <= space.upper + slack)
-        if inside.shape != slack.shape or not inside.all() or not np.isfinite(found.cost):
+        within = (best.x >= space.lower - slack) & (best.x <= space.upper + slack)
+        if within.shape != slack.shape or not within.all() or np.isnan(best.cost):
             raise ConfigurationError("state: its best point lies outside the bounds or has no cost; take a whole state")
-        self._improved = found
-
-
-def _trials(x: Floats, wanted: Wanted) -> Trials:
-    return Trials(x, np.ones(len(x), bool), wanted)
+        self._best, self._work, self.end_costs = best, None, np.array(state["ends"], dtype=float)

@@ -11,8 +11,7 @@ import numpy as np
 from commonrail.arguments import number, settle, whole
 from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS, Best
-from commonrail.calibration.optimisers.least_squares import diverse_members
-from commonrail.calibration.optimisers.members import MOST_MEMBERS, Members
+from commonrail.calibration.optimisers.members import MOST_MEMBERS, Members, diverse_members
 from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
 from commonrail.calibration.sampling import sample_feasible
 from commonrail.calibration.space import Space

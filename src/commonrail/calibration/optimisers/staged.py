@@ -9,24 +9,28 @@ import numpy as np
 
 from commonrail.arrays import Floats, IndexArray
 from commonrail.calibration.optimisers.base import Best, Wanted
-from commonrail.calibration.optimisers.descent import DIFFERENCES, Descents, iterate
-from commonrail.calibration.optimisers.least_squares import diverse_members
+from commonrail.calibration.optimisers.least_squares import Descents, Rules, advance, inside
+from commonrail.calibration.optimisers.losses import DescentLoss, LossSum, recognised
+from commonrail.calibration.optimisers.members import diverse_members
 from commonrail.calibration.optimisers.operators import crossover, draw, mutate
 from commonrail.calibration.optimisers.staged_settings import StagedSettings
-from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked
+from commonrail.calibration.optimisers.stepwise import Stepwise, Work, asked, hop
 from commonrail.calibration.optimisers.treatments import Treatment, treat, wins
 from commonrail.calibration.sampling import sample_priors
 from commonrail.calibration.space import Space
 from commonrail.errors import ConfigurationError
 
-__all__ = ["StagedLeastSquares"]
-
-
 SCREENING_CAP = 12.0  # a residual beyond it counts as much: a candidate must not lose by one point alone
 EVOLUTION_CAP = 36.0  # that of residuals with three times the tolerance
 POOL = 60  # best screened candidates that evolve
 FACTOR, CROSSOVER = (0.4, 1.0), 0.8  # the paper's, Eq. (18), (19)
-HOP = 0.06  # standard deviation of a hop from the best, as a share of each range
+
+# Forward differences as shares of the range, one stage each. Quantities jump where a valve or a needle bounces once
+# more: a small step measures such a jump or none, a large one the mean slope across many of them.
+DIFFERENCES = (1e-2, 3e-3, 1e-3)
+LEAST_GAIN = 1e-4  # relative fall of the cost below which the next stage begins
+DAMPING, LEAST_DAMPING = 1e-2, 1e-7  # of a descent that begins, and of one that goes on
+FACTORS = tuple(4.0**power for power in range(-3, 5))  # dampings tried at once: eight fill a SIMD block
 
 
 class StagedLeastSquares(Stepwise):
@@ -52,10 +56,11 @@ class StagedLeastSquares(Stepwise):
         super().__init__(space, rng, self.settings)
         empty = np.empty((0, space.dimension))
         self._pool, self._pool_costs = empty, np.empty(0)
-        self._descents = Descents.begin(empty)
+        self._descents = Descents.begin(empty, np.empty((0, 0)))
         self._costs = np.empty(0)
+        self._stage = self._iteration = np.empty(0, int)  # of each descent; one beyond the last stage has ended
         self._ended_unit, self._ended_costs, self._hopping = empty, np.empty(0), False
-        self._stages = len(DIFFERENCES)
+        self._stages, self._loss = len(DIFFERENCES), DescentLoss.SQUARES
 
     @property
     def _ended(self) -> str:
@@ -89,9 +94,8 @@ class StagedLeastSquares(Stepwise):
         costs = capped(SCREENING_CAP, (yield asked(x, Wanted.SCREENED)))
         order = np.argsort(costs, kind="stable")[: max(POOL, self.settings.starts)]
         starts = x[order[: self.settings.starts]]
-        told = yield asked(starts, Wanted.COSTS)
+        yield from self._begin(self.space.to_unit(starts))
         self._pool, self._pool_costs = self.space.to_unit(x[order]), costs[order]
-        self._begin(self.space.to_unit(starts), told)
 
     def _evolve(self) -> Work:
         """One generation of the pool; after the last one descents start from members that lie apart."""
@@ -112,58 +116,69 @@ class StagedLeastSquares(Stepwise):
             starts = pool[chosen] if len(chosen) else pool[: self.settings.starts]
         else:
             starts = pool[[int(np.argmin(costs))]]
-        told = yield asked(self.space.from_unit(starts), Wanted.COSTS)
+        yield from self._begin(starts)
         self._pool, self._pool_costs = pool, costs
-        self._begin(starts, told)
 
     def _descend(self) -> Work:
         """One iteration of the descents, or the start of a new one."""
-        descents, stages = self._descents, self._stages
-        if stages == 1 and not descents.running(stages).any():
-            descents, stages = self._finalists(), len(DIFFERENCES)
-        if not descents.running(stages).any():
+        descents, costs = self._descents, self._costs
+        stage, iteration, stages = self._stage, self._iteration, self._stages
+        if stages == 1 and not (stage < stages).any():  # trials are over: the best descents begin the first stage again
+            best = np.argsort(costs, kind="stable")[: self.settings.finalists]
+            descents, costs, iteration = descents.at(best), costs[best], np.zeros(len(best), int)
+            stages = len(DIFFERENCES)
+            stage = np.where(np.isfinite(costs), 0, stages)
+        running = stage < stages
+        if not running.any():
+            ended = descents.unit, costs
+            yield from self._begin(self._near_best()[None, :], len(DIFFERENCES))
             if not self._hopping:
-                self._ended_unit, self._ended_costs, self._hopping = descents.unit, self._costs, True
-            unit = self._near_best()[None, :]
-            told = yield asked(self.space.from_unit(unit), Wanted.COSTS)
-            self._begin(unit, told, len(DIFFERENCES))
+                (self._ended_unit, self._ended_costs), self._hopping = ended, True
             return
-        most = self.settings.trial_iterations if stages == 1 else self.settings.stage_iterations
-        after = yield from iterate(self.space, descents, stages, most)
+        losses = LossSum.near(self._loss, descents.residuals[int(np.argmin(costs))])
+        width = np.array(DIFFERENCES)[np.minimum(stage, len(DIFFERENCES) - 1)]
+        now = descents.without_slopes()._replace(running=running)
+        after = yield from advance(self.space, now, losses, Rules(width, 0.0, FACTORS, bent=False))
         x = self.space.from_unit(after.unit)
         costs = yield asked(x, Wanted.COSTS_AGAIN)
-        self._descents, self._costs, self._stages = after, costs, stages
+        before, lowered = (losses.costs(one.residuals) for one in (descents, after))
+        most = self.settings.trial_iterations if stages == 1 else self.settings.stage_iterations
+        iteration = iteration + running
+        done = running & ((iteration >= most) | ~(lowered < (1.0 - LEAST_GAIN) * before))
+        damping = np.where(lowered < before, np.maximum(after.damping, LEAST_DAMPING), descents.damping)
+        self._descents, self._costs, self._stages = after._replace(damping=damping), costs, stages
+        self._stage, self._iteration = stage + done, np.where(done, 0, iteration)
         self._offer(x, costs)
 
-    def _begin(self, unit: Floats, costs: Floats, stages: int | None = None) -> None:
-        """Begin descents from points (k, d) with their costs (k,); those that cannot be simulated end at once."""
+    def _begin(self, unit: Floats, stages: int | None = None) -> Work:
+        """Begin descents from points (k, d); those that cannot be simulated end at once."""
+        x = self.space.from_unit(unit)
+        residuals = yield asked(x, Wanted.RESIDUALS)
+        costs = yield asked(x, Wanted.COSTS_AGAIN)
         tried = self.settings.trial_iterations > 0 and len(unit) > self.settings.finalists
         self._stages = stages or (1 if tried else len(DIFFERENCES))
-        self._descents, self._costs = Descents.begin(unit).ended(~np.isfinite(costs)), costs
-        self._offer(self.space.from_unit(unit), costs)
-
-    def _finalists(self) -> Descents:
-        """The best descents, at the beginning of the first stage."""
-        best = np.argsort(self._costs, kind="stable")[: self.settings.finalists]
-        return self._descents.of(best).restarted().ended(~np.isfinite(self._costs[best]))
+        self._descents = Descents.begin(unit, residuals)._replace(damping=np.full(len(unit), DAMPING))
+        self._stage = np.where(self._descents.running & np.isfinite(costs), 0, len(DIFFERENCES))
+        self._iteration, self._costs, self._loss = np.zeros(len(unit), int), costs, recognised(costs, residuals)
+        self._offer(x, costs)
 
     def _near_best(self) -> Floats:
         """A feasible point (d,) near the best, or anywhere if there is none yet; unit coordinates."""
         space = self.space
         if not np.isfinite(self._best.cost):
             return space.to_unit(sample_priors(space, 1, self._rng)[0])
-        hop = self._rng.normal(0.0, HOP, space.dimension)
-        there = space.from_unit(np.clip(space.to_unit(self._best.x) + hop, 0.0, 1.0))
-        inside = space.pull_back(self._best.x[None, :], there[None, :])[0]
-        return np.clip(space.to_unit(inside), 0.0, 1.0)
+        return np.clip(space.to_unit(hop(space, self._best.x, self._rng)), 0.0, 1.0)
 
     def _kept(self) -> dict[str, Any]:
         return {
             "pool": self._pool.copy(),
             "pool_costs": self._pool_costs.copy(),
-            **{name: values.copy() for name, values in self._descents._asdict().items()},
+            **self._descents.record(),
+            "stage": self._stage.copy(),
+            "iteration": self._iteration.copy(),
             "costs": self._costs.copy(),
             "stages": self._stages,
+            "loss": self._loss.value,
             "best": self._best.x.copy(),
             "cost": self._best.cost,
             "ended_unit": self._ended_unit.copy(),
@@ -173,26 +188,22 @@ class StagedLeastSquares(Stepwise):
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         d = self.space.dimension
-        pool, unit, best = (np.array(state[name], dtype=float) for name in ("pool", "unit", "best"))
-        pool_costs, costs, damping = (np.array(state[name], dtype=float) for name in ("pool_costs", "costs", "damping"))
+        pool, best, ended = (np.array(state[name], dtype=float) for name in ("pool", "best", "ended_unit"))
+        pool_costs, costs, ended_costs = (
+            np.array(state[name], dtype=float) for name in ("pool_costs", "costs", "ended_costs")
+        )
         stage, iteration = (np.array(state[name], dtype=np.int64) for name in ("stage", "iteration"))
-        shapes = [pool.shape, unit.shape, best.shape] + [a.shape for a in (costs, damping, stage, iteration)]
-        if shapes != [(len(pool_costs), d), (len(costs), d), (d,)] + [(len(costs),)] * 4:
+        descents = Descents.recorded(state, d)
+        shapes = [pool.shape, ended.shape, best.shape, costs.shape, stage.shape, iteration.shape]
+        if shapes != [(len(pool_costs), d), (len(ended_costs), d), (d,), *[descents.damping.shape] * 3]:
             raise ConfigurationError("state: its descents are not whole; take a whole state")
-        inside = all(np.all(np.abs(points - 0.5) <= 0.5 + 1e-9) for points in (pool, unit, self.space.to_unit(best)))
-        if not inside or np.isnan(costs).any():  # to unit coordinates and back rounds
+        if not all(map(inside, (pool, ended, self.space.to_unit(best)))) or np.isnan(costs).any():
             raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
-        self._restore_ended(state)
         self._pool, self._pool_costs, self._costs = pool, pool_costs, costs
-        self._descents = Descents(unit, damping, stage, iteration)
-        self._stages, self._best, self._work = int(state["stages"]), Best(best, float(state["cost"])), None
-
-    def _restore_ended(self, state: Mapping[str, Any]) -> None:
-        """Ends of the first descents."""
-        unit, costs = (np.array(state[name], dtype=float) for name in ("ended_unit", "ended_costs"))
-        if unit.shape != (len(costs), self.space.dimension):
-            raise ConfigurationError("state: its ends are not whole; take a whole state")
-        self._ended_unit, self._ended_costs, self._hopping = unit, costs, bool(state["hopping"])
+        self._descents, self._stage, self._iteration = descents, stage, iteration
+        self._stages, self._loss = int(state["stages"]), DescentLoss(state["loss"])
+        self._best, self._work = Best(best, float(state["cost"])), None
+        self._ended_unit, self._ended_costs, self._hopping = ended, ended_costs, bool(state["hopping"])
 
 
 def capped(cap: float, residuals: Floats) -> Floats:

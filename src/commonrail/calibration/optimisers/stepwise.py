@@ -12,9 +12,9 @@ from commonrail.arrays import Floats
 from commonrail.calibration.optimisers.base import Best, Counts, Optimiser, Settings, Trials, Wanted
 from commonrail.calibration.space import Space
 
-__all__ = ["Stepwise", "Work", "asked"]
-
 Work = Generator[Trials, Floats, None]
+
+HOP = 0.06  # standard deviation of a hop away from the best, as a share of each range
 
 
 class Stepwise(Optimiser):
@@ -89,3 +89,9 @@ class Stepwise(Optimiser):
 def asked(x: Floats, wanted: Wanted = Wanted.COSTS) -> Trials:
     """Question about points (n, d), SI, all of which are simulated."""
     return Trials(x, np.ones(len(x), bool), wanted)
+
+
+def hop(space: Space, best: Floats, rng: np.random.Generator) -> Floats:
+    """A feasible point (d,) a normal step away from the best (d,), drawn back where it breaks a constraint, SI."""
+    there = space.from_unit(np.clip(space.to_unit(best) + rng.normal(0.0, HOP, space.dimension), 0.0, 1.0))
+    return np.asarray(space.pull_back(best[None, :], there[None, :])[0])
